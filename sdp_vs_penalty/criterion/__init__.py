@@ -1,0 +1,1 @@
+"""Diagnosis by one criterion."""

@@ -1,0 +1,269 @@
+"""What a curve may run over, and the splines that it is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+
+from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty.effects.transmission_friction import combinations
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.segments import SegmentedRuns
+
+_DEGREE = 3
+#: Splines along a position, along anything else, and along each variable of a pair.
+_POSITION, _OTHER, _PAIR = 32, 20, 9
+#: Splines of a curve at most.
+_LARGEST = 240
+#: Values of the table that is written down, along one variable and along each of a pair.
+_POINTS, _PAIR_POINTS = 81, 25
+#: Waves of a function of a phase, and how often a motion must go through the phase to show it.
+_WAVES, _TURNS = 12, 2.0
+#: How much is kept of each of what is worked out again and again.
+_KEPT = 128
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Cubic B-splines of one variable between the ends of its range, held constant outside; of the sign
+    of a velocity the constant and the sign itself; of a phase the first waves."""
+
+    variable: Variable
+    low: float
+    high: float
+    count: int
+
+    @property
+    def is_sign(self) -> bool:
+        return self.variable.word == "sign(dq)"
+
+    @property
+    def is_phase(self) -> bool:
+        return self.variable.word == "phase"
+
+    def columns(self, x: Array) -> Array:
+        """(N, count) of the splines."""
+        if self.is_sign:
+            return np.column_stack([np.ones_like(x), x])
+        if self.is_phase:
+            angles = x[:, None] * np.arange(1, _WAVES + 1)
+            return np.hstack([np.cos(angles), np.sin(angles)])
+        # The last knot belongs to what lies below it.
+        inside = np.clip(x, self.low, self.high - 1e-9 * (self.high - self.low))
+        at = (inside - self.low) * ((self.count - _DEGREE) / (self.high - self.low))
+        first = np.minimum(at.astype(np.intp), self.count - _DEGREE - 1)
+        u = at - first
+        v = 1.0 - u
+        own = [v**3, 4.0 - 3.0 * u * u * (1.0 + v), 4.0 - 3.0 * v * v * (1.0 + u), u**3]
+        out = np.zeros((len(x), self.count))
+        out[np.arange(len(x))[:, None], first[:, None] + np.arange(_DEGREE + 1)] = np.array(own).T / 6.0
+        return out
+
+    @property
+    def penalty(self) -> Array:
+        """(count, count) of second differences of the coefficients (Eilers, Marx 1996). Where splines
+        are many, also of first ones, as large as they are for a wave as long as the range: where few
+        measurements lie, such a curve levels off instead of going on straight."""
+        if self.is_sign:
+            return np.zeros((2, 2))
+        if self.is_phase:
+            return np.diag(np.tile(np.arange(1.0, _WAVES + 1) ** 4, 2))
+        first, second = (np.diff(np.eye(self.count), k, axis=0) for k in (1, 2))
+        level = 0.0 if self.count in (_PAIR, 2 * _PAIR - _DEGREE) else (2.0 * np.pi / self.count) ** 2
+        return np.asarray(second.T @ second + level * first.T @ first)
+
+    def points(self, count: int) -> Array:
+        """Where the curve is written down."""
+        return np.array([-1.0, 1.0]) if self.is_sign else np.linspace(self.low, self.high, count)
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Splines over one variable, or the products of those over two."""
+
+    axes: tuple[Axis, ...]
+
+    @property
+    def finer(self) -> Basis | None:
+        """The same with knots halfway between these; None where there are too many, or a phase."""
+        axes = [a if a.is_sign else replace(a, count=2 * a.count - _DEGREE) for a in self.axes]
+        made = Basis(tuple(axes))
+        return None if made.size > _LARGEST or any(a.is_phase for a in axes) else made
+
+    @property
+    def of(self) -> tuple[str, ...]:
+        """The variables as they are written."""
+        return tuple(a.variable.name for a in self.axes)
+
+    @property
+    def size(self) -> int:
+        return int(np.prod([a.count for a in self.axes]))
+
+    def at(self, *values: Array) -> Array:
+        """(N, size) at given values of the variables."""
+        return _products([axis.columns(x) for axis, x in zip(self.axes, values, strict=True)])
+
+    def of_motion(self, motion: Motion) -> Array:
+        """(N, size) along a motion."""
+        return self.at(*(a.variable.along(motion) for a in self.axes))
+
+    @property
+    def penalties(self) -> tuple[Array, ...]:
+        """(size, size) roughness along each variable, each of unit trace."""
+        return _penalties(self.kind)
+
+    @property
+    def kind(self) -> tuple[Axis, ...]:
+        """The same for all bases that are as rough as each other."""
+        return tuple(replace(a, variable=_kind(a), low=0.0, high=1.0) for a in self.axes)
+
+    @property
+    def grid(self) -> tuple[Array, ...]:
+        """The values at which the curve is written down, per variable."""
+        count = _POINTS if len([a for a in self.axes if not a.is_sign]) == 1 else _PAIR_POINTS
+        return tuple(a.points(count) for a in self.axes)
+
+    @property
+    def points(self) -> Array:
+        """(P, variables) all of the grid."""
+        return np.array(list(product(*self.grid)))
+
+
+def _kind(axis: Axis) -> Variable:
+    """One variable for all axes that are as rough as each other."""
+    return Variable(axis.variable.word if axis.is_sign or axis.is_phase else "q")
+
+
+@lru_cache(maxsize=32)
+def _penalties(axes: tuple[Axis, ...]) -> tuple[Array, ...]:
+    out, counts = [], [a.count for a in axes]
+    for k, axis in enumerate(axes):
+        if not axis.is_sign:
+            before, after = (np.eye(int(np.prod(c))) for c in (counts[:k], counts[k + 1 :]))
+            rough = np.kron(np.kron(before, axis.penalty), after)
+            out.append(rough / np.trace(rough))
+    return tuple(out)
+
+
+def _products(columns: Sequence[Array]) -> Array:
+    """(N, size) every product of one column (N, k) of each."""
+    out = columns[0]
+    for own in columns[1:]:
+        out = (out[:, :, None] * own[:, None, :]).reshape(len(out), -1)
+    return out
+
+
+def pairs_of(j: int, robot: Robot, warm: bool = False) -> list[tuple[Variable, ...]]:
+    """Everything but phases that a curve of joint j may run over, one variable first; warm : with
+    temperatures."""
+    others = [i for i in range(robot.n) if i != j]
+    own = [Variable(w, j) for w in ("q", "dq", "ddq", "abs(ddq)", "tau", "sign(dq)")]
+    own += [Variable("temp", j)] * warm
+    own += [Variable("t"), *(Variable(w, i) for i in others for w in ("q", "dq"))]
+    for ratios in (c for first in range(j + 1) for c in combinations(robot, first)):
+        at = [int(key[1:]) - 1 for key in ratios]
+        if len(at) == 2 and j in at:
+            ratio = ratios[f"c{at[1] + 1}"] / ratios[f"c{at[0] + 1}"]
+            own += [Variable(w, at[0], at[1], ratio) for w in ("q", "dq")]
+    alone = [("q", "dq"), ("q", "sign(dq)"), ("dq", "tau"), ("q", "tau"), ("dq", "ddq"), ("q", "ddq")]
+    alone += [("tau", "sign(dq)"), ("abs(ddq)", "sign(dq)")]
+    mixed = [("q", "q"), ("q", "dq"), ("q", "sign(dq)"), ("dq", "dq")]
+    pairs = [(Variable(a, j), Variable(b, j)) for a, b in alone]
+    pairs += [(Variable(a, i), Variable(b, j)) for i in others for a, b in mixed]
+    return [*((v,) for v in own), *pairs]
+
+
+class Variables:
+    """The values of all variables on the rows, filtered; and bases in their ranges. known : effects of
+    the model and of the findings."""
+
+    def __init__(self, rows: SegmentedRuns, robot: Robot, known: Sequence[Effect] = ()) -> None:
+        self.rows, self.robot, self.known = rows, robot, known
+        self.keep = np.asarray(rows.keep.any(axis=1), bool)
+        self.warm = all(s.motion.temperature is not None for s in rows.segments)
+
+        kept = lru_cache(_KEPT)
+        self.on_rows, self.basis = kept(self._on_rows_of), kept(self._basis_of)
+        self._splines, self._wave = kept(self._splines_of), kept(self._wave_of)
+        self.exact = lru_cache(_KEPT // 4)(self._exact_of)
+        self.supported = kept(self._supported_of)
+
+    def _filtered(self, dense: Callable[[Motion], Array]) -> Array:
+        """(M, ...) of what is worked out along the motion."""
+        return np.concatenate([s.low_pass @ dense(s.motion) for s in self.rows.segments])
+
+    def _on_rows_of(self, v: Variable) -> Array:
+        """(M,) low-passed; of a phase, that of the low-passed position."""
+        if v.word == "phase":
+            return np.mod(v.order * self.on_rows(Variable("q", v.joint)), 2.0 * np.pi)
+        return self._filtered(v.along)
+
+    def turned(self, v: Variable, turns: float = _TURNS) -> bool:
+        """Whether the motion goes through a phase often enough to show that something repeats in it."""
+        travel = np.ptp(self.on_rows(Variable("q", v.joint))[self.keep])
+        return bool(v.order * travel > 2.0 * np.pi * turns)
+
+    def of(self, j: int) -> list[tuple[Variable, ...]]:
+        """Everything that a curve of joint j may run over; of phases those of known ripples, as a torque
+        that repeats in a turn shows one."""
+        orders = dict.fromkeys(e.waves for e in self.known if e.waves is not None and j in e.joints)
+        phases = [Variable("phase", j, order=float(f"{k:.6g}")) for k in orders]
+        return [*pairs_of(j, self.robot, self.warm), *((v,) for v in phases if self.turned(v))]
+
+    def _basis_of(self, of: tuple[Variable, ...]) -> Basis | None:
+        """None where a variable stands still."""
+        axes = []
+        pair = len([v for v in of if v.word != "sign(dq)"]) > 1
+        for v in of:
+            x = self.on_rows(v)[self.keep]
+            low, high = float(f"{x.min():.6g}"), float(f"{x.max():.6g}")
+            if v.word == "sign(dq)":
+                low, high, count = -1.0, 1.0, 2
+            elif v.word == "phase":
+                low, high, count = 0.0, 2.0 * np.pi, 2 * _WAVES
+            else:
+                count = _PAIR if pair else (_POSITION if v.word == "q" else _OTHER)
+            if not high - low > 1e-6:
+                return None
+            axes.append(Axis(v, low, high, count))
+        return Basis(tuple(axes))
+
+    def coarse(self, basis: Basis) -> Array:
+        """(M, size) of the filtered variables: nearly the filtered splines."""
+        return _products([self._splines(a) for a in basis.axes])
+
+    def _splines_of(self, axis: Axis) -> Array:
+        """(M, count) of one variable on the rows. A phase jumps, its waves do not: these are
+        low-passed."""
+        if not axis.is_phase:
+            return axis.columns(self.on_rows(axis.variable))
+        v = axis.variable
+        pairs = [self._wave(v.joint, k * v.order) for k in range(1, _WAVES + 1)]
+        return np.stack(pairs, axis=2).reshape(len(self.keep), -1)
+
+    def _wave_of(self, joint: int, order: float) -> Array:
+        """(M, 2) low-passed cosine and sine of a wave, which phases share."""
+        return self._filtered(
+            lambda m: np.stack([f(order * m.q[:, joint]) for f in (np.cos, np.sin)], axis=1)
+        )
+
+    def _exact_of(self, basis: Basis) -> Array:
+        """(M, size) filtered splines."""
+        return self._filtered(basis.of_motion)
+
+    def _supported_of(self, basis: Basis) -> Array:
+        """(P, variables) the points of the basis's grid within a step of which the motion has been."""
+        near = [np.ones((int(self.keep.sum()), 1))]
+        for axis, points in zip(basis.axes, basis.grid, strict=True):
+            step = (points[-1] - points[0]) / (len(points) - 1)
+            reach = 0.2 if axis.is_sign else 1.001 * step
+            own = np.abs(self.on_rows(axis.variable)[self.keep, None] - points) <= reach
+            near.append(own.astype(float))
+        met = near[-2].T @ near[-1]  # of a pair both at once
+        return np.asarray(basis.points[met.ravel() > 0.0])

@@ -1,0 +1,127 @@
+"""A measured curve as a finding: what it runs over, its values with their band, and its JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.effects.curve_variable import WORDS, Variable
+from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.show import plain_unit
+
+#: What a finding cannot be told apart from where a curve stands instead of it.
+CURVE = MeasuredCurve.name
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The missing torque of a joint (from 1) as a function of what ``of`` names.
+
+    x (P,) or (P, 2) : values of the variables, where measurements lie; torque, lower, upper (P,) : the
+    curve and its simultaneous 95 % band [N m or N]: its law, or where that is not all
+    what the model's own columns cannot make;
+    explained_share : of the joint's squared error beyond the noise's, what the curve takes on data left
+    out, its values and the model fitted to the others; formula : the simplest
+    law within the band, or None; held_out_rmse_before, _after : of the joint. filled_x, filled_torque :
+    between the ends of x, where nothing was measured, what the law says.
+    """
+
+    joint: int
+    of: tuple[str, ...]
+    x: Array
+    torque: Array
+    lower: Array
+    upper: Array
+    explained_share: float
+    formula: str | None
+    held_out_rmse_before: float
+    held_out_rmse_after: float
+    filled_x: Array = field(default_factory=lambda: np.zeros(0))
+    filled_torque: Array = field(default_factory=lambda: np.zeros(0))
+
+    def to_dict(self) -> dict[str, Any]:
+        out = {f.name: getattr(self, f.name) for f in fields(self)}
+        if not len(self.filled_torque):
+            del out["filled_x"], out["filled_torque"]
+        out = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in out.items()}
+        return out | {"of": list(self.of)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Curve:
+        """Raises KeyError, TypeError or ValueError for a field that is missing or of another kind."""
+        of = tuple(str(name) for name in data["of"])
+        for name in of:
+            Variable.parse(name)
+        x, torque, lower, upper = (np.array(data[k], float) for k in ("x", "torque", "lower", "upper"))
+        filled, law = (np.array(data.get(f"filled_{k}", []), float) for k in ("x", "torque"))
+        pair, each = (len(of),) * (len(of) > 1), (len(x),)
+        if x.shape != each + pair or not torque.shape == lower.shape == upper.shape == each:
+            raise ValueError("a curve has a value and a band for each x")
+        if len(filled) and filled.shape != law.shape + pair:
+            raise ValueError("what a law fills has a value for each x")
+        formula = None if data["formula"] is None else str(data["formula"])
+        names = "explained_share", "held_out_rmse_before", "held_out_rmse_after"
+        share, before, after = (float(data[name]) for name in names)
+        joint, band = int(data["joint"]), (lower, upper)
+        return cls(joint, of, x, torque, *band, share, formula, before, after, filled, law)
+
+    @property
+    def points(self) -> Array:
+        """(P, variables)."""
+        return self.x.reshape(len(self.torque), -1)
+
+    def effect(self, robot: Robot) -> MeasuredCurve:
+        """The curve as an effect that can be added to a model."""
+        filled = self.filled_x.reshape(len(self.filled_torque), len(self.of))
+        every, values = np.vstack([self.points, filled]), np.append(self.torque, self.filled_torque)
+        return table_effect(robot, self.joint - 1, self.of, every, values, len(self.torque))
+
+    def sentence(self, torque_units: Sequence[str]) -> str:
+        """What was measured, in one or two sentences; torque_units : of all joints."""
+        unit = plain_unit(torque_units[self.joint - 1])
+        units = [Variable.parse(v).unit(torque_units) for v in self.of]
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        ranges = " and ".join(
+            f"{v} from {a:.3g} to {b:.3g}{'' if u == '-' else ' ' + u}"
+            for v, a, b, u in zip(self.of, low, high, units, strict=True)
+        )
+        said = f" Within the band: {self.formula}." if self.formula else " No simple law fits its band."
+        return (
+            f"joint {self.joint} misses a torque over {ranges}: {np.ptp(self.torque):.3g} {unit} from "
+            f"peak to peak, {100.0 * self.explained_share:.0f} % of the held-out energy beyond noise; "
+            f"held-out error {self.held_out_rmse_before:.3g} to {self.held_out_rmse_after:.3g} {unit}."
+            f"{said}"
+        )
+
+
+def table_effect(
+    robot: Robot, joint: int, of: Sequence[str], points: Array, values: Array, measured: int
+) -> MeasuredCurve:
+    """The table of values (P,) at points (P, variables) of an equally spaced grid, of which some may be
+    missing. joint : from 0; measured : so many of the first were, a law says the others."""
+    shape: dict[str, float] = {}
+    places, counts = [], []
+    for axis, name, x in zip("xy", of, points.T, strict=False):
+        over = Variable.parse(name)
+        steps = np.diff(np.unique(x))
+        low, high = float(x.min()), float(x.max())
+        count = round((high - low) / float(steps.min(initial=high - low))) + 1
+        shape[axis], shape[f"{axis}j"] = WORDS.index(over.word) + 1.0, over.joint + 1.0
+        if over.other >= 0:
+            shape |= {f"{axis}i": over.other + 1.0, f"{axis}c": over.ratio}
+        if over.word == "phase":
+            shape[f"{axis}k"] = over.order
+        shape[f"{axis}low"], shape[f"{axis}high"] = float(f"{low:.6g}"), float(f"{high:.6g}")
+        shape[f"{axis}n"] = float(count)
+        places.append(np.rint((x - low) / (high - low) * (count - 1)))
+        counts.append(count)
+    known = np.ravel_multi_index(tuple(np.array(places, int)), tuple(counts))
+    written = [float(f"{v:.6g}") for v in values]
+    keys = [f"{'v' if m < measured else 'w'}{k + 1}" for m, k in enumerate(known)]
+    shape |= dict(sorted(zip(keys, written, strict=True), key=lambda kv: int(kv[0][1:])))
+    return MeasuredCurve(robot, [joint], **shape)

@@ -1,0 +1,198 @@
+"""Curves of the joints on which something without a name is left: which variables, instead of which
+findings, and the law that it may be. One score decides, the one of all other forms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.criterion.curves.bases import Basis, Variables
+from sdp_vs_penalty.criterion.curves.curve import Curve, table_effect
+from sdp_vs_penalty.criterion.curves.formula import LawFit, law_of, recognised, written
+from sdp_vs_penalty.criterion.curves.laws import Law
+from sdp_vs_penalty.criterion.curves.spline_fit import Columns, SplineFit, band, smoothed
+from sdp_vs_penalty.criterion.score import Term
+from sdp_vs_penalty.criterion.search import APART, EQUIVALENT, FORM, Search
+from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Curves of a joint that are fitted on exact columns, and curves of a joint at most.
+_CLOSE, _MOST = 4, 2
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A curve as an effect: table, and by fold the values that the other folds' rows make; replaced : the
+    terms that it stands instead of; J : score."""
+
+    fitted: SplineFit
+    law: LawFit | None
+    table: MeasuredCurve
+    by_fold: tuple[MeasuredCurve, ...]
+    variables: Variables
+    replaced: tuple[Term, ...]
+    J: float
+
+    @property
+    def joint(self) -> int:
+        return self.fitted.joint
+
+    def told(self, seed: int, share: float, before: float, after: float) -> Curve:
+        """For a reader; share : of the error beyond noise that it explains on data left out; before,
+        after : held-out errors of its joint."""
+        f, robot = self.fitted, self.table.robot
+        points = self.variables.supported(f.basis)
+        grid = f.basis.at(*points.T)
+        torque, half = grid @ f.coefficients, band(f, grid, seed)
+        filled, beyond = points[:0], np.zeros(0)
+        if self.law is not None:
+            torque, filled = self.law.at(points), unmeasured(f.basis, points)
+            beyond = self.law.at(filled)
+        single = points.shape[1] == 1
+        return Curve(
+            f.joint + 1,
+            f.basis.of,
+            points[:, 0] if single else points,
+            torque,
+            torque - half,
+            torque + half,
+            share,
+            None if self.law is None else written(self.law, f, robot.torque_units),
+            before,
+            after,
+            filled[:, 0] if single else filled,
+            beyond,
+        )
+
+
+def measured_curves(search: Search, joints: Sequence[int], fold: NDArray[np.intp]) -> list[Measured]:
+    """The curves of these joints (from 0), each beside all findings or instead of those of its joint alone;
+    fold (M,) : for the values without each fold."""
+    data = search.data
+    model = data.estimate.model
+    effects = [*model.effects, *(t.form.effect for t in search.terms)]
+    variables = Variables(data.rows, model.robot, effects)
+    out: list[Measured] = []
+    terms = list(search.terms)
+    for joint in joints:
+        for _ in range(_MOST):
+            own = [t for t in terms if t.joints == {joint} and not _is_curve(t)]
+            rest = [t for t in terms if all(t is not o for o in own)]
+            beside = _best(search, terms, joint, variables)
+            alone = _best(search, rest, joint, variables) if own else None
+            named = sum(t.J for t in own)
+            if alone is not None:
+                with_names = named + (0.0 if beside is None else beside[0].J)
+                least = EQUIVALENT + FORM * with_names
+                # What needs a curve beside its names, and is as well said by one curve alone, has no name.
+                if with_names - (least if beside is not None else -least) < alone[0].J:
+                    beside, terms = alone, rest
+                else:
+                    own = []
+            if beside is None:
+                break
+            found = _measured(search, *beside, variables, fold, tuple(own))
+            out.append(found)
+            terms.append(_term(search, found))
+    return out
+
+
+def _is_curve(term: Term) -> bool:
+    return isinstance(term.form.effect, MeasuredCurve)
+
+
+def _term(search: Search, found: Measured) -> Term:
+    """The curve as a term beside which the next one is looked for."""
+    from sdp_vs_penalty.criterion.library import Form
+
+    form = Form((found.table.text, found.joint), found.table)
+    return Term(form, search.data.columns(found.table), found.J, np.ones(1), np.zeros((1, 1)))
+
+
+def _best(
+    search: Search, terms: Sequence[Term], joint: int, variables: Variables
+) -> tuple[SplineFit, LawFit | None] | None:
+    """The curve of a joint that scores most beside some terms, with its law."""
+    fit, data, score = search.score.fit(terms, search.fit.level), search.data, search.score
+    every = [b for v in variables.of(joint) if (b := variables.basis(v)) is not None]
+    gains = np.ones(data.n) if data.rows.gains is None else np.array(data.rows.gains)
+
+    def fitted(basis: Basis, raw: Array, robust: bool) -> SplineFit:
+        raw = gains[joint] * raw
+        columns = Columns.of(score, fit, data.white(raw, joint), joint, robust)
+        return smoothed(basis, raw, columns, len(every))
+
+    rough = sorted((fitted(b, variables.coarse(b), False) for b in every), key=lambda f: -f.J)
+    close = [f for n in (1, 2) for f in [f for f in rough if len(f.basis.axes) == n][: _CLOSE // 2]]
+    exact = [fitted(f.basis, variables.exact(f.basis), True) for f in close if f.J > APART]
+
+    def on_rows(law: Law, constants: Array, basis: Basis) -> Array:
+        parts = []
+        for s in data.rows.segments:
+            points = np.column_stack([a.variable.along(s.motion) for a in basis.axes])
+            parts.append(s.low_pass @ law.columns(points, constants))
+        return gains[joint] * np.concatenate(parts)
+
+    rated: list[tuple[float, SplineFit, LawFit | None]] = []
+    for f in exact:
+        laws = recognised(f, lambda law, b, f=f: on_rows(law, b, f.basis), score, len(every))  # type: ignore[misc]
+        law = law_of(laws, f)
+        best = max([f.J, *(J for J, own in laws if own is law)])
+        rated.append((best, f, law))
+    rated = [r for r in rated if r[0] > _needed(search, terms, joint)]
+    if not rated:
+        return None
+    top = max(r[0] for r in rated)
+    alike = [r for r in rated if r[0] > top - EQUIVALENT - FORM * top]
+    _, f, law = min(alike, key=lambda r: (len(r[1].basis.axes), r[2] is None, -r[0]))
+    return f, law
+
+
+def _needed(search: Search, terms: Sequence[Term], joint: int) -> float:
+    return search.margin((joint,), terms)
+
+
+def _measured(
+    search: Search,
+    f: SplineFit,
+    law: LawFit | None,
+    variables: Variables,
+    fold: NDArray[np.intp],
+    replaced: tuple[Term, ...],
+) -> Measured:
+    robot, points = search.data.estimate.robot, variables.supported(f.basis)
+    measured = len(points)
+    if law is None:
+        values = f.basis.at(*points.T) @ f.coefficients
+        grid, columns, P = f.basis.at(*points.T) @ f.projector, f.columns, f.P
+    else:
+        points = np.vstack([points, unmeasured(f.basis, points)])
+        values, grid = law.at(points), law.law.columns(points, law.constants)
+        parts = [
+            s.low_pass
+            @ law.law.columns(
+                np.column_stack([a.variable.along(s.motion) for a in f.basis.axes]), law.constants
+            )
+            for s in search.data.rows.segments
+        ]
+        raw = np.concatenate(parts)
+        columns = Columns.of(
+            search.score, f.columns.fit, search.data.white(raw, f.joint), f.joint, robust=False
+        )
+        P = 1e-9 * np.trace(columns.raw) * np.eye(len(columns.s))
+    table = table_effect(robot, f.joint, f.basis.of, points, values, measured)
+    coefficients = columns.without_fold(fold, P)
+    by_fold = tuple(
+        table_effect(robot, f.joint, f.basis.of, points, grid @ c, measured) for c in coefficients
+    )
+    return Measured(f, law, table, by_fold, variables, replaced, f.J)
+
+
+def unmeasured(basis: Basis, points: Array) -> Array:
+    """(P', v) the points of a basis's grid that are not among ``points`` (P, v)."""
+    have = {tuple(p) for p in points.tolist()}
+    left = [p for p in basis.points.tolist() if tuple(p) not in have]
+    return np.reshape(left, (-1, points.shape[1]))

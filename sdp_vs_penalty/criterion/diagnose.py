@@ -1,0 +1,201 @@
+"""The verb: which effect does the model miss?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sdp_vs_penalty.criterion.adopted import adopted, carried, in_order, limited
+from sdp_vs_penalty.criterion.conclude import Found, OfferedCurve, conclude, what_is_left
+from sdp_vs_penalty.criterion.curves.measure import Measured, measured_curves
+from sdp_vs_penalty.criterion.findings import Diagnosis
+from sdp_vs_penalty.criterion.held_out import RAISES, HeldOut, folds_of, on_folds, on_test, raises
+from sdp_vs_penalty.criterion.library import library
+from sdp_vs_penalty.criterion.retunes import shape_estimate
+from sdp_vs_penalty.criterion.rows import diagnosis_rows, with_estimate
+from sdp_vs_penalty.criterion.search import Search
+from sdp_vs_penalty.criterion.sizes import size_of_term
+from sdp_vs_penalty.criterion.whitening import prepare
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.known_load import independent_gains
+from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
+from sdp_vs_penalty.signals.motion import record_motion
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.segments import segmented
+
+#: Share of the test run's rows outside of a curve's table from which it is not offered: it would be judged
+#: by what is held constant there.
+OUTSIDE = 0.5
+
+
+def quiet(_: str) -> None:
+    """Says nothing of where the search stands."""
+
+
+def diagnose(
+    estimate: Estimate | str | Path,
+    measurements: Source,
+    test: Source = None,
+    *,
+    frozen: bool = False,
+    seed: int = 0,
+    progress: Callable[[str], None] = quiet,
+    noise_from: Source = None,
+    gain_uncertainty: float | None = None,
+) -> Diagnosis:
+    """Which physical effects the model misses, judged against the noise; see :class:`Diagnosis`.
+
+    estimate : the model in question, or its model.json; measurements : the runs to search in, whatever
+    :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; test : a run only for the held-out
+    errors (without it, folds by the phase of the motion).
+    frozen : keep the model's parameters, so that changes of the links
+    show (a payload); otherwise they are refitted along with every candidate. seed : of the draws of a
+    curve's band; progress : called with a short text of where the search stands;
+    noise_from : the runs whose repetition shows the noise (default: those that the measurements are
+    windows of, or the measurements); gain_uncertainty : relative
+    standard deviation of the torque channels' gains; default: the model's. In a long recording windows
+    are searched (:mod:`~sdp_vs_penalty.signals.excerpt`), and a remark says so.
+    Raises InputError where model and measurements do not belong together or nothing is left after
+    filtering.
+    """
+    estimate = as_estimate(estimate, "diagnose(estimate=...)")
+    names = estimate.robot.joint_names
+    measurements = as_measurements(measurements, names=names, what="diagnose(measurements=...)")
+    if test is not None:
+        test = as_measurements(test, names=names, what="diagnose(test=...)")
+    for what, m in (("measurements", measurements), ("test run", test)):
+        if m is not None:
+            estimate.require_joints(m, what)
+    settings = estimate.preprocessing.resolve(measurements)
+    progress("filtering the runs")
+    recording, whole, given = measurements, None, measurements.whole
+    measurements = excerpt(recording, settings, MOST_SEARCHED)
+    looked = excerpt_sentence(measurements, recording, "effects were searched for in")
+    test = None if test is None else excerpt(test, settings, MOST_SEARCHED)
+    rows = diagnosis_rows(measurements, estimate, settings)
+    if noise_from is not None:
+        given = as_measurements(noise_from, names=names, what="diagnose(noise_from=...)")
+    if given is not None and not (looked and given is recording):
+        estimate.require_joints(given, "runs for the noise")
+        whole = with_estimate(segmented(excerpt(given, settings), settings), estimate)
+    progress("noise, and columns of all candidates")
+    data = prepare(rows, estimate, frozen, whole)
+    search = Search(data, library(data))
+    search.run(progress)
+    progress("held-out errors")
+    judge = _Judge(estimate, measurements, test, frozen)
+    found = _offered(search, judge)
+    gain_errors = estimate.uncertainty.gain_errors
+    if gain_uncertainty is not None:
+        gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
+    share = None if test is None else _new_motion(estimate, measurements, test, settings, frozen)
+    done = conclude(found, gain_errors, share, seed)
+    return replace(done, remarks=(looked, *done.remarks)) if looked else done
+
+
+def _new_motion(
+    estimate: Estimate,
+    searched: Measurements,
+    test: Measurements,
+    settings: Preprocessing,
+    frozen: bool,
+) -> float | None:
+    """Share of the test run's motion that neither the search nor a frozen model has seen."""
+    record, known = record_motion(searched, settings), estimate.training_motion
+    if frozen and record is not None:
+        record = None if known is None else record.joined(known)
+    return None if record is None else record.new_share_of(test, settings)
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """Who has the last word: a test run, or folds."""
+
+    first: Estimate
+    data: Measurements
+    test: Measurements | None
+    frozen: bool
+
+    def of(
+        self,
+        search: Search,
+        effects: Sequence[Effect],
+        estimate: Estimate,
+        by_fold: Mapping[int, Sequence[Effect]] | None = None,
+    ) -> HeldOut:
+        """by_fold : at the places of effects that are measured tables, those of the rows outside of each."""
+        if self.test is None:
+            return on_folds(search.data, estimate, effects, by_fold)
+        return on_test(estimate, effects, self.data, self.test, self.frozen)
+
+    def outside(self, effect: Effect) -> float:
+        """Share of the test run's rows that leave what an effect is known for; none without one."""
+        if self.test is None:
+            return 0.0
+        rows = with_estimate(
+            segmented(self.test, self.first.preprocessing.resolve(self.test)), self.first
+        )
+        away = np.concatenate(
+            [s.low_pass @ effect.outside(s.motion).astype(float) for s in rows.segments]
+        )
+        return float(np.mean(away[rows.keep.any(axis=1)] > 0.5))
+
+
+def _offered(search: Search, judge: _Judge) -> Found:
+    """What data left out do not speak against: constants of the model's own, then findings in order."""
+    first, none = judge.first, np.zeros((search.data.n, len(search.data.rows.t), 0))
+    before = judge.of(search, (), first).errors(()).every
+    own = [t for t in search.terms if t.form.own]
+    now, beside, shapes = first, search, []
+    while own:
+        shapes = [shape_estimate(t, first, size_of_term(search, t, none)) for t in own]
+        now = adopted(first, shapes, judge.data)
+        beside = carried(search, now)
+        after = judge.of(beside, (), now).errors(()).every
+        worse = np.flatnonzero(after > (1.0 + RAISES) * before)
+        if not len(worse):
+            break
+        kept = [t for t in own if t.form.key[1] not in worse]
+        own = kept if len(kept) < len(own) else []
+        now, beside, shapes = first, search, []
+    terms = in_order([t for t in beside.terms if not t.form.own])
+    held_out = judge.of(beside, [t.form.effect for t in terms], now)
+    kept = held_out.offered(len(terms))
+    final = limited(beside, [terms[k] for k in kept])
+    found = Found(first, now, tuple(shapes), final, held_out, tuple(kept), before)
+    left = what_is_left(final)
+    if not left.matters:
+        return found
+    curves = measured_curves(final, left.matters, folds_of(final.data))
+    return _with_curves(found, curves, judge)
+
+
+def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Found:
+    """Those curves that raise no joint's held-out error, and whose tables the test run does not leave; each
+    with what it does to the errors."""
+    named, out = [t.form.effect for t in found.search.terms], list[OfferedCurve]()
+    for curve in curves:
+        gone = {id(t) for c in (*(o.curve for o in out), curve) for t in c.replaced}
+        terms = [k for k, t in enumerate(found.search.terms) if id(t) not in gone]
+        every = [*(o.curve for o in out), curve]
+        effects = [*named, *(c.table for c in every)]
+        held = judge.of(
+            found.search,
+            effects,
+            found.estimate,
+            {len(named) + k: c.by_fold for k, c in enumerate(every)},
+        )
+        names = list(range(len(named)))
+        before = held.errors(names).every if not out else out[-1].errors
+        after = held.errors([*terms, *range(len(named), len(effects))]).every
+        lower = after[curve.joint] < before[curve.joint]
+        if lower and not raises(before, after) and judge.outside(curve.table) <= OUTSIDE:
+            out.append(OfferedCurve(curve, float(before[curve.joint]), after))
+    return replace(found, curves=tuple(out))

@@ -1,0 +1,340 @@
+"""What a diagnosis says: findings, verdict, and the JSON of both, there and back."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty import show
+from sdp_vs_penalty.criterion.curves.curve import CURVE, Curve
+from sdp_vs_penalty.criterion.events import Event
+from sdp_vs_penalty.criterion.retunes import Retune
+from sdp_vs_penalty.diagnosis.show import diagnosis_verdict, plot_ladder
+from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import read_json
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.show import Shown, Summary, Table
+
+EFFECT_MISSING, NOTHING_MISSING, UNKNOWN = "effect_missing", "nothing_missing", "unknown_effect"
+_VERDICTS = (EFFECT_MISSING, NOTHING_MISSING, UNKNOWN)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One missing effect.
+
+    joints from 1, empty for the whole robot; size : of the effect's parameter (the amplitude where
+    there are several) in ``unit``, with its standard deviation; parameters : all of them by name;
+    held_out_rmse_before, _after (n,) : cumulative along the ladder; text : how :func:`add` takes the
+    effect; remarks : why the finding is weak, if it is; constants : the shape in words, with units;
+    finer : forms of the same law with more to them, which explain as much.
+    """
+
+    effect: str
+    joints: tuple[int, ...]
+    shape: Mapping[str, float]
+    size: float
+    unit: str
+    std: float
+    parameters: Mapping[str, float]
+    confidence: str
+    indistinguishable_from: tuple[str, ...]
+    held_out_rmse_before: Array
+    held_out_rmse_after: Array
+    explanation: str
+    text: str
+    gain: float
+    remarks: tuple[str, ...] = ()
+    constants: str = ""
+    finer: tuple[str, ...] = ()
+
+    @property
+    def undecided(self) -> str | None:
+        """What a run should decide, as `excite --separate` takes it: between the finding and what fits
+        as well, or whether a weak one is there at all. None for a confident one without rival, beside a
+        curve, and where no motion decides (:attr:`cooled`)."""
+        if CURVE in self.indistinguishable_from or self.cooled:
+            return None
+        named = self.indistinguishable_from if self.joints else ()
+        if not named:
+            return self.text if self.confidence == "weak" else None
+        return f"{self.text},{named[0] if ':' in named[0] else f'{named[0]}:{self.joints[0]}'}"
+
+    @property
+    def cooled(self) -> str:
+        """The run that tells what follows the gears' temperature from what follows the clock, if that is
+        what is open."""
+        kinds = [
+            effect_types()[re.split("[:@]", r)[0]] for r in self.indistinguishable_from if r != CURVE
+        ]
+        if effect_types()[self.effect].follows_clock or not any(k.follows_clock for k in kinds):
+            return ""
+        return (
+            "record one more run after the gears have cooled down; what follows their temperature is "
+            "then as it was at first, what follows the clock is not"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            k: x.tolist() if isinstance(x, np.ndarray) else list(x) if isinstance(x, tuple) else x
+            for k, x in vars(self).items()
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Finding:
+        return cls(
+            str(data["effect"]),
+            tuple(int(j) for j in data["joints"]),
+            {str(k): float(v) for k, v in data["shape"].items()},
+            float(data["size"]),
+            str(data["unit"]),
+            float(data["std"]),
+            {str(k): float(v) for k, v in data["parameters"].items()},
+            str(data["confidence"]),
+            _texts(data["indistinguishable_from"]),
+            np.array(data["held_out_rmse_before"], float),
+            np.array(data["held_out_rmse_after"], float),
+            str(data["explanation"]),
+            str(data["text"]),
+            float(data["gain"]),
+            _texts(data["remarks"]),
+            str(data["constants"]),
+            _texts(data.get("finer", ())),
+        )
+
+
+@dataclass(frozen=True)
+class Invisible:
+    """An effect whose torque the model's own parameters absorb: no measurement like this shows it."""
+
+    effect: str
+    joints: tuple[int, ...]
+    absorbed_share: float
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**vars(self), "joints": list(self.joints)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Invisible:
+        joints = tuple(int(j) for j in data["joints"])
+        return cls(str(data["effect"]), joints, float(data["absorbed_share"]))
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
+    """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the order of
+    adding; minor : those that lower no joint's held-out error noticeably beside them, added after
+    them by :meth:`selected`; noise_floor (n,) of the filtered torque; events : what happened once.
+
+    noise_source : "repetition", or "residual" where nothing repeats and abstention is weaker;
+    unexplained (n,) : repeatable error left, as a share of the noise's variance; held_out_rmse_before,
+    held_out_rmse (n,) : before the first effect and after the last, on the source that
+    held_out_source names: "test" (a test run) or "folds"; band_hz : below which all errors are meant;
+    retuned : shape constants of the model's own effects that should change; curves : what repeats and
+    has no name, as functions of one variable or two;
+    remarks : sentences; frozen : whether the model's parameters were kept, and are kept by :func:`add`;
+    new_motion_share : of the test run's rows, those whose motion is not in the runs that were searched;
+    remains : the joints (from 1) on which something unknown repeats, with its RMS [N m or N]; left : the
+    variables that carry most of it (joint, variable, RMS of the error that follows it).
+    """
+
+    verdict: str
+    effects: tuple[Finding, ...]
+    noise_floor: Array
+    invisible: tuple[Invisible, ...]
+    events: tuple[Event, ...]
+    noise_source: str
+    unexplained: Array
+    held_out_rmse: Array
+    band_hz: float
+    remarks: tuple[str, ...]
+    held_out_rmse_before: Array
+    held_out_source: str
+    frozen: bool
+    new_motion_share: float | None = None
+    retuned: tuple[Retune, ...] = ()
+    curves: tuple[Curve, ...] = ()
+    left: tuple[tuple[int, str, float], ...] = ()
+    remains: tuple[tuple[int, float], ...] = ()
+    minor: tuple[Finding, ...] = ()
+
+    def selected(self, numbers: Sequence[int] | None = None, confident: bool = False) -> Diagnosis:
+        """Only the findings of these numbers (from 1, in the order of adding, then the minor ones), or
+        the confident ones.
+
+        Changed shape constants are not numbered: they stay, the confident ones or all. So do curves,
+        but where numbers are given.
+        Raises InputError for a number that is not there, and where no finding is left.
+        """
+        every = (*self.effects, *self.minor)
+        for number in numbers or ():
+            if not 1 <= number <= len(every):
+                raise InputError(
+                    f"finding {number} does not exist, there are {len(every)}",
+                    "number them from 1 in the order of the list",
+                )
+        chosen = tuple(
+            f
+            for k, f in enumerate(every, start=1)
+            if (numbers is None or k in numbers) and (not confident or f.confidence == "confident")
+        )
+        retuned = tuple(r for r in self.retuned if not confident or r.confidence == "confident")
+        curves = self.curves if numbers is None else ()
+        if not chosen and not retuned and not curves:
+            kind = "confident finding" if confident and self.effects else "finding"
+            raise InputError(
+                f"there is no {kind} to add", "name the effect itself, or leave the model as it is"
+            )
+        return replace(self, effects=chosen, retuned=retuned, curves=curves, minor=())
+
+    @property
+    def headline(self) -> str:
+        """What is missing, in one sentence."""
+        found = [(f.effect, f.joints, f.confidence) for f in self.effects]
+        constants = [(r.effect, (r.joint,), r.confidence) for r in self.retuned]
+        known = self.noise_source == "repetition"
+        return diagnosis_verdict(self.unknown, found, known, constants)
+
+    @property
+    def beside(self) -> str:
+        """The minor findings in one sentence, or ""."""
+        if not self.minor:
+            return ""
+        first = len(self.effects) + 1
+        named = ", ".join(f"{k}. {f.text.partition('@')[0]}" for k, f in enumerate(self.minor, first))
+        return f"Minor, lowers no joint's held-out error by 1 % on folds: {named}."
+
+    @property
+    def unknown(self) -> str:
+        """What no effect explains, with its joints and size; "" where nothing of the kind is left."""
+        if self.verdict != UNKNOWN:
+            return ""
+        where = f" on {show.joints([j for j, _ in self.remains])}" if self.remains else ""
+        size = max((rms for _, rms in self.remains), default=0.0)
+        upto = f" ({size:.2g} N m or N RMS{' at most' if len(self.remains) > 1 else ''})" if size else ""
+        return f"something{where} that no effect of the library explains{upto}"
+
+    @property
+    def advice(self) -> str:
+        """What to do next, in one sentence."""
+        if self.verdict == UNKNOWN and self.left:
+            said = ", ".join(f"{name} on joint {j} ({rms:.2g} N m)" for j, name, rms in self.left)
+            return f"Look first at what carries most of the error that is left: {said}."
+        if self.noise_source != "repetition":
+            record = "record a run with more than one period: only repetition tells noise from error."
+            confident = [f for f in self.effects if f.confidence == "confident"]
+            return f"Add the confident findings; {record}" if confident else record.capitalize()
+        if self.effects or self.retuned:
+            return "Add the findings, and diagnose the model that results."
+        return "Use the model, or record motion that excites more."
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the held-out error over the noise floor as the effects are added; returns the axes.
+
+        Raises InputError without matplotlib (extra [plot]).
+        """
+        steps = ["the model", *(f"+ {f.text.partition('@')[0]}" for f in self.effects)]
+        errors = [f.held_out_rmse_before for f in self.effects] + [self.held_out_rmse]
+        if self.retuned:
+            steps.insert(1, "+ constants retuned")
+            errors.insert(0, self.held_out_rmse_before)
+        return plot_ladder(axes, steps, np.array(errors), self.noise_floor)
+
+    def _summary(self) -> Summary:
+        rows = [("next", self.advice)]
+        rows += [("held-out RMSE", ", ".join(f"{x:.3g}" for x in self.held_out_rmse_before))]
+        if self.effects or self.retuned:
+            rows.append(("with the findings", ", ".join(f"{x:.3g}" for x in self.held_out_rmse)))
+        name = "noise floor" if self.noise_source == "repetition" else "noise (estimated)"
+        return self.headline, [*rows, (name, ", ".join(f"{x:.3g}" for x in self.noise_floor))]
+
+    def _table(self) -> Table:
+        rows = [
+            (
+                f.text,
+                f"{f.size:.3g} ± {f.std:.1g} {f.unit}",
+                f.confidence,
+                ", ".join(f.indistinguishable_from),
+            )
+            for f in self.effects
+        ]
+        rows += [(r.text, r.explanation, r.confidence, "") for r in self.retuned]
+        return ("effect", "size", "confidence", "indistinguishable from"), rows
+
+    @property
+    def beside_curves(self) -> tuple[Finding, ...]:
+        """The findings that no curve stands instead of."""
+        return tuple(f for f in self.effects if not self.curves or CURVE not in f.indistinguishable_from)
+
+    def to_dict(self) -> dict[str, Any]:
+        """findings.json; :meth:`from_dict` restores the same diagnosis."""
+        return {
+            "verdict": self.verdict,
+            "frozen": self.frozen,
+            "effects": [{"number": k, **f.to_dict()} for k, f in enumerate(self.effects, start=1)],
+            "minor": [
+                {"number": k, **f.to_dict()} for k, f in enumerate(self.minor, len(self.effects) + 1)
+            ],
+            "retuned": [r.to_dict() for r in self.retuned],
+            "curves": [c.to_dict() for c in self.curves],
+            "noise_floor": self.noise_floor.tolist(),
+            "noise_source": self.noise_source,
+            "unexplained": self.unexplained.tolist(),
+            "held_out_source": self.held_out_source,
+            "held_out_rmse_before": self.held_out_rmse_before.tolist(),
+            "held_out_rmse": self.held_out_rmse.tolist(),
+            "band_hz": self.band_hz,
+            "invisible": [i.to_dict() for i in self.invisible],
+            "events": [e.to_dict() for e in self.events],
+            "remarks": list(self.remarks),
+            "new_motion_share": self.new_motion_share,
+            "left": [{"joint": j, "variable": name, "rmse": rms} for j, name, rms in self.left],
+            "remains": [{"joint": j, "rmse": rms} for j, rms in self.remains],
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Diagnosis:
+        """Raises KeyError, TypeError or ValueError for a field that is missing or of another kind."""
+        if data["verdict"] not in _VERDICTS:
+            raise ValueError(f"verdict {data['verdict']!r}; there are: {', '.join(_VERDICTS)}")
+        return cls(
+            data["verdict"],
+            tuple(map(Finding.from_dict, data["effects"])),
+            np.array(data["noise_floor"], float),
+            tuple(map(Invisible.from_dict, data["invisible"])),
+            tuple(map(Event.from_dict, data["events"])),
+            str(data["noise_source"]),
+            np.array(data["unexplained"], float),
+            np.array(data["held_out_rmse"], float),
+            float(data["band_hz"]),
+            _texts(data["remarks"]),
+            np.array(data["held_out_rmse_before"], float),
+            str(data["held_out_source"]),
+            bool(data["frozen"]),
+            data.get("new_motion_share"),
+            tuple(map(Retune.from_dict, data.get("retuned", ()))),
+            tuple(map(Curve.from_dict, data.get("curves", ()))),
+            tuple((int(x["joint"]), str(x["variable"]), float(x["rmse"])) for x in data.get("left", ())),
+            tuple((int(x["joint"]), float(x["rmse"])) for x in data.get("remains", ())),
+            tuple(map(Finding.from_dict, data.get("minor", ()))),
+        )
+
+
+def load_diagnosis(path: str | Path) -> Diagnosis:
+    """The diagnosis of a findings.json, as `diagnose --json` writes it.
+
+    Raises InputError for a file that is not one or lacks a field.
+    """
+    return read_json(path, "findings.json", "verdict", Diagnosis.from_dict)
+
+
+def _texts(values: Sequence[Any]) -> tuple[str, ...]:
+    if isinstance(values, str) or not all(isinstance(v, str) for v in values):
+        raise TypeError(f"{values!r} is no list of texts")
+    return tuple(values)

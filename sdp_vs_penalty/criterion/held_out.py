@@ -1,0 +1,198 @@
+"""The last word: errors on data left out, with one finding after the other.
+
+At each step the model is fitted as ``add`` fits it, by its own method under its problem's constraints. A
+test run is judged on the rows on which ``compare`` judges it; without one, five folds by the phase of the
+motion take its place: sizes come from the other folds, the choice of effects and constants from all rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.criterion.refit import fitted_parameters, model_beside, weighting_of
+from sdp_vs_penalty.criterion.rows import with_estimate
+from sdp_vs_penalty.criterion.whitening import WhiteData, model_columns, spread_columns, stretches
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.identify import with_reference
+from sdp_vs_penalty.regression.regression import (
+    Factor,
+    Regression,
+    TimeBlock,
+    compress,
+    compress_cells,
+    triangular,
+)
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
+from sdp_vs_penalty.signals.stillness import STILL
+
+#: Share by which a finding, a curve or a retuned constant may raise the held-out error of any joint.
+RAISES = 0.02
+#: Folds by phase.
+FOLDS = 5
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Root mean squares (n,) on data left out: of all rows, and of those in which the joint moves."""
+
+    every: Array
+    moving: Array
+
+
+@dataclass(frozen=True)
+class Split:
+    """Rows to fit to and rows to judge on (moving ones, standing ones), in the columns of a model and of
+    effects; of a frozen model: what it leaves, in those of the effects."""
+
+    effects: tuple[Effect, ...]
+    train: Regression
+    there: tuple[Regression, Regression]
+
+    def squares(self, estimate: Estimate, frozen: bool, chosen: Sequence[int]) -> Array:
+        """(2, n) squared errors with some of the effects, of moving and of standing rows."""
+        sizes = [len(e.parameters) for e in self.effects]
+        own = [e for k, e in enumerate(self.effects) if k in chosen]
+        picked = np.repeat(np.isin(np.arange(len(sizes)), list(chosen)), sizes)
+        wanted = np.concatenate([np.ones(self.train.p - len(picked), bool), picked])
+        theta = fitted_parameters(estimate, own, self.train.keeping(wanted), frozen)
+        return np.array([x.keeping(wanted).joint_losses(theta) for x in self.there])
+
+
+@dataclass
+class HeldOut:
+    """What effects do to the errors of a model; source : "test" or "folds"."""
+
+    estimate: Estimate
+    frozen: bool
+    splits: Sequence[Split]
+    source: str
+    _known: dict[tuple[int, ...], Errors] = field(default_factory=dict)
+
+    def errors(self, chosen: Sequence[int]) -> Errors:
+        """With some of the effects."""
+        key = tuple(sorted(chosen))
+        if key not in self._known:
+            moving, still = np.sum(
+                [s.squares(self.estimate, self.frozen, key) for s in self.splits], axis=0
+            )
+            rows = np.sum([[x.joint_rows() for x in s.there] for s in self.splits], axis=0)
+            every = np.sqrt((moving + still) / np.maximum(rows.sum(axis=0), 1))
+            self._known[key] = Errors(every, np.sqrt(moving / np.maximum(rows[0], 1)))
+        return self._known[key]
+
+    def offered(self, count: int) -> list[int]:
+        """Of effects, the likeliest first, those that raise no joint's error by more than RAISES beside the
+        others; in an order in which they raise none where they are added, if there is one."""
+        kept = list(range(count))
+        while kept:
+            every = self.errors(kept).every
+            rise = [_rise(self.errors([i for i in kept if i != k]).every, every) for k in kept]
+            worst = int(np.argmax(rise))
+            if rise[worst] <= RAISES:
+                break
+            del kept[worst]
+        order = list[int]()
+        while kept:
+            before = self.errors(order).every
+            steps = (k for k in kept if _rise(before, self.errors([*order, k]).every) <= RAISES)
+            order.append(next(steps, kept[0]))
+            kept.remove(order[-1])
+        return order
+
+
+def _rise(before: Array, after: Array) -> float:
+    """Largest share by which a joint's error rises."""
+    return float(np.max(after / np.maximum(before, 1e-300))) - 1.0
+
+
+def raises(before: Array, after: Array) -> bool:
+    """Whether any joint's error rises by more than RAISES."""
+    return _rise(before, after) > RAISES
+
+
+def on_test(
+    estimate: Estimate,
+    effects: Sequence[Effect],
+    data: Measurements,
+    test: Measurements,
+    frozen: bool,
+) -> HeldOut:
+    """Errors on a test run of models fitted to the runs that were searched."""
+    settings = estimate.preprocessing
+    model = model_beside(estimate, effects, changes=frozen)
+    if model.needs_reference and not frozen:
+        model = with_reference(
+            estimate.problem, model, lambda part: compress(data, part, settings), weighting_of(estimate)
+        )
+    train = compress(data, model, settings)
+    there = compress_cells(test, model, settings, _Standing.of(segmented(test, settings)))
+    if frozen:
+        train, there = (rows.beside(estimate.theta) for rows in (train, there))
+    split = Split(tuple(effects), train, (there.select([0]), there.select([1])))
+    return HeldOut(estimate, frozen, (split,), "test")
+
+
+def folds_of(data: WhiteData) -> NDArray[np.intp]:
+    """(M,) folds by phase."""
+    return np.unique(stretches(data.rows, FOLDS)[0], return_inverse=True)[1]
+
+
+def on_folds(
+    data: WhiteData,
+    estimate: Estimate,
+    effects: Sequence[Effect],
+    by_fold: Mapping[int, Sequence[Effect]] | None = None,
+) -> HeldOut:
+    """Errors on folds by phase, of models fitted to the other folds; by_fold : at an effect's place, what
+    it is as the rows outside of each fold show it."""
+    rows, frozen = data.rows, data.frozen
+    if estimate is not data.estimate:
+        rows = with_estimate(rows, estimate)
+    columns = [model_columns(rows, estimate, frozen), *(spread_columns(rows, e) for e in effects)]
+    torque = rows.residual.T if frozen else rows.torque.T
+    own = () if frozen else estimate.model.effects
+    parameters = tuple(p for effect in (*own, *effects) for p in effect.parameters)
+    fold, splits = folds_of(data), []
+    for f in range(fold.max() + 1):
+        for place, shaped in (by_fold or {}).items():
+            columns[1 + place] = spread_columns(rows, shaped[f])
+        both = np.concatenate([*columns, torque[:, :, None]], axis=2)
+        kind = np.where((fold == f)[:, None], 1 + (rows.still > STILL), 0)
+        factors = []
+        for j in range(rows.n):
+            for block in range(3):
+                kept = both[j][(kind[:, j] == block) & rows.keep[:, j]]
+                triangle = triangular([kept]) if len(kept) else kept
+                factors.append(Factor(j, block, np.arange(len(parameters)), triangle, len(kept)))
+        blocks = tuple(TimeBlock(0, 0.0, 0.0) for _ in range(3))
+        every = Regression(parameters, rows.n, blocks, tuple(factors), oversampling=1.0)
+        train, moving, still = (every.select([k]) for k in range(3))
+        splits.append(Split(tuple(effects), train, (moving, still)))
+    return HeldOut(estimate, frozen, splits, "folds")
+
+
+@dataclass(frozen=True)
+class _Standing:
+    """Two cells: rows in which a joint moves, and in which it stands; kinds : by run, instants (M,) and
+    cells (M, n) there."""
+
+    kinds: Mapping[int, tuple[Array, NDArray[np.intp]]]
+    places = ((0, 0.0, 0.0),) * 2
+
+    @classmethod
+    def of(cls, rows: SegmentedRuns) -> _Standing:
+        kinds = (rows.still > STILL).astype(np.intp)
+        return cls({k: (rows.t[m], kinds[m]) for k in set(rows.run) if (m := rows.run == k).any()})
+
+    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
+        if run not in self.kinds:
+            return np.zeros(len(t), np.intp)
+        at, kinds = self.kinds[run]
+        return kinds[np.clip(np.searchsorted(at, t), 0, len(at) - 1)]

@@ -1,0 +1,196 @@
+"""The library: every effect on every joint or on the robot, and the model's own shape constants.
+
+A form is one candidate with one set of shape constants. A form that stands in the place of columns which
+the model has already (``own``: the same effect with another shape constant) is a nuisance: it competes
+like all others, and is never a finding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence, Set
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.criterion.whitening import WhiteData, filled
+from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.shape_profiles import alone
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.segments import SegmentedRuns
+
+#: (effect name, joint from 0; None: the whole robot).
+Key = tuple[str, int | None]
+#: Share of a joint's rows at standstill from which the law of what holds it is looked for.
+STANDS = 0.02
+
+
+@dataclass(frozen=True)
+class Form:
+    """key : of its candidate; own : places in theta of the model's columns that it stands for; moves :
+    the shape constant that differs, of an own one."""
+
+    key: Key
+    effect: Effect
+    own: tuple[int, ...] = ()
+    moves: str = ""
+
+    @property
+    def k(self) -> int:
+        return len(self.effect.parameters)
+
+    @property
+    def constants(self) -> int:
+        """Continuous shape constants."""
+        if self.own:
+            return 1
+        return sum(self.effect.shapes[x].bounds is not None for x in self.effect.searched)
+
+    @property
+    def nonnegative(self) -> list[bool]:
+        """(k,) which parameters may not be negative."""
+        return [p.lower == 0.0 for p in self.effect.parameters]
+
+    def with_shape(self, **shape: float) -> Form:
+        return Form(self.key, self.effect.with_shape(**shape), self.own, self.moves)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Forms with k columns each that change the torque of the same joints: white (len(joints), M, F k)."""
+
+    joints: tuple[int, ...]
+    forms: tuple[Form, ...]
+    white: Array
+
+    @cached_property
+    def signed(self) -> NDArray[np.bool_]:
+        """(F,) whether the first parameter may not be negative."""
+        return np.array([f.nonnegative[0] for f in self.forms])
+
+    @cached_property
+    def grams(self) -> Array:
+        """(len(joints), F, k, k) products of each form's columns."""
+        k = self.forms[0].k
+        parts = self.white.reshape(*self.white.shape[:2], len(self.forms), k).transpose(0, 2, 3, 1)
+        return np.asarray(parts @ parts.transpose(0, 1, 3, 2))
+
+    def columns(self, f: int) -> dict[int, Array]:
+        """(M, k) by joint, of one form."""
+        k = self.forms[f].k
+        return {j: self.white[a][:, f * k : f * k + k] for a, j in enumerate(self.joints)}
+
+
+@dataclass(frozen=True)
+class Library:
+    """batches : of forms that are missing effects; own : the model's with other shape constants; keys :
+    of all candidates; acts : the joints whose torque each candidate changes."""
+
+    batches: tuple[Batch, ...]
+    own: tuple[tuple[Form, dict[int, Array]], ...]
+    acts: dict[Key, frozenset[int]]
+
+    @property
+    def candidates(self) -> int:
+        return len(self.acts)
+
+
+def library(data: WhiteData, keys: Set[Key] | None = None) -> Library:
+    """All candidates beside the model, or those of these keys; their columns white."""
+    forms = list(_forms(data.rows, data.estimate.model, data.frozen, keys))
+    blocks = data.rows.blocks_of([f.effect for f in forms])
+    groups: dict[tuple[tuple[int, ...], int], list[int]] = {}
+    for at, (form, own) in enumerate(zip(forms, blocks, strict=True)):
+        if own:
+            groups.setdefault((tuple(sorted(b.joint for b in own)), form.k), []).append(at)
+    batches, acts = [], dict[Key, frozenset[int]]()
+    for (joints, k), members in groups.items():
+        white = []
+        for j in joints:
+            parts = [
+                filled(b.columns, b.parameters, k) for at in members for b in blocks[at] if b.joint == j
+            ]
+            white.append(data.white(np.hstack(parts), j))
+        batches.append(Batch(joints, tuple(forms[at] for at in members), np.stack(white)))
+        for at in members:
+            acts[forms[at].key] = acts.get(forms[at].key, frozenset()) | frozenset(joints)
+    shapes = () if data.frozen else tuple((f, data.columns(f.effect)) for f in own_forms(data.estimate))
+    for form, own in shapes:
+        acts[form.key] = frozenset(own)
+    return Library(tuple(batches), shapes, acts)
+
+
+def own_forms(estimate: Estimate) -> Iterator[Form]:
+    """The effects that the model has, joint by joint, each with other values of a shape constant."""
+    model = estimate.model
+    for effect, indices in zip(model.effects, model.indices, strict=True):
+        if effect.whole_robot or effect.spreads or effect.several or effect.joins:
+            continue
+        k = len(indices) // len(effect.joints)
+        for m, joint in enumerate(effect.joints):
+            places = tuple(indices[k * m : k * m + k].tolist())
+            for name in effect.searched:
+                shape = effect.shapes[name].on(estimate.robot.joints[joint].kind)
+                if shape.bounds is None:
+                    continue
+                now = effect.shape[name]
+                values = shape.grid or tuple(now * 2.0 ** np.linspace(-2.0, 2.0, 5))
+                for v in values:
+                    if abs(np.log(v / now)) > 0.2:
+                        other = alone(effect, joint, **{name: float(v)})
+                        yield Form((effect.name, joint), other, places, name)
+
+
+def _forms(rows: SegmentedRuns, model: Model, frozen: bool, keys: Set[Key] | None) -> Iterator[Form]:
+    """Every effect of the library. What the model already has on a joint is left out, unless it is held
+    fixed and may have changed."""
+    taken = set[Key]()
+    if not frozen:
+        for effect in model.effects:
+            if not effect.several:
+                where: Sequence[int | None] = [None] if effect.whole_robot else effect.joints
+                taken |= {(effect.name, j) for j in where}
+    start = min(float(s.motion.t[0]) for s in rows.segments)
+    warm = all(s.motion.temperature is not None for s in rows.segments)
+    for name, kind in effect_types().items():
+        if kind.frozen_only and not frozen:
+            continue
+        for joint in (None,) if kind.whole_robot else range(rows.n):
+            key = (name, joint)
+            if key in taken or (keys is not None and key not in keys) or not _at_rest(kind, rows, joint):
+                continue
+            for effect in kind.candidates(model.robot, joint, start):
+                if warm or not effect.needs_temperature:
+                    if effect.shape.get(effect.beyond_turning, np.inf) >= turning(rows, effect):
+                        yield Form(key, effect)
+
+
+def _at_rest(kind: type[Effect], rows: SegmentedRuns, joint: int | None) -> bool:
+    """Whether a law of what dry friction does at rest can be told on a joint."""
+    if joint is None or not kind.at_rest:
+        return True
+    if kind.at_rest == "turns":
+        return not rows.holds[joint]
+    # A joint that stood may have been held by friction that never turned round meanwhile.
+    return bool(rows.holds[joint] or np.mean(rows.still[:, joint] > 0.5) > STANDS)
+
+
+def turning(rows: SegmentedRuns, effect: Effect) -> float:
+    """The velocity over which dry friction turns round on an effect's joint, in the model."""
+    return rows.segments[0].motion.width(effect.joints[0])
+
+
+def eligible(forms: Sequence[Form], picked: Sequence[Form], model: Model, robot: Robot) -> list[bool]:
+    """Which forms may join: nothing twice, a finer form only where what it refines is there."""
+    taken = {p.key for p in picked if p.own or not p.effect.several}
+    present = {p.key for p in picked} | {(e.name, j) for e in model.effects for j in e.joints}
+    return [
+        f.key not in taken
+        and (not f.effect.refines or any((name, f.key[1]) in present for name in f.effect.refines))
+        for f in forms
+    ]

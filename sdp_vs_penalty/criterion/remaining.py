@@ -1,0 +1,91 @@
+"""What is left beyond the noise after the best explanation: nothing, or something without a name.
+
+The error of each joint in N m, on rows that are evidence, against the noise floor. Rows of standstill are
+none: dry friction holds any torque up to its own there. Nor are those of a slow joint: where friction turns
+round any law of it is only nearly right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.criterion.score import Fit
+from sdp_vs_penalty.criterion.whitening import WhiteData
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.noise import REPETITION
+from sdp_vs_penalty.signals.stillness import SLOW, STILL
+
+#: Variance of what is left over that of the noise, in rows that are evidence, from which something is left:
+#: a model whose laws are right is within 1.35 of it (95 % of clean challenge cases).
+MISFIT = 1.5
+#: The same where the noise comes from a spectrum, which is right within 30 %: 1.3^2 times as much.
+MISFIT_SPECTRUM = 2.5
+#: Share by which it has to raise a joint's error above its noise to matter.
+MATTERS = 0.1
+#: Share of a joint's torque (RMS) below which nothing is told from links that are not quite as long as
+#: the model says: 1 mm in 0.3 m, and 0.1 degrees.
+NOMINAL = 0.005
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """share (n,) : variance of what is left over that of the noise, less one; beyond (n,) [N m or N] : its
+    RMS beyond the noise while the joint slides, slow (n,) : while it is slow; floor (n,) : of the noise;
+    matters : the joints (from 0) on which something is left that matters; known : whether the noise is."""
+
+    share: Array
+    beyond: Array
+    slow: Array
+    floor: Array
+    matters: tuple[int, ...]
+    known: bool
+
+
+def remainder(data: WhiteData, fit: Fit, residual: Array, ignore: NDArray[np.bool_]) -> Remainder:
+    """residual (M, n) [N m or N], white in ``fit``; ignore (M, n) : rows of events."""
+    rows, noise = data.rows, data.noise
+    white = (fit.residual * fit.level[:, None]).T
+    keep = rows.keep & (white != 0.0) & (noise.worth > 0.5) & (rows.still <= STILL) & ~ignore
+    slides = keep & (rows.slow <= SLOW)
+    leverage = np.sum(fit.Q**2, axis=2).T
+
+    def mean(squares: Array, which: NDArray[np.bool_]) -> Array:
+        degrees = np.maximum((which * (1.0 - leverage)).sum(axis=0), 1.0)
+        return np.asarray((which * squares).sum(axis=0) / degrees)
+
+    variance = mean(white**2, slides)
+    squares = mean(residual**2, slides), mean(residual**2, keep & ~slides)
+    beyond, slow = (np.sqrt(np.maximum(x - noise.floor**2, 0.0)) for x in squares)
+    torque = np.sqrt(np.mean(rows.torque**2, axis=0))
+    least = MISFIT if noise.source == REPETITION else MISFIT_SPECTRUM
+    with np.errstate(divide="ignore", invalid="ignore"):
+        raised = np.hypot(beyond, noise.floor) / noise.floor - 1.0
+    found = (variance > least) & (raised > MATTERS) & (beyond > NOMINAL * torque) & data.known
+    matters = tuple(np.flatnonzero(found).tolist())
+    return Remainder(mean(white**2, keep) - 1.0, beyond, slow, noise.floor, matters, data.known)
+
+
+def residual_beside(data: WhiteData, columns: Array) -> Array:
+    """(M, n) [N m or N] what the model leaves, refitted beside columns (n, M, k), not white: by least
+    squares on the white rows, joints weighted by what is left of them."""
+    everything = np.concatenate([data.raw, columns], axis=2)
+    n, M, p = everything.shape
+    if not p:
+        return data.rows.residual
+    white = np.stack([data.white(everything[j], j) for j in range(n)])
+    level = np.ones(n)
+    theta = np.zeros(p)
+    for _ in range(3):
+        A = (white / level[:, None, None]).reshape(-1, p)
+        norms = np.linalg.norm(A, axis=0)
+        unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
+        theta = np.linalg.lstsq(A / unit, (data.y / level[:, None]).ravel(), rcond=1e-8)[0] / unit
+        left = np.sum((data.y - white @ theta) ** 2, axis=1) / np.maximum(data.count, 1.0)
+        level = np.sqrt(np.maximum(left, 1.0 if data.known else 1e-12))
+    torque = (
+        data.rows.residual if data.frozen else data.rows.residual + (data.raw @ data.estimate.theta).T
+    )
+    return np.asarray(torque - (everything @ theta).T)

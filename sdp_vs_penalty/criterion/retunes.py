@@ -1,0 +1,102 @@
+"""Findings of kind "retune": a shape constant of an effect that the model has is another one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.criterion.score import Term
+from sdp_vs_penalty.criterion.search import APART
+from sdp_vs_penalty.criterion.sizes import Size
+from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.show import plain_unit
+
+#: Share of the range, in its own scale, nearer to an end than which a constant lies at it.
+_AT_END = 0.02
+
+
+@dataclass(frozen=True)
+class Retune:
+    """A shape constant of the model's own effect on one joint, as it explains most beside the findings.
+
+    rmse_before, rmse_after : held-out error of the joint, with the model's constants and with the new
+    ones; remarks : why it is weak, if it is.
+    """
+
+    estimate: ShapeEstimate
+    confidence: str
+    rmse_before: float
+    rmse_after: float
+    explanation: str
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def effect(self) -> str:
+        return self.estimate.effect
+
+    @property
+    def joint(self) -> int:
+        """From 1."""
+        return self.estimate.joint + 1
+
+    @property
+    def text(self) -> str:
+        """How :func:`~sdp_vs_penalty.diagnosis.add` takes it."""
+        s = self.estimate
+        return f"{s.effect}:{self.joint}@{s.shape}={s.after:.6g}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """std is null where the data bound the constant on one side only."""
+        own = {key: value for key, value in vars(self).items() if key != "estimate"}
+        estimate = self.estimate.to_dict()
+        return {**estimate, **own, "kind": "retune", "text": self.text, "remarks": list(self.remarks)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Retune:
+        errors = float(data["rmse_before"]), float(data["rmse_after"])
+        estimate = ShapeEstimate.from_dict({"at_end": False, **data})
+        remarks = tuple(map(str, data["remarks"]))
+        return cls(estimate, str(data["confidence"]), *errors, str(data["explanation"]), remarks)
+
+
+def shape_estimate(term: Term, estimate: Estimate, size: Size) -> ShapeEstimate:
+    """A nuisance of the search as an estimate of the model's shape constant."""
+    effect, name, (joint,) = term.form.effect, term.form.moves, term.form.effect.joints
+    now = next(e for e in estimate.model.effects if e.name == effect.name and joint in e.joints)
+    after = float(f"{effect.shape[name]:.6g}")
+    low, high = np.log(effect.shapes[name].on(estimate.robot.joints[joint].kind).bounds or (1e-9, 1e9))
+    near = _AT_END * (high - low)
+    at_end = not low + near < np.log(after) < high - near
+    std = after * size.constants.get(name, np.inf)
+    return ShapeEstimate(effect.name, joint, name, now.shape[name], after, std, term.J, bool(at_end))
+
+
+def retunes(
+    found: Sequence[ShapeEstimate], robot: Robot, before: Array, after: Array
+) -> tuple[Retune, ...]:
+    """before, after (n,) : held-out errors with the model's own constants, and with the new ones."""
+    out = []
+    for s in found:
+        shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
+        values = [shape.said(v, kind) for v in (s.after, s.before)]
+        unit = plain_unit(robot.torque_units[s.joint])
+        verb = effect_types()[s.effect].turns or f"{s.effect} has {s.shape} ="
+        errors = float(before[s.joint]), float(after[s.joint])
+        said = f"joint {s.joint + 1}: {verb} {values[0]}, not {values[1]}"
+        said += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
+        remarks = []
+        if s.at_end:
+            remarks.append("it lies at the end of the range in which it was looked for")
+        if s.gain < 2.0 * APART:
+            remarks.append("its gain is small")
+        if not errors[1] < errors[0]:
+            remarks.append("its joint's held-out error does not fall")
+        out.append(Retune(s, "weak" if remarks else "confident", *errors, said, tuple(remarks)))
+    return tuple(out)

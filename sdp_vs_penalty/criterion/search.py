@@ -1,0 +1,239 @@
+"""The search: terms are added, exchanged and dropped while the score says so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.criterion.library import Form, Library, eligible
+from sdp_vs_penalty.criterion.score import Fit, Score, Term
+from sdp_vs_penalty.criterion.whitening import WhiteData
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Evidence (twice the log of the odds) from which a term is taken: odds of 150 to 1, "very strong" (Kass,
+#: Raftery, JASA 1995, sec. 3.2).
+APART = 10.0
+#: Evidence by which another form must fall short to be told from a term: odds of 20 to 1, "strong" (ibid.).
+EQUIVALENT = 6.0
+#: A law is right to this share of what it explains: so much of it looks like something else.
+FORM = 0.04
+#: Candidates that are looked at closely, and steps at most.
+LOOKED_AT, STEPS = 10, 30
+#: Shape constants are refined on a lattice: ratio of neighbours at first, and how often it is halved.
+_FIRST, _HALVINGS = 1.6, 3
+
+
+class Search:
+    """Forward selection with exchange over one library; afterwards ``terms`` and ``fit``."""
+
+    def __init__(self, data: WhiteData, library: Library) -> None:
+        self.data, self.library = data, library
+        self.score = Score(data, library.candidates, {f.own for f, _ in library.own})
+        self._kept: dict[str, dict[int, Array]] = {}
+        self.terms: list[Term] = []
+        self.fit = self.score.fit(())
+
+    # What a form is worth.
+
+    def columns(self, form: Form) -> dict[int, Array]:
+        """White columns by joint; kept while the search lasts."""
+        text = form.effect.text
+        if text not in self._kept:
+            self._kept[text] = self.data.columns(form.effect)
+        return self._kept[text]
+
+    def judged(self, fit: Fit, form: Form) -> Term:
+        return self.score.judged(fit, form, self.columns(form))
+
+    def refined(self, fit: Fit, start: Term) -> Term:
+        """Each continuous shape constant in turn where the score is highest, on a lattice of its scale:
+        the same values come back in every step of the search."""
+        best = start
+        for name in [start.form.moves] if start.form.own else start.form.effect.searched:
+            best = self._along(fit, best, name)
+        return best
+
+    def _along(self, fit: Fit, start: Term, name: str) -> Term:
+        effect = start.form.effect
+        kind = effect.robot.joints[effect.joints[0]].kind
+        shape = effect.shapes[name].on(kind)
+        if shape.bounds is None:
+            return start
+        low, high = shape.bounds
+        linear, u = shape.scale == "linear", effect.shape[name]
+        grid = sorted(
+            {s[name] for s in type(effect).starts(effect.robot, effect.joints[0]) if name in s}
+        )
+        spacing = float(np.min(np.diff(grid))) if len(grid) > 1 else abs(u) + 1e-3
+        seen = {0.0: start}
+
+        def at(x: float) -> Term:
+            if x not in seen:
+                value = float(f"{u + x * spacing if linear else u * _FIRST**x:.6g}")
+                if low <= value <= high:
+                    seen[x] = self.judged(fit, start.form.with_shape(**{name: value}))
+                else:
+                    seen[x] = replace(start, J=-np.inf)
+            return seen[x]
+
+        x, step = 0.0, 0.5 if linear else 1.0
+        for _ in range(_HALVINGS):
+            while True:
+                best = max((x, x - step, x + step), key=lambda y: at(y).J)
+                if best == x:
+                    break
+                x = best
+            step *= 0.5
+        return at(x)
+
+    # Which forms there are beside a fit.
+
+    def margin(self, joints: Iterable[int], terms: Sequence[Term]) -> float:
+        """Evidence that a further term needs: what the others get wrong looks like something else."""
+        shared = (t.J * len(t.joints & set(joints)) / len(t.joints) for t in terms if t.joints)
+        return APART + FORM * max(shared, default=0.0)
+
+    def top_candidates(
+        self, fit: Fit, terms: Sequence[Term], most: int = LOOKED_AT, on: frozenset[int] | None = None
+    ) -> list[Term]:
+        """The most likely form of each candidate, refined, the best first."""
+        best: dict[tuple[str, int | None], tuple[float, Form, dict[int, Array]]] = {}
+        picked = [t.form for t in terms]
+        for batch in self.library.batches:
+            if on is not None and not on & set(batch.joints):
+                continue
+            values = self.score.screened(fit, batch)
+            free = eligible(batch.forms, picked, self.data.estimate.model, self.data.estimate.robot)
+            for f in np.argsort(-values):
+                form = batch.forms[f]
+                if values[f] <= 0.0:
+                    break
+                if free[f] and values[f] > best.get(form.key, (0.0,))[0]:
+                    best[form.key] = float(values[f]), form, batch.columns(int(f))
+        close = sorted(best.values(), key=lambda b: -b[0])[:most]
+        found = [self.score.judged(fit, form, columns) for _, form, columns in close]
+        for b in close:
+            self._kept.setdefault(b[1].effect.text, b[2])
+        own: dict[tuple[str, int | None], Term] = {}
+        taken = {t.key for t in terms}
+        for form, columns in self.library.own:
+            if form.key in taken or (on is not None and not on & set(columns)):
+                continue
+            term = self.score.judged(fit, form, columns)
+            if term.J > own.get(form.key, term).J or form.key not in own:
+                own[form.key] = term
+        found += sorted(own.values(), key=lambda t: -t.J)[: max(1, most // 3)]
+        top = max((t.J for t in found), default=0.0)
+        likely = [t for t in found if 0.5 * top - 3.0 * APART < t.J]
+        return sorted((self.refined(fit, t) for t in likely), key=lambda t: -t.J)
+
+    def best(
+        self, fit: Fit, terms: Sequence[Term], most: int = LOOKED_AT, on: frozenset[int] | None = None
+    ) -> Term | None:
+        """The term to name: the simplest of those that these rows do not tell from the best."""
+        found = self.top_candidates(fit, terms, most, on)
+        return self.simplest([t for t in found if self.margin(t.joints, terms) < t.J])
+
+    @staticmethod
+    def simplest(found: Sequence[Term]) -> Term | None:
+        """Of terms, the best first, the simplest that is as good as the best."""
+        if not found:
+            return None
+        tied = [t for t in found if found[0].J - t.J < EQUIVALENT + FORM * found[0].J]
+        return min(tied, key=lambda t: (simplicity(t.form), -t.J))
+
+    # The steps.
+
+    def settled(self, terms: Sequence[Term]) -> list[Term]:
+        """The constants of each term on the newest one's joints again beside all others; a term that has
+        not enough left goes."""
+        terms = list(terms)
+        newest = terms[-1].joints if len(terms) > 1 else frozenset()
+        for _ in range(2):
+            moved = False
+            for term in list(terms):
+                others = [t for t in terms if t is not term]
+                if len(others) == len(terms):
+                    continue
+                fit = self.score.fit(others, self.fit.level)
+                again = self.score.judged(fit, term.form, term.columns)
+                if term.joints & newest:
+                    again = self.refined(fit, again)
+                if self.margin(again.joints, others) >= again.J:
+                    terms, moved = others, True
+                    continue
+                moved |= again.form.effect.shape != term.form.effect.shape
+                terms[[t is term for t in terms].index(True)] = replace(again, rivals=term.rivals)
+            if not moved:
+                break
+        return terms
+
+    def exchanged(self, terms: Sequence[Term]) -> list[Term] | None:
+        """One term for another, or for two others, where that is as good and simpler, or better; else
+        None, and every term knows its rivals."""
+        pairs = [[p, q] for i, p in enumerate(terms) for q in terms[:i] if p.joints & q.joints]
+        told = []
+        for group in [*([t] for t in terms), *pairs]:
+            rest = [t for t in terms if all(t is not g for g in group)]
+            fit, total = self.score.fit(rest, self.fit.level), 0.0
+            for i, g in enumerate(group):
+                beside = fit if i == 0 else self.score.fit(rest + group[:i], self.fit.level)
+                total += self.score.judged(beside, g.form, g.columns).J
+            joints = frozenset[int]().union(*(g.joints for g in group))
+            found = self.top_candidates(fit, rest, 4, joints)
+            if len(group) == 1:
+                told.append(replace(group[0], rivals=self.equivalent(group[0], total, found)))
+            own = {g.key for g in group}
+            other = self.simplest([t for t in found if self.margin(t.joints, rest) < t.J])
+            if other is None or other.key in own:
+                continue
+            least = APART + FORM * max(total, 0.0)
+            simpler = len(group) > 1 or simplicity(other.form) < simplicity(group[0].form)
+            if total + least < other.J or (total - least < other.J and simpler):
+                return self.settled([*rest, other])
+        self.terms = told
+        return None
+
+    @staticmethod
+    def equivalent(term: Term, J: float, found: Sequence[Term]) -> tuple[Term, ...]:
+        """The forms that these rows do not tell from a term that scores J."""
+        own = term.form
+
+        def rivals(t: Term) -> bool:
+            # A form with more to it, which does no better, does not speak against the plain one.
+            more = t.form.k + t.form.constants > own.k + own.constants or len(t.joints) > len(
+                term.joints
+            )
+            finer = own.key[0] in t.form.effect.refines
+            return J + (EQUIVALENT if more or finer else -EQUIVALENT) < t.J
+
+        return tuple(t for t in found if t.key != term.key and not t.form.own and rivals(t))
+
+    def run(self, progress: Callable[[str], None] = lambda _: None) -> list[Term]:
+        """Add, exchange, drop until nothing changes."""
+        seen = set[frozenset[str]]()
+        for _ in range(STEPS):
+            self.fit = self.score.fit(self.terms)
+            best = self.best(self.fit, self.terms)
+            if best is not None:
+                progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
+                self.terms = self.settled([*self.terms, best])
+            else:
+                other = self.exchanged(self.terms)
+                if other is None:
+                    break
+                self.terms = other
+            state = frozenset(t.form.effect.text for t in self.terms)
+            if state in seen:
+                break
+            seen.add(state)
+        self.fit = self.score.fit(self.terms)
+        return self.terms
+
+
+def simplicity(form: Form) -> tuple[bool, int, int, bool]:
+    """What the model has already, then fewest constants, fewest joints, what refines nothing else."""
+    freedom = form.k + form.constants
+    return not form.own, freedom, len(form.effect.joints), bool(form.effect.refines)
