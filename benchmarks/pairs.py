@@ -31,7 +31,7 @@ from sdp_vs_penalty.estimators.barycentric import barycentric_box
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
 from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.export import export
+from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import compiled

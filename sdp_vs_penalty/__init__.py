@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.excitation import excite as excite
     from sdp_vs_penalty.estimation.identify import identify as identify
     from sdp_vs_penalty.estimation.reidentify import Reidentifier as Reidentifier
-    from sdp_vs_penalty.export import export as export
+    from sdp_vs_penalty.exporters.export import export as export
     from sdp_vs_penalty.problem.convert import convert as convert
     from sdp_vs_penalty.problem.load import load_problem as load_problem
     from sdp_vs_penalty.problem.problem import Problem as Problem
@@ -44,7 +44,7 @@ _HOME = {
     "diagnose": "diagnosis.diagnose",
     "Estimate": "estimation.estimate",
     "excite": "estimation.excitation",
-    "export": "export",
+    "export": "exporters.export",
     "fetch": "data.datasets",
     "follow": "simulation.follow",
     "identify": "estimation.identify",
@@ -67,10 +67,10 @@ __all__ = [
 
 
 class _Door(ModuleType):
-    """Three verbs share their names with the folders that hold them: here the name is the verb."""
+    """Two verbs share their names with the folders that hold them: here the name is the verb."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        # Python binds every imported subpackage to its parent; `check`, `export`, `report` stay free.
+        # Python binds every imported subpackage to its parent; `check`, `report` stay free.
         if not (name in _HOME and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 

@@ -49,7 +49,6 @@ VERBS = {
     "Research": {
         "tables": "Regenerate the paper's tables.",
         "figures": "Regenerate the paper's figures.",
-        "challenge": "Score diagnose on simulated runs with hidden effects.",
         "shootout": "Run SDP solvers and judge their answers by proved bounds.",
         "export-sdp": "Write the identification SDP for another solver.",
     },

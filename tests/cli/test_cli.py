@@ -217,7 +217,16 @@ def test_compare_writes_the_stated_json(run: Run, runs: list[Path], model: Path,
     assert [entry["model"] for entry in content["models"]] == [str(model), str(other)]
     for entry in content["models"]:
         assert set(entry) == {
-            *("model", "rmse", "mse", "r2", "noise_floor", "relative_error_percent", "band_hz"),
+            *(
+                "model",
+                "verdict",
+                "rmse",
+                "mse",
+                "r2",
+                "noise_floor",
+                "relative_error_percent",
+                "band_hz",
+            ),
             "new_motion_share",
             "judged_on",
             "outside",

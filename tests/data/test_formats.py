@@ -25,7 +25,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.export.sdp import write_posed
+from sdp_vs_penalty.exporters.sdp import write_posed
 from sdp_vs_penalty.problem.load import load_problem
 
 SUFFIXES = suffixes("write")

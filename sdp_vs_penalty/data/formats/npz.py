@@ -10,6 +10,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from sdp_vs_penalty.data.formats.columns import (
+    GROUPS,
     Choice,
     check_size,
     columns_of,
@@ -46,7 +47,7 @@ def write(measurements: Measurements, path: Path) -> None:
 def _read_npz(path: Path) -> Measurements:
     arrays = numeric_arrays(path)
     if "q" in arrays:  # whole arrays q (N, n), tau (N, n) instead of one a joint
-        for name in ("q", "dq", "tau", "temp"):
+        for name in GROUPS:
             block = arrays.pop(name, None)
             if block is not None:
                 if block.ndim == 1:
