@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
-from sdp_vs_penalty.diagnosis.stage import clocks_of, phase_folds
+from sdp_vs_penalty.diagnosis.whitening import clocks_of, phase_folds
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level

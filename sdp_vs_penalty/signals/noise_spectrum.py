@@ -16,8 +16,8 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 #: What the noise is known from.
 SPECTRUM = "spectrum"
-#: In torque cut-offs: where the motion has ended. In sample rates: the last frequency, and the last one at
-#: which the band may begin.
+#: In torque cut-offs: where the motion has ended. In sample rates: the last frequency, and the last one
+#: at which the band may begin.
 _ABOVE, _LAST, _LATEST = 2.0, 0.45, 0.33
 #: Windows are so many periods of the cut-off long, and at least so many samples; fewest windows.
 _PERIODS, _SHORTEST, _FEWEST = 6.0, 32, 5

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sdp_vs_penalty.criterion.library import Form, Library
-from sdp_vs_penalty.criterion.refit import weighting_of
-from sdp_vs_penalty.criterion.rows import with_estimate
-from sdp_vs_penalty.criterion.score import Term
-from sdp_vs_penalty.criterion.search import Search
-from sdp_vs_penalty.criterion.whitening import whitened
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.library import Form, Library
+from sdp_vs_penalty.diagnosis.refit import weighting_of
+from sdp_vs_penalty.diagnosis.rows import with_estimate
+from sdp_vs_penalty.diagnosis.score import Term
+from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.whitening import whitened
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimators.task import make_task
@@ -27,8 +27,8 @@ def adopted(estimate: Estimate, shapes: Sequence[ShapeEstimate], measurements: M
 
 
 def carried(search: Search, estimate: Estimate) -> Search:
-    """The same findings beside the model with its new constants: in the columns that this one makes, each
-    judged again; a finding that only mended the old constants goes."""
+    """The same findings beside the model with its new constants: in the columns that this one makes,
+    each judged again; a finding that only mended the old constants goes."""
     data = search.data
     rows = with_estimate(data.rows, estimate)
     data = whitened(rows, data.noise, estimate, data.frozen)

@@ -15,8 +15,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.criterion.curves.bases import Basis
-from sdp_vs_penalty.criterion.score import ALPHA, Fit, Score
+from sdp_vs_penalty.diagnosis.curves.bases import Basis
+from sdp_vs_penalty.diagnosis.score import ALPHA, Fit, Score
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Weights of the roughness that are tried, relative to the data's.
@@ -29,8 +29,8 @@ _HELD = 0.003
 
 @dataclass(frozen=True)
 class Columns:
-    """Weighted white columns z (M, k) of a joint beside a fit: C = Q'z (r, k), D (k, k), s (k,), raw = z'z;
-    count : rows of the joint, v : how many of them are worth one."""
+    """Weighted white columns z (M, k) of a joint beside a fit: C = Q'z (r, k), D (k, k), s (k,), raw =
+    z'z; count : rows of the joint, v : how many of them are worth one."""
 
     fit: Fit
     joint: int
@@ -67,14 +67,15 @@ class Columns:
 
         return deviance(np.asarray(before)) - deviance(after)
 
-    def J(self, drop: float, freedom: float, looked: int) -> float:
+    def score(self, drop: float, freedom: float, looked: int) -> float:
         """The score of something that takes ``drop`` with so much freedom, of so many looked at."""
         N = max(self.count / self.v, 3.0)
         gain = float(self.gain(np.asarray(drop)))
         return gain / self.v - freedom * np.log(N) - 2.0 * np.log(max(looked, 1))
 
     def without_fold(self, fold: NDArray[np.intp], P: Array) -> Array:
-        """(F, k) coefficients from the rows outside of each fold (M,), the fit's columns refitted there."""
+        """(F, k) coefficients from the rows outside of each fold (M,), the fit's columns refitted
+        there."""
         Q, y, r = self.fit.Q, self.fit.target, self.fit.Q.shape[2]
         out = []
         for f in np.unique(fold):
@@ -150,7 +151,7 @@ def smoothed(basis: Basis, raw: Array, columns: Columns, looked: int) -> SplineF
         c = scipy.linalg.cho_solve(factor, columns.s, check_finite=False)
         freedom = float(np.trace(scipy.linalg.cho_solve(factor, columns.D, check_finite=False)))
         drop = float(2.0 * c @ columns.s - c @ (columns.D @ c))
-        J = columns.J(drop, freedom, looked)
+        J = columns.score(drop, freedom, looked)
         if best is None or best[0] < J:
             best = J, P
     assert best is not None

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.criterion.curves.curve import CURVE, Curve
-from sdp_vs_penalty.criterion.curves.measure import Measured
-from sdp_vs_penalty.criterion.events import events, outliers
-from sdp_vs_penalty.criterion.findings import (
+from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
+from sdp_vs_penalty.diagnosis.curves.measure import Measured
+from sdp_vs_penalty.diagnosis.events import events, outliers
+from sdp_vs_penalty.diagnosis.findings import (
     EFFECT_MISSING,
     NOTHING_MISSING,
     UNKNOWN,
@@ -19,16 +19,16 @@ from sdp_vs_penalty.criterion.findings import (
     Finding,
     Invisible,
 )
-from sdp_vs_penalty.criterion.held_out import HeldOut
-from sdp_vs_penalty.criterion.reasons import REASONS, Evidence, reasons
-from sdp_vs_penalty.criterion.remaining import Remainder, remainder, residual_beside
-from sdp_vs_penalty.criterion.retunes import retunes
-from sdp_vs_penalty.criterion.score import Term
-from sdp_vs_penalty.criterion.search import Search
-from sdp_vs_penalty.criterion.sentences import remarks, sentence, size_of
-from sdp_vs_penalty.criterion.sizes import size_of_term, torque_errors
-from sdp_vs_penalty.criterion.whitening import spread_columns
+from sdp_vs_penalty.diagnosis.held_out import HeldOut
+from sdp_vs_penalty.diagnosis.reasons import REASONS, Evidence, reasons
+from sdp_vs_penalty.diagnosis.remaining import Remainder, remainder, residual_beside
+from sdp_vs_penalty.diagnosis.retunes import retunes
+from sdp_vs_penalty.diagnosis.score import Term
+from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.sentences import remarks, sentence, size_of
+from sdp_vs_penalty.diagnosis.sizes import size_of_term, torque_errors
 from sdp_vs_penalty.diagnosis.where_it_fails import carriers
+from sdp_vs_penalty.diagnosis.whitening import spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
@@ -36,7 +36,8 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Share of its energy from which nobody sees an effect beside the model.
 INVISIBLE = 0.999
-#: A finding that lowers no joint's held-out error by this share is minor where no repetition shows the noise.
+#: A finding that lowers no joint's held-out error by this share is minor where no repetition shows the
+#: noise.
 MINOR = 0.01
 
 
@@ -67,7 +68,8 @@ class OfferedCurve:
 
 @dataclass(frozen=True)
 class Left:
-    """What a model leaves: residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it; rest."""
+    """What a model leaves: residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it;
+    rest."""
 
     residual: Array
     odd: NDArray[np.bool_]

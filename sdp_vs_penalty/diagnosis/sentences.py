@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.criterion.held_out import Errors
-from sdp_vs_penalty.criterion.remaining import Remainder
-from sdp_vs_penalty.criterion.whitening import WhiteData
+from sdp_vs_penalty.diagnosis.held_out import Errors
+from sdp_vs_penalty.diagnosis.remaining import Remainder
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
+from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
@@ -61,8 +61,8 @@ def remarks(
     found.append(repeatability_warning(new_share) or "")
     if held_out == "folds":
         found.append(
-            "Held-out errors come from folds by the phase of the motion: sizes from the other folds, the "
-            "choice of effects and constants from all rows. A test run (--test) judges both."
+            "Held-out errors come from folds by the phase of the motion: sizes from the other folds, "
+            "the choice of effects and constants from all rows. A test run (--test) judges both."
         )
     return tuple(text for text in found if text)
 
@@ -72,13 +72,13 @@ def _noise(source: str) -> str:
         return ""
     if source == RESIDUAL:
         return (
-            "No motion repeats and the log shows nothing above the motion's band, so noise and model error "
-            "cannot be separated: the noise shown is the error itself. Record a run with more than one "
-            "period."
+            "No motion repeats and the log shows nothing above the motion's band, so noise and model "
+            "error cannot be separated: the noise shown is the error itself. Record a run with more "
+            "than one period."
         )
     return (
-        "No motion repeats: the noise is that of the torque's spectrum above the motion's band, right within "
-        "30 %. Record a run with more than one period to know it better."
+        "No motion repeats: the noise is that of the torque's spectrum above the motion's band, right "
+        "within 30 %. Record a run with more than one period to know it better."
     )
 
 

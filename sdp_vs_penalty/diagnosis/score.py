@@ -1,4 +1,5 @@
-"""The one score: a penalised likelihood whose evidence is coarsened and robust against what a model lacks.
+"""The one score: a penalised likelihood whose evidence is coarsened and robust against what a model
+lacks.
 
 A form beside the model and the terms that were chosen scores
 
@@ -26,8 +27,8 @@ import numpy as np
 import scipy.linalg
 from scipy.optimize import nnls
 
-from sdp_vs_penalty.criterion.library import Batch, Form
-from sdp_vs_penalty.criterion.whitening import WhiteData
+from sdp_vs_penalty.diagnosis.library import Batch, Form
+from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Rows of a joint beyond which more of them tell no law better.
@@ -64,8 +65,8 @@ class Term:
 class Fit:
     """The model and some terms fitted to white rows, each joint's divided by its ``level`` (n,).
 
-    Q (n, M, r) : Q Q' projects onto their columns; residual (n, M) : what they leave; rss, degrees (n,) :
-    squared error in units of the noise, and rows less the joint's share of the rank; target (n, M);
+    Q (n, M, r) : Q Q' projects onto their columns; residual (n, M) : what they leave; rss, degrees (n,)
+    : squared error in units of the noise, and rows less the joint's share of the rank; target (n, M);
     beside_model (r, K) : the terms' columns in the basis Q.
     """
 
@@ -181,7 +182,7 @@ class Score:
             return none
         known = self.prior(form, tuple(columns), energy)
         A = D + np.diag(known**-2.0)
-        inverse = np.linalg.inv(_ridged(A))
+        inverse = np.asarray(np.linalg.inv(_ridged(A)))
         beta = _bounded(A, flat.T @ fit.residual.ravel(), form.nonnegative)
         left = fit.residual - T @ beta
         drop = before - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
@@ -225,8 +226,8 @@ class Score:
         return self._judged(fit.without(direction), fit.deviance(fit.rss), form, columns, float(form.k))
 
     def _directions(self, fit: Fit) -> dict[tuple[int, ...], Array]:
-        """By place in theta, the direction (r,) of a fit's columns that one of the model's own makes alone:
-        w with B'w = e, B the columns in the basis of the fit."""
+        """By place in theta, the direction (r,) of a fit's columns that one of the model's own makes
+        alone: w with B'w = e, B the columns in the basis of the fit."""
         if self._last is None or self._last[0] is not fit:
             X = self.data.X / fit.level[:, None, None]
             B = np.tensordot(fit.Q, X, axes=((0, 1), (0, 1)))
@@ -281,7 +282,8 @@ class Score:
 
 
 def orthonormal(columns: Array) -> Array:
-    """An orthonormal basis (N, r) of columns (N, p), their rank found by a pivoted QR of their triangle."""
+    """An orthonormal basis (N, r) of columns (N, p), their rank found by a pivoted QR of their
+    triangle."""
     norms = np.linalg.norm(columns, axis=0)
     unit = columns[:, norms > 1e-12 * norms.max(initial=0.0)]
     if not unit.shape[1]:

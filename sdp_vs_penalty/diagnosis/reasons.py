@@ -1,4 +1,5 @@
-"""Why a finding is weak: one list of named reasons, from which confidence follows, and the legend is made."""
+"""Why a finding is weak: one list of named reasons, from which confidence follows, and the legend is
+made."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdp_vs_penalty.criterion.search import APART
+from sdp_vs_penalty.diagnosis.search import APART
 from sdp_vs_penalty.effects.effect import Effect, Seen
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -38,10 +39,11 @@ _TORQUE, _FAR = 1.0, 3.0
 
 @dataclass(frozen=True)
 class Evidence:
-    """What is known of a finding. size, std; J : score; rivals : whether there are any; before, after (n,) :
-    held-out errors of the ladder's step, left (n,) : what remains beyond the noise at its end; joints : on
-    which it acts; absorbed, shared : shares of its energy; torque : its RMS over its joint's, the largest;
-    plausible : the sizes' ratio to what the effect says is plausible, the largest."""
+    """What is known of a finding. size, std; J : score; rivals : whether there are any; before, after
+    (n,) : held-out errors of the ladder's step, left (n,) : what remains beyond the noise at its end;
+    joints : on which it acts; absorbed, shared : shares of its energy; torque : its RMS over its
+    joint's, the largest; plausible : the sizes' ratio to what the effect says is plausible, the
+    largest."""
 
     effect: Effect
     size: float

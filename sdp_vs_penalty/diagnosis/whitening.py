@@ -1,4 +1,5 @@
-"""White rows: the log's rows in units of their noise, the model's own columns on them, and their clusters."""
+"""White rows: the log's rows in units of their noise, the model's own columns on them, and their
+clusters."""
 
 from __future__ import annotations
 
@@ -17,8 +18,8 @@ from sdp_vs_penalty.signals.phases import MotionClock, PhaseFolds, motion_clocks
 from sdp_vs_penalty.signals.repetition import is_part
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
 
-#: Clusters of rows: stretches of time in all runs, and stretches of each motion's phase. 30 to 60 are what
-#: cluster-robust variances need (Cameron, Miller, J. Human Resources 2015, sec. VI).
+#: Clusters of rows: stretches of time in all runs, and stretches of each motion's phase. 30 to 60 are
+#: what cluster-robust variances need (Cameron, Miller, J. Human Resources 2015, sec. VI).
 TIME_CLUSTERS, PHASE_CLUSTERS = 60, 40
 
 
@@ -26,8 +27,9 @@ TIME_CLUSTERS, PHASE_CLUSTERS = 60, 40
 class WhiteData:
     """Rows whose noise is white and of unit variance, joint by joint.
 
-    X (n, M, p), y (n, M) : the model's own columns and the torque, or what a frozen model leaves, white; clusters : (M,) labels, by
-    time and by phase; count (n,) : rows that carry information; frozen : X has no columns.
+    X (n, M, p), y (n, M) : the model's own columns and the torque, or what a frozen model leaves, white;
+    clusters : (M,) labels, by time and by phase; count (n,) : rows that carry information; frozen : X
+    has no columns.
     """
 
     rows: SegmentedRuns
@@ -213,7 +215,8 @@ def stretches(
 
 
 def phase_folds(rows: SegmentedRuns, clocks: dict[int, MotionClock]) -> NDArray[np.intp]:
-    """(M,) five folds by phase, each of two stretches of every motion's clock: training data surround it."""
+    """(M,) five folds by phase, each of two stretches of every motion's clock: training data surround
+    it."""
     out = np.zeros(len(rows.t), np.intp)
     for run, clock in clocks.items():
         mine = rows.run == run

@@ -1,1 +1,0 @@
-"""Diagnosis by one criterion."""
