@@ -16,7 +16,7 @@ from sdp_vs_penalty.diagnosis.curves.measure import Measured, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import RAISES, HeldOut, folds_of, on_folds, on_test, raises
 from sdp_vs_penalty.diagnosis.library import library
-from sdp_vs_penalty.diagnosis.retunes import shape_estimate
+from sdp_vs_penalty.diagnosis.retunes import shape_estimate, told
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import size_of_term
@@ -159,8 +159,9 @@ def _offered(search: Search, judge: _Judge) -> Found:
         now = adopted(first, shapes, judge.data)
         beside = carried(search, now)
         after = judge.of(beside, (), now).errors(()).every
-        worse = np.flatnonzero(after > (1.0 + RAISES) * before)
-        if not len(worse):
+        worse = set(np.flatnonzero(after > (1.0 + RAISES) * before).tolist())
+        worse |= {s.joint for s in shapes if not told(s, before, after)}
+        if not worse:
             break
         kept = [t for t in own if t.form.key[1] not in worse]
         own = kept if len(kept) < len(own) else []

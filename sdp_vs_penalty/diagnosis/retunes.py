@@ -20,6 +20,8 @@ from sdp_vs_penalty.show import plain_unit
 
 #: Share of the range, in its own scale, nearer to an end than which a constant lies at it.
 _AT_END = 0.02
+#: A constant moves by so many standard deviations, and by this share, which less makes no other torque.
+_FAR, _MOVES = 3.0, 0.05
 
 
 @dataclass(frozen=True)
@@ -78,12 +80,19 @@ def shape_estimate(term: Term, estimate: Estimate, size: Size) -> ShapeEstimate:
     return ShapeEstimate(effect.name, joint, name, now.shape[name], after, std, term.J, bool(at_end))
 
 
+def told(s: ShapeEstimate, before: Array, after: Array) -> bool:
+    """Whether the data tell a constant from the model's, and its joint's held-out error falls."""
+    spread = s.std / s.after if np.isfinite(s.std) else 0.0
+    moves = abs(np.log(s.after / s.before)) >= max(_FAR * spread, _MOVES)
+    return bool(moves and s.gain > APART and after[s.joint] < before[s.joint])
+
+
 def retunes(
     found: Sequence[ShapeEstimate], robot: Robot, before: Array, after: Array
 ) -> tuple[Retune, ...]:
     """before, after (n,) : held-out errors with the model's own constants, and with the new ones."""
     out = []
-    for s in found:
+    for s in (s for s in found if told(s, before, after)):
         shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
         values = [shape.said(v, kind) for v in (s.after, s.before)]
         unit = plain_unit(robot.torque_units[s.joint])
@@ -94,9 +103,7 @@ def retunes(
         remarks = []
         if s.at_end:
             remarks.append("it lies at the end of the range in which it was looked for")
-        if s.gain < 2.0 * APART:
+        if s.gain <= 2.0 * APART:
             remarks.append("its gain is small")
-        if not errors[1] < errors[0]:
-            remarks.append("its joint's held-out error does not fall")
         out.append(Retune(s, "weak" if remarks else "confident", *errors, said, tuple(remarks)))
     return tuple(out)

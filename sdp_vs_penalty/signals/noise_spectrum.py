@@ -1,9 +1,9 @@
 """The noise of measured torque from its spectrum above the band of the motion.
 
 Above the frequencies that a motion holds a torque's spectrum is that of its noise. It is modelled as a
-first-order autoregression, S(w) = c / (1 + a^2 - 2 a cos(w)), fitted to the medians over windows of the
-log-periodograms (a reversal or a blow fills few windows), and continued below, where it passes the
-low-pass H of the rows: floor^2 = mean over w of S |H|^2.
+first-order autoregression, S(w) = c / (1 + a^2 - 2 a cos(w)), fitted to lower quartiles over windows
+of periodograms (friction that turns round, or a blow, spoils some windows), and continued below,
+where it passes the low-pass H of the rows: floor^2 = mean over w of S |H|^2.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ SPECTRUM = "spectrum"
 #: at which the band may begin.
 _ABOVE, _LAST, _LATEST = 2.0, 0.45, 0.33
 #: Windows are so many periods of the cut-off long, and at least so many samples; fewest windows.
-_PERIODS, _SHORTEST, _FEWEST = 6.0, 32, 5
+_PERIODS, _SHORTEST, _FEWEST = 2.5, 32, 12
+#: Share of the windows that are quiet at least, and degree of the motion's course within one.
+_QUIET, _DEGREE = 0.15, 3
 #: Coefficients a of the autoregression that are tried.
 _COLOURS = np.linspace(-0.5, 0.97, 148)
 
@@ -35,7 +37,8 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
         return None
     part = next(p for p, f in zip(parts, found, strict=True) if f is not None)
     known = [p for p in known if p.shape[1] == known[0].shape[1]]
-    powers = np.median(np.concatenate(known), axis=0) / np.log(2.0)
+    # A periodogram of noise is exponential: so much of its mean is its quantile.
+    powers = np.quantile(np.concatenate(known), _QUIET, axis=0) / -np.log1p(-_QUIET)
     size = 2 * (powers.shape[0] - 1)
     frequency = np.fft.rfftfreq(size, part.dt)
     first = min(_ABOVE * runs.cutoff, _LATEST / part.dt)
@@ -67,5 +70,6 @@ def _powers(part: Stretch, cutoff: float) -> Array | None:
     x = part.resampled(part.tau, 0, part.count)
     starts = np.arange(0, len(x) - length + 1, length // 2)
     pieces = np.stack([x[k : k + length] for k in starts])
-    pieces = pieces - pieces.mean(axis=1, keepdims=True)
+    course = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, length), _DEGREE + 1))[0]
+    pieces = pieces - course @ (course.T @ pieces)
     return np.asarray(np.abs(np.fft.rfft(pieces * window, axis=1)) ** 2 / np.sum(window**2))
