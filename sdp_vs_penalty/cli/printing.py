@@ -264,8 +264,8 @@ def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding])
         if rest == "" and finding.indistinguishable_from:
             rest = f". Indistinguishable from {', '.join(finding.indistinguishable_from)} in these data."
         said.add(finding.effect)
-        weak = f" Weak: {'; '.join(finding.remarks)}." if finding.remarks else ""
-        explain(f"{k}. {head}{rest}{weak}")
+        why = f" Weak: {'; '.join(finding.remarks)}." if finding.remarks else ""
+        explain(f"{k}. {head}{rest}{why}")
     if len(shown) < len(result.effects):
         more = ", ".join(f.text.partition("@")[0] for f in result.effects[len(shown) :])
         explain(f"further weak candidates: {more}")

@@ -7,7 +7,7 @@ like all others, and is never a finding.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Hashable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,7 +21,6 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_profiles import alone
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 #: (effect name, joint from 0; None: the whole robot).
@@ -50,6 +49,12 @@ class Form:
         if self.own:
             return 1
         return sum(self.effect.shapes[x].bounds is not None for x in self.effect.searched)
+
+    @property
+    def law(self) -> tuple[Hashable, ...]:
+        """Its candidate, and the constants that are choices among which nothing is refined."""
+        chosen = (v for x, v in self.effect.shape.items() if self.effect.shapes[x].bounds is None)
+        return (*self.key, *chosen)
 
     @property
     def nonnegative(self) -> list[bool]:
@@ -141,6 +146,8 @@ def own_forms(estimate: Estimate) -> Iterator[Form]:
                     continue
                 now = effect.shape[name]
                 values = shape.grid or tuple(now * 2.0 ** np.linspace(-2.0, 2.0, 5))
+                if shape.earned is not None:
+                    values = (*values, float(np.sqrt(values[-1] * shape.earned)), shape.earned)
                 for v in values:
                     if abs(np.log(v / now)) > 0.2:
                         other = alone(effect, joint, **{name: float(v)})
@@ -186,7 +193,7 @@ def turning(rows: SegmentedRuns, effect: Effect) -> float:
     return rows.segments[0].motion.width(effect.joints[0])
 
 
-def eligible(forms: Sequence[Form], picked: Sequence[Form], model: Model, robot: Robot) -> list[bool]:
+def eligible(forms: Sequence[Form], picked: Sequence[Form], model: Model) -> list[bool]:
     """Which forms may join: nothing twice, a finer form only where what it refines is there."""
     taken = {p.key for p in picked if p.own or not p.effect.several}
     present = {p.key for p in picked} | {(e.name, j) for e in model.effects for j in e.joints}

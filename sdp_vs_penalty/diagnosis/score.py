@@ -67,7 +67,8 @@ class Fit:
 
     Q (n, M, r) : Q Q' projects onto their columns; residual (n, M) : what they leave; rss, degrees (n,)
     : squared error in units of the noise, and rows less the joint's share of the rank; target (n, M);
-    beside_model (r, K) : the terms' columns in the basis Q.
+    beside_model (r, K) : the terms' columns in the basis Q; dropped : places in theta of the model's
+    columns that terms stand for.
     """
 
     Q: Array
@@ -78,6 +79,7 @@ class Fit:
     degrees: Array
     floor: float
     beside_model: Array
+    dropped: tuple[int, ...] = ()
 
     def deviance(self, rss: Array) -> float:
         """-2 log L of the joints' squared errors (n,)."""
@@ -127,7 +129,8 @@ class Score:
     def fit(self, terms: Sequence[Term], level: Array | None = None) -> Fit:
         """The model with the terms, each joint's rows weighted by what is left of them."""
         data = self.data
-        B, gram = self._basis(tuple(sorted({i for t in terms for i in t.form.own})))
+        dropped = tuple(sorted({i for t in terms for i in t.form.own}))
+        B, gram = self._basis(dropped)
         n, M, r = B.shape
         sizes = [t.form.k for t in terms]
         A = np.zeros((n, M, r + sum(sizes)))
@@ -160,7 +163,7 @@ class Score:
         residual = target - Q @ np.tensordot(Q, target, axes=((0, 1), (0, 1)))
         rss = np.sum(residual**2, axis=1) * level**2
         others = np.tensordot(Q, A[:, :, r:], axes=((0, 1), (0, 1)))
-        return Fit(Q, residual, target, level, rss, degrees, self.floor, others)
+        return Fit(Q, residual, target, level, rss, degrees, self.floor, others, dropped)
 
     def judged(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
         """A form beside a fit."""
@@ -180,7 +183,7 @@ class Score:
         D = flat.T @ flat
         if np.any(np.diagonal(D) <= ABSORBED * energy):
             return none
-        known = self.prior(form, tuple(columns), energy)
+        known = self.prior(fit, form, tuple(columns), energy)
         A = D + np.diag(known**-2.0)
         inverse = np.asarray(np.linalg.inv(_ridged(A)))
         beta = _bounded(A, flat.T @ fit.residual.ravel(), form.nonnegative)
@@ -212,11 +215,17 @@ class Score:
                 best, out = times, S
         return out, best
 
-    def prior(self, form: Form, joints: tuple[int, ...], energy: Array) -> Array:
+    def prior(self, fit: Fit, form: Form, joints: Sequence[int], energy: Array) -> Array:
         """(k,) standard deviations of a form's coefficients about zero before anything is measured: what
-        its effect says."""
+        its effect says; else that it makes no more torque than its joints have in all.
+
+        energy (k,) : of the form's weighted columns.
+        """
         known = form.effect.plausible
-        return np.full(form.k, np.inf) if known is None else known
+        if known is not None:
+            return known
+        whole = float(np.sum(fit.target[list(joints)] ** 2))
+        return np.asarray(np.sqrt(whole / np.maximum(energy, 1e-300)))
 
     def _retuned(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
         """A form in the place of the model's own column, of which the fit has one."""
@@ -231,6 +240,7 @@ class Score:
         if self._last is None or self._last[0] is not fit:
             X = self.data.X / fit.level[:, None, None]
             B = np.tensordot(fit.Q, X, axes=((0, 1), (0, 1)))
+            B[:, list(fit.dropped)] = 0.0
             norms = np.linalg.norm(B, axis=0)
             B = np.hstack([B / np.where(norms > 0.0, norms, 1.0), fit.beside_model])
             W = np.linalg.pinv(B.T, rcond=1e-9)
@@ -274,7 +284,7 @@ class Score:
         out = np.full(F, -k * price)
         for f in np.flatnonzero(seen).tolist():
             form = batch.forms[f]
-            A = D[f] + np.diag(self.prior(form, batch.joints, energy[f]) ** -2.0)
+            A = D[f] + np.diag(self.prior(fit, form, batch.joints, energy[f]) ** -2.0)
             beta = _bounded(A, pull[f], form.nonnegative)
             freedom = float(np.sum(np.diagonal(np.linalg.solve(_ridged(A), D[f]))))
             out[f] = 2.0 * beta @ pull[f] - beta @ A @ beta - freedom * price

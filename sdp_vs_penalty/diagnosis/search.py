@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence, Set
+from collections.abc import Callable, Hashable, Iterable, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +24,9 @@ FORM = 0.04
 LOOKED_AT, STEPS = 10, 30
 #: Shape constants are refined on a lattice: ratio of neighbours at first, and how often it is halved.
 _FIRST, _HALVINGS = 1.6, 3
+#: Of a candidate's laws (choices among which nothing is refined) those that take at least this share of
+#: what its best one takes are looked at.
+_LIKELY = 0.9
 #: How often a constant that is as large as its effect (a delay's) is made so.
 _SIZED = 2
 
@@ -73,6 +76,8 @@ class Search:
         if shape.bounds is None:
             return start
         low, high = shape.bounds
+        if start.form.own and shape.earned is not None:
+            high = max(high, shape.earned)
         linear, u = shape.scale == "linear", effect.shape[name]
         grid = sorted(
             {s[name] for s in type(effect).starts(effect.robot, effect.joints[0]) if name in s}
@@ -110,23 +115,27 @@ class Search:
         self, fit: Fit, terms: Sequence[Term], most: int = LOOKED_AT, on: frozenset[int] | None = None
     ) -> list[Term]:
         """The most likely form of each candidate, refined, the best first."""
-        best: dict[tuple[str, int | None], tuple[float, Form, dict[int, Array]]] = {}
+        best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
         picked = [t.form for t in terms]
         for batch in self.library.batches:
             if on is not None and not on & set(batch.joints):
                 continue
             values = self.score.screened(fit, batch)
-            free = eligible(batch.forms, picked, self.data.estimate.model, self.data.estimate.robot)
+            free = eligible(batch.forms, picked, self.data.estimate.model)
             for f in np.argsort(-values):
                 form = batch.forms[f]
                 if values[f] <= 0.0:
                     break
-                if free[f] and values[f] > best.get(form.key, (0.0,))[0]:
-                    best[form.key] = float(values[f]), form, batch.columns(int(f))
-        close = sorted(best.values(), key=lambda b: -b[0])[:most]
-        found = [self.score.judged(fit, form, columns) for _, form, columns in close]
-        for b in close:
-            self._kept.setdefault(b[1].effect.text, b[2])
+                if free[f] and values[f] > best.get(form.law, (0.0,))[0]:
+                    best[form.law] = float(values[f]), form, batch.columns(int(f))
+        close, tops = [], dict[tuple[str, int | None], float]()
+        for value, form, columns in sorted(best.values(), key=lambda b: -b[0]):
+            if len(tops) == most and form.key not in tops:
+                continue
+            if value >= _LIKELY * tops.setdefault(form.key, value):
+                close.append(self.score.judged(fit, form, columns))
+                self._kept.setdefault(form.effect.text, columns)
+        found = close
         own: dict[tuple[str, int | None], Term] = {}
         taken = {t.key for t in terms}
         for form, columns in self.library.own:

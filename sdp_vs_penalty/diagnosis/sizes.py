@@ -36,8 +36,10 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
     :func:`torque_errors`."""
     data, k = search.data, term.form.k
     fit = search.score.fit([t for t in search.terms if t is not term], search.fit.level)
-    columns = [fit.beside(fit.scaled(term.columns))]
-    known = search.score.prior(term.form, tuple(term.columns), np.ones(k))
+    scaled = fit.scaled(term.columns)
+    columns = [fit.beside(scaled)]
+    energy = np.asarray(sum(np.sum(z**2, axis=0) for z in scaled.values()))
+    known = search.score.prior(fit, term.form, tuple(scaled), energy)
     own = free_constants(term.form.effect)
     for t in [term, *(t for t in search.terms if t is not term)]:
         if free_constants(t.form.effect):
@@ -45,9 +47,7 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
             if moved:
                 columns.append(fit.beside(fit.scaled(moved)))
     T = np.concatenate(columns, axis=2)
-    prior = np.concatenate(
-        [np.where(np.isfinite(known), known, np.inf) ** -2.0, np.ones(T.shape[2] - k)]
-    )
+    prior = np.concatenate([known**-2.0, np.ones(T.shape[2] - k)])
     A = np.tensordot(T, T, axes=((0, 1), (0, 1))) + np.diag(prior)
     inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
     beta = term.beta
