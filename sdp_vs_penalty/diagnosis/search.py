@@ -115,8 +115,20 @@ class Search:
         self, fit: Fit, terms: Sequence[Term], most: int = LOOKED_AT, on: frozenset[int] | None = None
     ) -> list[Term]:
         """The most likely form of each candidate, refined, the best first."""
+        found = self._screened(fit, [t.form for t in terms], most, on)
+        top = max((t.J for t in found), default=0.0)
+        likely = [t for t in found if 0.5 * top - 3.0 * APART < t.J]
+        # A width that is far from those on the grid says little there, and all where it is right.
+        own = [t for t in self._own(fit, {t.key for t in terms}, on) if t.J > 0.0]
+        ranked = sorted((self.refined(fit, t) for t in [*likely, *own]), key=lambda t: -t.J)
+        first = {t.key: t for t in reversed(ranked)}
+        return [t for t in ranked if first[t.key] is t]
+
+    def _screened(
+        self, fit: Fit, picked: Sequence[Form], most: int, on: frozenset[int] | None
+    ) -> list[Term]:
+        """Of so many candidates that take most the likely laws, as they are on the grids."""
         best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
-        picked = [t.form for t in terms]
         for batch in self.library.batches:
             if on is not None and not on & set(batch.joints):
                 continue
@@ -128,26 +140,27 @@ class Search:
                     break
                 if free[f] and values[f] > best.get(form.law, (0.0,))[0]:
                     best[form.law] = float(values[f]), form, batch.columns(int(f))
-        close, tops = [], dict[tuple[str, int | None], float]()
+        found, tops = [], dict[tuple[str, int | None], float]()
         for value, form, columns in sorted(best.values(), key=lambda b: -b[0]):
             if len(tops) == most and form.key not in tops:
                 continue
             if value >= _LIKELY * tops.setdefault(form.key, value):
-                close.append(self.score.judged(fit, form, columns))
+                found.append(self.score.judged(fit, form, columns))
                 self._kept.setdefault(form.effect.text, columns)
-        found = close
-        own: dict[tuple[str, int | None], Term] = {}
-        taken = {t.key for t in terms}
+        return found
+
+    def _own(
+        self, fit: Fit, taken: Set[tuple[str, int | None]], on: frozenset[int] | None
+    ) -> list[Term]:
+        """The best value of each of the model's own shape constants, as it is on the grids."""
+        best: dict[tuple[str, int | None], Term] = {}
         for form, columns in self.library.own:
             if form.key in taken or (on is not None and not on & set(columns)):
                 continue
             term = self.score.judged(fit, form, columns)
-            if term.J > own.get(form.key, term).J or form.key not in own:
-                own[form.key] = term
-        found += sorted(own.values(), key=lambda t: -t.J)[: max(1, most // 3)]
-        top = max((t.J for t in found), default=0.0)
-        likely = [t for t in found if 0.5 * top - 3.0 * APART < t.J]
-        return sorted((self.refined(fit, t) for t in likely), key=lambda t: -t.J)
+            if form.key not in best or best[form.key].J < term.J:
+                best[form.key] = term
+        return list(best.values())
 
     def best(
         self, fit: Fit, terms: Sequence[Term], most: int = LOOKED_AT, on: frozenset[int] | None = None
