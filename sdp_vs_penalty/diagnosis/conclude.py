@@ -110,7 +110,7 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     findings = tuple(f for f, m in zip(every, minor, strict=True) if not m)
     beside = tuple(replace(f, confidence="minor") for f, m in zip(every, minor, strict=True) if m)
     curves = _told(found, seed)
-    verdict = UNKNOWN if left.matters else EFFECT_MISSING if findings else NOTHING_MISSING
+    verdict = UNKNOWN if left.matters or curves else EFFECT_MISSING if findings else NOTHING_MISSING
     return Diagnosis(
         verdict,
         findings,

@@ -12,7 +12,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited
 from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
-from sdp_vs_penalty.diagnosis.curves.measure import Measured, measured_curves
+from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import RAISES, HeldOut, folds_of, on_folds, on_test, raises
 from sdp_vs_penalty.diagnosis.library import library
@@ -172,9 +172,10 @@ def _offered(search: Search, judge: _Judge) -> Found:
     final = limited(beside, [terms[k] for k in order])
     found = Found(first, now, tuple(shapes), final, held_out, tuple(order), before)
     left = what_is_left(final)
-    if not left.matters:
+    parts = in_parts(final)
+    if not left.matters and not parts:
         return found
-    curves = measured_curves(final, left.matters, folds_of(final.data))
+    curves = measured_curves(final, left.matters, parts, folds_of(final.data))
     return _with_curves(found, curves, judge)
 
 

@@ -229,10 +229,15 @@ class Score:
 
     def _retuned(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
         """A form in the place of the model's own column, of which the fit has one."""
-        direction = self._directions(fit).get(form.own)
-        if direction is None:
+        bare = self.without_own(fit, form)
+        if bare is None:
             return Term(form, columns, beta=np.zeros(form.k))
-        return self._judged(fit.without(direction), fit.deviance(fit.rss), form, columns, float(form.k))
+        return self._judged(bare, fit.deviance(fit.rss), form, columns, float(form.k))
+
+    def without_own(self, fit: Fit, form: Form) -> Fit | None:
+        """A fit without the model's own column that a form stands for; None where others make it."""
+        direction = self._directions(fit).get(form.own)
+        return None if direction is None else fit.without(direction)
 
     def _directions(self, fit: Fit) -> dict[tuple[int, ...], Array]:
         """By place in theta, the direction (r,) of a fit's columns that one of the model's own makes

@@ -36,6 +36,8 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
     :func:`torque_errors`."""
     data, k = search.data, term.form.k
     fit = search.score.fit([t for t in search.terms if t is not term], search.fit.level)
+    if term.form.own:
+        fit = search.score.without_own(fit, term.form) or fit
     scaled = fit.scaled(term.columns)
     columns = [fit.beside(scaled)]
     energy = np.asarray(sum(np.sum(z**2, axis=0) for z in scaled.values()))

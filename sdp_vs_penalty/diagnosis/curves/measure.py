@@ -16,11 +16,16 @@ from sdp_vs_penalty.diagnosis.curves.laws import Law
 from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit, band, smoothed
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import APART, EQUIVALENT, FORM, Search
+from sdp_vs_penalty.effects.effect import follows_alone
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Curves of a joint that are fitted on exact columns, and curves of a joint at most.
 _CLOSE, _MOST = 4, 2
+
+
+#: The score of a curve, the curve, and the law that it is.
+_Rated = tuple[float, SplineFit, LawFit | None]
 
 
 @dataclass(frozen=True)
@@ -68,38 +73,55 @@ class Measured:
         )
 
 
-def measured_curves(search: Search, joints: Sequence[int], fold: NDArray[np.intp]) -> list[Measured]:
-    """The curves of these joints (from 0), each beside all findings or instead of those of its joint
-    alone;
+def in_parts(search: Search) -> list[int]:
+    """Joints (from 0) on which two terms or more follow nothing but its position: parts, perhaps, of one
+    function of it."""
+    parts = [
+        next(iter(t.joints))
+        for t in search.terms
+        if len(t.joints) == 1 and follows_alone(t.form.effect, "q")
+    ]
+    return sorted({j for j in parts if parts.count(j) > 1})
+
+
+def measured_curves(
+    search: Search, left: Sequence[int], parts: Sequence[int], fold: NDArray[np.intp]
+) -> list[Measured]:
+    """The curves of joints (from 0) on which something is ``left``, each beside all terms or instead of
+    those of its joint alone; and of joints whose terms may be ``parts`` of one, instead of them.
     fold (M,) : for the values without each fold."""
-    data = search.data
-    model = data.estimate.model
+    data, model = search.data, search.data.estimate.model
     effects = [*model.effects, *(t.form.effect for t in search.terms)]
     variables = Variables(data.rows, model.robot, effects)
     out: list[Measured] = []
     terms = list(search.terms)
-    for joint in joints:
+    for joint in dict.fromkeys([*left, *parts]):
         for _ in range(_MOST):
             own = [t for t in terms if t.joints == {joint} and not _is_curve(t)]
             rest = [t for t in terms if all(t is not o for o in own)]
-            beside = _best(search, terms, joint, variables)
+            beside = _best(search, terms, joint, variables) if joint in left else None
             alone = _best(search, rest, joint, variables) if own else None
-            named = sum(t.J for t in own)
-            if alone is not None:
-                with_names = named + (0.0 if beside is None else beside[0].J)
-                least = EQUIVALENT + FORM * with_names
-                # What needs a curve beside its names, and is as well said by one curve alone, has no
-                # name.
-                if with_names - (least if beside is not None else -least) < alone[0].J:
-                    beside, terms = alone, rest
-                else:
-                    own = []
+            if alone is not None and _instead(own, alone, beside):
+                beside, terms = alone, rest
+            else:
+                own = []
             if beside is None:
                 break
-            found = _measured(search, *beside, variables, fold, tuple(own))
+            _, f, law = beside
+            found = _measured(search, f, law, variables, fold, tuple(own))
             out.append(found)
             terms.append(_term(search, found))
     return out
+
+
+def _instead(own: Sequence[Term], alone: _Rated, beside: _Rated | None) -> bool:
+    """Whether a curve alone stands in the place of a joint's terms: where these need a curve besides, or
+    have more constants than its law, it only has to be as good."""
+    J, _, law = alone
+    named = sum(t.J for t in own) + (0.0 if beside is None else beside[0])
+    least = EQUIVALENT + FORM * named
+    simpler = law is not None and law.size < sum(t.form.k + t.form.constants for t in own)
+    return named + (-least if beside is not None or simpler else least) < J
 
 
 def _is_curve(term: Term) -> bool:
@@ -114,9 +136,7 @@ def _term(search: Search, found: Measured) -> Term:
     return Term(form, search.data.columns(found.table), found.J, np.ones(1), np.zeros((1, 1)))
 
 
-def _best(
-    search: Search, terms: Sequence[Term], joint: int, variables: Variables
-) -> tuple[SplineFit, LawFit | None] | None:
+def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variables) -> _Rated | None:
     """The curve of a joint that scores most beside some terms, with its law."""
     fit, data, score = search.score.fit(terms, search.fit.level), search.data, search.score
     every = [b for v in variables.of(joint) if (b := variables.basis(v)) is not None]
@@ -138,7 +158,7 @@ def _best(
             parts.append(s.low_pass @ law.columns(points, constants))
         return gains[joint] * np.concatenate(parts)
 
-    rated: list[tuple[float, SplineFit, LawFit | None]] = []
+    rated: list[_Rated] = []
     for f in exact:
         laws = recognised(f, lambda law, b, f=f: on_rows(law, b, f.basis), score, len(every))  # type: ignore[misc]
         law = law_of(laws, f)
@@ -149,8 +169,7 @@ def _best(
         return None
     top = max(r[0] for r in rated)
     alike = [r for r in rated if r[0] > top - EQUIVALENT - FORM * top]
-    _, f, law = min(alike, key=lambda r: (len(r[1].basis.axes), r[2] is None, -r[0]))
-    return f, law
+    return min(alike, key=lambda r: (len(r[1].basis.axes), r[2] is None, -r[0]))
 
 
 def _needed(search: Search, terms: Sequence[Term], joint: int) -> float:
