@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.estimate import load_estimate as load_estimate
     from sdp_vs_penalty.estimation.excitation import excite as excite
     from sdp_vs_penalty.estimation.identify import identify as identify
-    from sdp_vs_penalty.estimation.reidentify import Reidentifier as Reidentifier
     from sdp_vs_penalty.exporters.export import export as export
     from sdp_vs_penalty.problem.convert import convert as convert
     from sdp_vs_penalty.problem.load import load_problem as load_problem
@@ -54,7 +53,6 @@ _HOME = {
     "load_problem": "problem.load",
     "Measurements": "data.measurements",
     "Problem": "problem.problem",
-    "Reidentifier": "estimation.reidentify",
     "report": "report",
     "simulate": "simulation.hidden_runs",
     "where_it_fails": "diagnosis.where_it_fails",

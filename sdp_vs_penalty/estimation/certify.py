@@ -25,7 +25,7 @@ from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
-from sdp_vs_penalty.robot import compiled, inertia
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.motion import record_motion
@@ -204,14 +204,9 @@ def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
 
 
-def versions() -> dict[str, str]:
-    """Versions of everything that a figure may depend on; of the compiled core where it is used."""
-    native = compiled.core()
-    return _installed() if native is None else {**_installed(), compiled.MODULE: native.__version__}
-
-
 @cache
-def _installed() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Versions of everything that a figure may depend on."""
     from importlib.metadata import PackageNotFoundError, version
 
     found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}

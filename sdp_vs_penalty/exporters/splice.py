@@ -14,8 +14,8 @@ from xml.sax.saxutils import escape
 
 from lxml import etree
 
-from sdp_vs_penalty.errors import InputError, unreadable
-from sdp_vs_penalty.files import opened
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import read_bytes
 
 #: A whole tag; a > inside quotes does not end it.
 _TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
@@ -37,11 +37,7 @@ class Document:
     def read(cls, path: str | Path) -> Self:
         """Raises InputError for a file that is no XML, has a document type, or is not ASCII-like."""
         path = Path(path)
-        opened(path)
-        try:
-            source = path.read_bytes()
-        except OSError as error:
-            raise unreadable(error, path) from error
+        source = read_bytes(path)
         if b"<!DOCTYPE" in source:
             raise InputError("files with a <!DOCTYPE> are not edited", "remove it", path)
         parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False)

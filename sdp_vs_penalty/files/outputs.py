@@ -1,7 +1,4 @@
-"""Outputs are written whole or not at all, never over what the same command has read; JSON is read.
-
-And where the files of the package itself are.
-"""
+"""Outputs are written whole or not at all, never over what the same command has read."""
 
 from __future__ import annotations
 
@@ -9,53 +6,15 @@ import csv
 import glob
 import io
 import itertools
-import json
 import os
 import stat
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import BinaryIO
 
-from sdp_vs_penalty.errors import InputError, unreadable
-
-T = TypeVar("T")
-
-#: Device and inode of every file that the running command was given or has read. None outside of one:
-#: in a notebook a model may be written over the file that it came from.
-_inputs: set[tuple[int, int]] | None = None
-
-
-@contextmanager
-def protecting() -> Iterator[None]:
-    """While this runs, no output may replace a file that :func:`opened` has heard of."""
-    global _inputs
-    before, _inputs = _inputs, set()
-    try:
-        yield
-    finally:
-        _inputs = before
-
-
-def problems_folder() -> Path:
-    """Where the built-in problems are: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).parent
-    inside = package / "problems"
-    return inside if inside.is_dir() else package.parent / "problems"
-
-
-def opened(path: str | Path) -> None:
-    """A reader says what it reads; of a folder all files in it. By inode, so that no link hides it."""
-    if _inputs is None:
-        return
-    path = Path(path)
-    try:
-        for file in path.iterdir() if path.is_dir() else [path]:
-            found = file.stat()
-            if stat.S_ISREG(found.st_mode):
-                _inputs.add((found.st_dev, found.st_ino))
-    except (OSError, ValueError):  # no such file, or no name of one: whoever reads it says so
-        return
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files.inputs import is_input
 
 
 @contextmanager
@@ -72,7 +31,7 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
         there = _there(path)
         if there is not None and stat.S_ISDIR(there.st_mode):
             raise InputError("cannot be written (it is a folder)", "name a file", path)
-        if there is not None and _inputs and (there.st_dev, there.st_ino) in _inputs:
+        if there is not None and is_input(there):
             raise InputError("is also an input of this command", "name another file to write", path)
         if there is None or stat.S_ISREG(there.st_mode):
             with _replacing(Path(os.path.realpath(path))) as file:
@@ -204,57 +163,3 @@ def as_csv(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows([headings, *rows])
     return out.getvalue()
-
-
-def read_table(path: Path) -> list[dict[str, str]]:
-    """The rows of a CSV table, as text by heading."""
-    opened(path)
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            return [dict(row) for row in csv.DictReader(file)]
-    except OSError as error:
-        raise unreadable(error, path) from error
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise InputError(f"not a CSV table ({error})", "write it anew as UTF-8 text", path) from error
-
-
-def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str, Any]], T]) -> T:
-    """What ``build`` makes of the JSON object at ``path``; every ``kind`` of file has a field ``mark``.
-
-    Raises InputError naming the file and what is wrong with it, whatever build raises on bad content.
-    """
-
-    def checked(data: Any) -> T:
-        if not isinstance(data, dict) or mark not in data:
-            raise InputError(f"not a {kind} of this program (no field {mark!r})", f"name a {kind}")
-        return build(data)
-
-    return _built(Path(path), "JSON", json.loads, checked, "write the file anew")
-
-
-def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
-    """What ``build`` makes of the TOML file at ``path``; errors as of :func:`read_json`."""
-    import tomllib
-
-    return _built(path, "TOML", tomllib.loads, build, "compare the file with a built-in one")
-
-
-def _built(
-    path: Path, kind: str, parse: Callable[[str], Any], build: Callable[[Any], T], remedy: str
-) -> T:
-    opened(path)
-    try:
-        data = parse(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise unreadable(error, path) from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"not a {kind} file ({error})", "correct it, or name another", path) from error
-    try:
-        return build(data)
-    except InputError as error:
-        # One that names a file of its own, which this one mentions, stays as it is.
-        raise error if isinstance(error.where, Path) else error.within(path) from error
-    except KeyError as error:
-        raise InputError(f"the field {error.args[0]!r} is missing", remedy, path) from error
-    except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise InputError(f"a field has the wrong content ({error})", remedy, path) from error
