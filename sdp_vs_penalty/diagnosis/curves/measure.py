@@ -14,6 +14,7 @@ from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
 from sdp_vs_penalty.diagnosis.curves.formula import LawFit, law_of, recognised, written
 from sdp_vs_penalty.diagnosis.curves.laws import Law
 from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit, band, smoothed
+from sdp_vs_penalty.diagnosis.library import Form
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import APART, EQUIVALENT, FORM, Search
 from sdp_vs_penalty.effects.effect import follows_alone
@@ -130,7 +131,6 @@ def _is_curve(term: Term) -> bool:
 
 def _term(search: Search, found: Measured) -> Term:
     """The curve as a term beside which the next one is looked for."""
-    from sdp_vs_penalty.diagnosis.library import Form
 
     form = Form((found.table.text, found.joint), found.table)
     return Term(form, search.data.columns(found.table), found.J, np.ones(1), np.zeros((1, 1)))
