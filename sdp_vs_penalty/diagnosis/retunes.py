@@ -73,7 +73,9 @@ def shape_estimate(term: Term, estimate: Estimate, size: Size) -> ShapeEstimate:
     effect, name, (joint,) = term.form.effect, term.form.moves, term.form.effect.joints
     now = next(e for e in estimate.model.effects if e.name == effect.name and joint in e.joints)
     after = float(f"{effect.shape[name]:.6g}")
-    low, high = np.log(effect.shapes[name].on(estimate.robot.joints[joint].kind).bounds or (1e-9, 1e9))
+    shape = effect.shapes[name].on(estimate.robot.joints[joint].kind)
+    ends = shape.bounds or (1e-9, 1e9)
+    low, high = np.log(ends[0]), np.log(shape.earned or ends[1])
     near = _AT_END * (high - low)
     at_end = not low + near < np.log(after) < high - near
     std = after * size.constants.get(name, np.inf)
