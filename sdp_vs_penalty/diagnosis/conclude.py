@@ -20,7 +20,7 @@ from sdp_vs_penalty.diagnosis.findings import (
     Invisible,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut
-from sdp_vs_penalty.diagnosis.reasons import REASONS, Evidence, reasons
+from sdp_vs_penalty.diagnosis.reasons import INVISIBLE, REASONS, Evidence, reasons
 from sdp_vs_penalty.diagnosis.remaining import Remainder, remainder, residual_beside
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.score import Term
@@ -34,8 +34,6 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Share of its energy from which nobody sees an effect beside the model.
-INVISIBLE = 0.999
 #: A finding that lowers no joint's held-out error by this share is minor where no repetition shows the
 #: noise.
 MINOR = 0.01

@@ -29,9 +29,10 @@ REASONS: Mapping[str, str] = {
 _UNCERTAIN = 0.2
 #: Share by which a held-out error has to fall.
 _FALLS = 0.001
-#: Share of an effect's energy that the model makes, and that other findings make, from which its size is
-#: not its own: standard deviations are then 10 and sqrt(1 / (1 - 0.8)) = 2.2 times as large as alone.
-_ABSORBED, _SHARED = 0.99, 0.8
+#: Share of an effect's energy that the model makes, from which nobody sees it beside the model; and that
+#: other findings make, from which its size is not its own: standard deviations are then 32 and 2.2 times
+#: as large as alone, 1 / sqrt(1 - share).
+INVISIBLE, _SHARED = 0.999, 0.8
 #: A torque is not plausible that is larger (RMS) than all of its joint's, and a size that is so many
 #: standard deviations from what its effect says of it.
 _TORQUE, _FAR = 1.0, 3.0
@@ -73,7 +74,7 @@ def reasons(e: Evidence) -> dict[str, str]:
         "not_held_out": not np.any(e.after[on] < (1.0 - _FALLS) * e.before[on]),
         "more_left": bool(explained < np.sum(e.left[on] ** 2)),
         "shared": e.shared > _SHARED,
-        "absorbed": e.absorbed > _ABSORBED,
+        "absorbed": e.absorbed > INVISIBLE,
         "implausible": e.torque > _TORQUE or e.plausible > _FAR,
         "looks_like": bool(looks_like),
     }

@@ -77,7 +77,7 @@ def test_a_finding_without_a_reason_is_confident() -> None:
         ("small", {"J": 15.0}),
         ("not_held_out", {"after": np.array([1.0, 0.4])}),
         ("more_left", {"left": np.array([0.9, 0.0])}),
-        ("absorbed", {"absorbed": 0.999}),
+        ("absorbed", {"absorbed": 0.9995}),
         ("shared", {"shared": 0.95}),
         ("implausible", {"torque": 12.0}),
         ("implausible", {"plausible": 10.0}),
