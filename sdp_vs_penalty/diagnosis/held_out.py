@@ -34,8 +34,8 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
 from sdp_vs_penalty.signals.stillness import STILL
 
 #: Share by which a finding, a curve or a retuned constant may raise the held-out error of any joint; and
-#: how many times as much those of the others have to fall (in logarithms) where one rises by more: on the
-#: Panda the hysteresis of joint 7 takes 63 % of its error, and one fold's refit adds 17 % to joint 6.
+#: how many times as much those of the others have to fall (in logarithms) where one rises by more: on
+#: the Panda the hysteresis of joint 7 takes 63 % of its error, and a refit adds 17 % to joint 6.
 RAISES, REPAID = 0.02, 3.0
 #: Folds by phase.
 FOLDS = 5
