@@ -22,6 +22,7 @@ from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import size_of_term
 from sdp_vs_penalty.diagnosis.whitening import prepare
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.sources import as_estimate
@@ -73,7 +74,10 @@ def diagnose(
     for what, m in (("measurements", measurements), ("test run", test)):
         if m is not None:
             estimate.require_joints(m, what)
-    settings = estimate.preprocessing.resolve(measurements)
+    settings, whole_estimate = estimate.preprocessing.resolve(measurements), estimate
+    estimate, measurements = driven(whole_estimate, measurements)
+    if test is not None:
+        _, test = driven(whole_estimate, test)
     progress("filtering the runs")
     recording, whole, given = measurements, None, measurements.whole
     measurements = excerpt(recording, settings, MOST_SEARCHED)
@@ -84,6 +88,7 @@ def diagnose(
         given = as_measurements(noise_from, names=names, what="diagnose(noise_from=...)")
     if given is not None and not (looked and given is recording):
         estimate.require_joints(given, "runs for the noise")
+        _, given = driven(whole_estimate, given)
         whole = with_estimate(segmented(excerpt(given, settings), settings), estimate)
     progress("noise, and columns of all candidates")
     data = prepare(rows, estimate, frozen, whole)
