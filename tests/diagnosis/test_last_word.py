@@ -39,8 +39,8 @@ def test_what_needs_another_one_comes_after_it() -> None:
 
 
 def test_a_rise_is_of_any_joint() -> None:
-    assert raises(np.array([1.0, 1.0]), np.array([0.9, 1.021]))
-    assert not raises(np.array([1.0, 1.0]), np.array([0.9, 1.019]))
+    assert raises(np.array([1.0, 1.0]), np.array([0.95, 1.021]))
+    assert not raises(np.array([1.0, 1.0]), np.array([0.95, 1.019]))
     assert not raises(np.array([1.0, 1.0]), np.array([0.3, 1.04]))  # repaid by the other joint
 
 
