@@ -1,0 +1,63 @@
+"""What the data check says: one issue a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from sdp_vs_penalty import show
+from sdp_vs_penalty.data.measurements import Measurements
+
+#: Repairs one run; the issue's ``remedy`` says in words what it does.
+Repair = Callable[[Measurements], Measurements]
+
+
+@dataclass(frozen=True)
+class Issue:
+    """kind : what is wrong, in two or three words; where : joints, channels, rows or instants.
+
+    severity : "error" (identification would be meaningless), "warning" (it would be worse than it
+        need be) or "note" (a fact worth knowing).
+    what, remedy : one sentence each. certainty : "certain", "likely" or "possible", and why.
+    repair : where mending is safe, how; figures : the numbers behind it.
+    gravity : where gravity points instead [m/s^2], for an issue about it.
+    """
+
+    kind: str
+    severity: str
+    where: str
+    what: str
+    certainty: str
+    remedy: str
+    repair: Repair | None = None
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    gravity: tuple[float, float, float] | None = None
+
+    @property
+    def mends(self) -> bool:
+        """Whether `check --fix` repairs it: there is a repair, and no doubt."""
+        return self.repair is not None and self.certainty.startswith("certain")
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "kind": self.kind,
+            "severity": self.severity,
+            "where": self.where,
+            "what": self.what,
+            "certainty": self.certainty,
+            "remedy": self.remedy,
+            "can_fix": self.mends,
+            "figures": dict(self.figures),
+        }
+
+
+def joints_text(joints: Any) -> str:
+    """ "joint 4", "joints 2 and 5", "joints 1, 2 and 3" from indices that count from 0."""
+    numbers = [int(j) + 1 for j in joints]
+    return f"joint{'s' if len(numbers) > 1 else ''} {show.words(numbers)}"
+
+
+def rows_text(first: int, count: int) -> str:
+    """ "row 12", "row 12 and 3 more": the first of so many rows, counted as the file counts them."""
+    return f"row {first}" + (f" and {count - 1} more" if count > 1 else "")
