@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from challenge.judge import wilson
 from corruption_arms import Arm, arms
 from corruption_kinds import Corruption
 from geared_arms import geared
@@ -35,7 +36,6 @@ from sdp_vs_penalty.check import check
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.simulation.challenge.judge import wilson
 
 #: Failures on these arms were looked at while the check was made; JUDGES, the others, were run once.
 TUNED_ON = ("panda", "sim6", "ur10e", "tx40", "sim5", *DEVELOPED)

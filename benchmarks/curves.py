@@ -1,7 +1,7 @@
 """results/curves.md from challenges of simulated robots:
 
 for class, cases, seed in results/curves.md:
-    sdp-vs-penalty challenge --classes CLASS --nuisance NUISANCES --seed SEED --cases CASES --out DIR
+    python benchmarks/challenge --classes CLASS --nuisance NUISANCES --seed SEED --cases CASES --out DIR
 python benchmarks/curves.py DIR [DIR ...]
 """
 
@@ -13,14 +13,15 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.show import markdown_table
-from sdp_vs_penalty.simulation.challenge.report import (
+from challenge.report import (
     HEADINGS,
     curve_lines,
     effect_lines,
     shares,
 )
+
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.show import markdown_table
 
 OUT = Path(__file__).parents[1] / "results" / "curves.md"
 #: What stands there from this line on is written by hand, and stays.
@@ -37,7 +38,8 @@ def main() -> None:
     lines = [
         "# Measured curves, new effects and wrists on simulated robots",
         "",
-        "Made by `python benchmarks/curves.py` from cases of `sdp-vs-penalty challenge --classes CLASS "
+        "Made by `python benchmarks/curves.py` from cases of `python benchmarks/challenge "
+        "--classes CLASS "
         f"--seed SEED --nuisance {','.join(nuisances)}`: "
         + ", ".join(f"{count} of {kind} (seed {seed})" for (kind, seed), count in sorted(of.items()))
         + ". Wilson's intervals, 95 %. Counted: where these data show what is hidden.",

@@ -1,4 +1,4 @@
-"""How cost grows: with samples, joints, runs, the library; memory; 60 links; resamples; a control loop.
+"""How cost grows: with samples, joints, runs, the library; memory; 60 links; resamples.
 
 Parts of `benchmarks/run.py`, which says how they are started and draws what they return.
 """
@@ -9,22 +9,21 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bootstrap
 import default_path
 import long_runs
 import numpy as np
-from pairs import METHOD, Row, cpu, peak, to_and_fro, without_core
+from pairs import METHOD, Row, cpu, peak, to_and_fro
 
 import sdp_vs_penalty.diagnosis.library as library
-from sdp_vs_penalty import Reidentifier, diagnose, identify
+from sdp_vs_penalty import diagnose, identify
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot import compiled
 from sdp_vs_penalty.shootout.regular import chain_task
 
 
@@ -86,13 +85,7 @@ def joints() -> list[Series]:
         task = chain_task(count)
         return lambda: make_estimator(METHOD).fit(task)
 
-    sizes = [4, 7, 14, 30, 60]
-    out = []
-    if compiled.core() is not None:
-        out.append(_series("certified fit, compiled", "joints", sizes, of, 3))
-    with without_core():
-        out.append(_series("certified fit, Python", "joints", sizes, of, 2))
-    return out
+    return [_series("certified fit", "joints", [4, 7, 14, 30, 60], of, 3)]
 
 
 def effects(problem: Problem, run: Measurements) -> list[Series]:
@@ -117,21 +110,14 @@ def effects(problem: Problem, run: Measurements) -> list[Series]:
 
 
 def chain(links: int = 60) -> list[Row]:
-    """A certified fit of a long chain, compiled and in Python, and the memory that it needs."""
+    """A certified fit of a long chain by our own method and by Clarabel, and its memory."""
     task = chain_task(links)
-
-    def fit() -> object:
-        return make_estimator(METHOD).fit(task)
-
-    with without_core():
-        plain, memory = cpu(fit, 2), peak(fit)
-    if compiled.core() is None:
-        ours, note = plain, f"Python alone; {memory:.0f} MB beyond the data; the core is not installed"
-    else:
-        ours, note = cpu(fit, 3), f"compiled against Python, whose peak is {memory:.0f} MB"
+    estimator = make_estimator(METHOD)
+    other = cpu(lambda: replace(estimator, solver="clarabel").fit(task), 2)
+    ours, memory = cpu(lambda: estimator.fit(task), 3), peak(lambda: estimator.fit(task))
     return [
-        Row(f"certified fit of {links} links, CPU", ours, plain, "s", plain / ours, "<= 0.3 s",
-            ours <= 0.3, note)
+        Row(f"certified fit of {links} links, CPU", ours, other, "s", other / ours, "<= 0.35 s",
+            ours <= 0.35, f"{memory:.0f} MB beyond the data; other: the same loop with Clarabel")
     ]  # fmt: skip
 
 
@@ -147,9 +133,8 @@ def resamples(draws: int = 1000) -> list[Row]:
         data = bootstrap.joined(blocks, bootstrap.draw_counts(len(blocks), k, 0))
         default_path.fresh_cvxpy(instance, data)
     other = (time.process_time() - start) / loop * draws
-    how = "compiled" if compiled.core() is not None else "Python alone"
     note = (
-        f"{how}; {source}; largest certified gap {found.gap.max():.1e}, {found.again} solved again; "
+        f"{source}; largest certified gap {found.gap.max():.1e}, {found.again} solved again; "
         f"theirs: fresh CVXPY problems, {loop} of the same draws, none certified"
     )
     return [
@@ -157,42 +142,6 @@ def resamples(draws: int = 1000) -> list[Row]:
             f"bootstrap, {draws} draws, CPU", ours, other, "s", other / ours, "<= 3 s", ours <= 3.0, note
         )
     ]
-
-
-def loop(run: Measurements, problem: Problem, block: float = 0.05) -> list[Row]:
-    """The second half of the run sample by sample into a Reidentifier that starts from the first."""
-    half = len(run.t) // 2
-    rest = run.rows(slice(half, len(run.t)))
-
-    def replayed() -> tuple[np.ndarray, np.ndarray, float]:
-        """Processor time [ms] of each sample taken and of each solve that follows a block; worst gap."""
-        renewed = Reidentifier(problem, run.rows(slice(0, half)), half_life=60.0, block=block)
-        renewed.solve()  # the first one imports and fills caches
-        taken, solved, gap = [], [], 0.0
-        for sample in zip(rest.t, rest.q, rest.tau, strict=True):
-            start = time.process_time()
-            new = renewed.take(*sample)
-            taken.append(time.process_time() - start)
-            if new:
-                start = time.process_time()
-                gap = max(gap, renewed.solve().gap)
-                solved.append(time.process_time() - start)
-        return 1e3 * np.array(taken), 1e3 * np.array(solved), gap
-
-    taken, solved, gap = replayed()
-    with without_core():
-        other = np.percentile(replayed()[1], 99)
-    middle, ours = np.percentile(solved, (50, 99))
-    samples = np.percentile(taken, (50, 90, 100))
-    note = (
-        f"{len(solved)} solves, each after a block of {block:g} s, certified to {gap:.1e}; median "
-        f"{middle:.2g} ms; other: without the core. A sample taken: median {samples[0]:.2g}, 90 in 100 "
-        f"{samples[1]:.2g}, longest (a block) {samples[2]:.2g} ms"
-    )
-    return [
-        Row("renewed estimate in a loop, 99 in 100, CPU", float(ours), float(other), "ms",
-            float(other / ours), "<= 1 ms", bool(ours <= 1.0), note)
-    ]  # fmt: skip
 
 
 def memory(run: Measurements, problem: Problem, rows: Sequence[int]) -> list[list[str]]:

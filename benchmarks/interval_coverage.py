@@ -22,6 +22,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from challenge.judge import wilson
 from numpy.typing import NDArray
 from scipy import signal
 
@@ -47,7 +48,6 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.trajectory import random_trajectory
 from sdp_vs_penalty.signals.preprocessing import RunFilter
 from sdp_vs_penalty.signals.runs import stretches
-from sdp_vs_penalty.simulation.challenge.judge import wilson
 
 Array = NDArray[np.float64]
 ARMS = {"two_link": "two_link", "my_arm": str(Path(__file__).parents[1] / "docs" / "my_arm.urdf")}

@@ -22,8 +22,8 @@ from scipy import sparse
 from sdp_vs_penalty import cross_validate, identify
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.export.content import Content
-from sdp_vs_penalty.export.mjcf import make_mjcf
+from sdp_vs_penalty.exporters.content import Content
+from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.robot import inertia

@@ -11,19 +11,15 @@ import sys
 import tempfile
 import time
 import tracemalloc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import bootstrap
-import default_path
 import naive
 import numpy as np
 
 from sdp_vs_penalty import identify, load_measurements
 from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.data.formats import csv_text
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH
 from sdp_vs_penalty.estimators import make_estimator
@@ -31,10 +27,9 @@ from sdp_vs_penalty.estimators.barycentric import barycentric_box
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
 from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.export import export
+from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
-from sdp_vs_penalty.robot import compiled
 
 #: The default SDP without what only we have: its plain form is what a script would write.
 METHOD = "lmi-sdp"
@@ -115,59 +110,6 @@ def compressed(task: Task) -> Row:
         "compressed problem to optimum, CPU", 1e3 * ours, 1e3 * other, "ms", other / ours,
         ">= 2x less", other >= 2 * ours, "ours: set-up, interior point, solve, gap checked",
     )  # fmt: skip
-
-
-@contextmanager
-def without_core() -> Iterator[None]:
-    """Everything in Python, as where the compiled core is not installed."""
-    before = os.environ.get(compiled.VARIABLE, "")
-    os.environ[compiled.VARIABLE] = "off"
-    try:
-        yield
-    finally:
-        os.environ[compiled.VARIABLE] = before
-
-
-def compiled_core(problem: Problem, folder: Path, draws: int = 60) -> list[Row]:
-    """What the compiled core (native/) saves: its time against that of Python alone."""
-    if compiled.core() is None:
-        return []
-    run = load_measurements(folder, joints=7)
-    task, states = task_of(problem, run), (run.q[:5000], 0.1 * run.q[:5000], run.q[:5000])
-    _, instance, blocks = default_path.measured_panda()
-    with tempfile.TemporaryDirectory() as name:
-        table = Path(name) / "run.csv"
-        save(run, table)
-        width = len(csv_text.header(table))
-        work = {
-            ("rigid-body columns, a sample", "us", 1e6 / 5000): (
-                lambda: problem.robot.regressor(*states),
-                5,
-            ),
-            ("20544 rows of CSV", "ms", 1e3): (lambda: csv_text.numbers(table, width), 5),
-            ("compressed problem to certified fit", "ms", 1e3): (
-                lambda: make_estimator(METHOD).fit(task),
-                9,
-            ),
-            ("text files to estimate", "s", 1.0): (
-                lambda: identify(problem, load_measurements(folder, joints=7), METHOD),
-                5,
-            ),
-            ("bootstrap, a certified draw", "ms", 1e3 / draws): (
-                lambda: bootstrap.bootstrap(instance.task, blocks, draws, 0),
-                1,
-            ),
-        }
-        rows = []
-        for (what, unit, scale), (call, times) in work.items():
-            ours = cpu(call, times)
-            with without_core():
-                other = cpu(call, times)
-            rows.append(
-                Row(f"{what}: compiled against Python, CPU", scale * ours, scale * other, unit,
-                    other / ours, "faster", ours < other)
-            )  # fmt: skip
-    return rows
 
 
 def peak(call: Callable[[], object]) -> float:
@@ -304,10 +246,9 @@ def whole_process(problem: Problem, run: Measurements, python: str | None) -> li
 
 
 def text_and_loss(problem: Problem, folder: Path, run: Measurements) -> list[Row]:
-    """From text to a certified estimate by Python alone, and what follows from the naive way's rows."""
+    """From text to a certified estimate, and what follows from the naive way's rows."""
     solve_with_cvxpy(task_of(problem, run))  # imports and caches: "after import"
-    with without_core():
-        identify(problem, run, METHOD)
-        first, rows = from_text(problem, folder)
-        task = task_of(problem, run)
-        return [first, compressed(task), one_loss(task, rows)]
+    identify(problem, run, METHOD)
+    first, rows = from_text(problem, folder)
+    task = task_of(problem, run)
+    return [first, compressed(task), one_loss(task, rows)]

@@ -5,11 +5,10 @@
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda; default:
 SDP_VS_PENALTY_DATA). PYTHON is the interpreter of an environment with figaroh==1.0.2, and of one with
-mujoco[sysid]==4.0.0; without it that comparison says so, as the parts say that use the compiled core
-where it is not installed. Each part runs
-in a process of its own on one thread and leaves its figures in build/benchmarks; a part that is there is
-not measured again unless --again is given, so that a run that was stopped goes on. Figures are ratios
-within one part. Writes benchmarks.csv, benchmarks.md and benchmarks.png of all parts that are there.
+mujoco[sysid]==4.0.0; without it that comparison says so. Each part runs in a process of its own on one
+thread and leaves its figures in build/benchmarks; a part that is there is not measured again unless
+--again is given, so that a run that was stopped goes on. Figures are ratios within one part. Writes
+benchmarks.csv, benchmarks.md and benchmarks.png of all parts that are there.
 """
 
 from __future__ import annotations
@@ -33,13 +32,11 @@ STATE = HERE.parent / "build" / "benchmarks"
 #: Name of each part, and what it measures.
 PARTS = {
     "text": "text files to a certified estimate against the naive way; one penalised loss",
-    "core": "the compiled core against Python",
     "flat": "solve time and memory against the length of a run",
     "process": "identify as a process against FIGAROH's",
     "mujoco": "identification beside MuJoCo's toolbox: time, errors, consistency",
     "chain": "a chain of 60 links",
     "bootstrap": "1000 certified draws",
-    "loop": "an estimate renewed at the rate of a controller",
     "samples": "exponent in samples",
     "runs": "exponent in runs",
     "joints": "exponent in joints",
@@ -63,8 +60,6 @@ def measure(part: str, given: argparse.Namespace) -> dict[str, Any]:
     rows, series, lines = [], [], []
     if part == "text":
         rows = pairs.text_and_loss(problem, folder, run)
-    elif part == "core":
-        rows = pairs.compiled_core(problem, folder)
     elif part == "flat":
         rows = pairs.flat_in_samples(problem, run)
     elif part == "process":
@@ -75,8 +70,6 @@ def measure(part: str, given: argparse.Namespace) -> dict[str, Any]:
         rows = growth.chain()
     elif part == "bootstrap":
         rows = growth.resamples()
-    elif part == "loop":
-        rows = growth.loop(run, problem)
     elif part == "memory":
         lines = growth.memory(run, problem, given.rows)
     else:

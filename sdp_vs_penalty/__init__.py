@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.estimate import load_estimate as load_estimate
     from sdp_vs_penalty.estimation.excitation import excite as excite
     from sdp_vs_penalty.estimation.identify import identify as identify
-    from sdp_vs_penalty.estimation.reidentify import Reidentifier as Reidentifier
-    from sdp_vs_penalty.export import export as export
+    from sdp_vs_penalty.exporters.export import export as export
     from sdp_vs_penalty.problem.convert import convert as convert
     from sdp_vs_penalty.problem.load import load_problem as load_problem
     from sdp_vs_penalty.problem.problem import Problem as Problem
@@ -44,7 +43,7 @@ _HOME = {
     "diagnose": "diagnosis.diagnose",
     "Estimate": "estimation.estimate",
     "excite": "estimation.excitation",
-    "export": "export",
+    "export": "exporters.export",
     "fetch": "data.datasets",
     "follow": "simulation.follow",
     "identify": "estimation.identify",
@@ -54,7 +53,6 @@ _HOME = {
     "load_problem": "problem.load",
     "Measurements": "data.measurements",
     "Problem": "problem.problem",
-    "Reidentifier": "estimation.reidentify",
     "report": "report",
     "simulate": "simulation.hidden_runs",
     "where_it_fails": "diagnosis.where_it_fails",
@@ -67,10 +65,10 @@ __all__ = [
 
 
 class _Door(ModuleType):
-    """Three verbs share their names with the folders that hold them: here the name is the verb."""
+    """Two verbs share their names with the folders that hold them: here the name is the verb."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        # Python binds every imported subpackage to its parent; `check`, `export`, `report` stay free.
+        # Python binds every imported subpackage to its parent; `check`, `report` stay free.
         if not (name in _HOME and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 

@@ -10,13 +10,17 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import typer.main
 
 import sdp_vs_penalty
 from sdp_vs_penalty.cli.main import app, expand_many, main
 from sdp_vs_penalty.data.datasets import DATASETS
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.simulation.experiment import experiment
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -169,3 +173,20 @@ def test_the_notebook_runs(tmp_path: Path, data_folder: Path, monkeypatch: pytes
     text = "\n".join(output.get("text", "") for output in outputs)
     assert "presliding_hysteresis on joint 7" in text
     assert "every constraint holds" in text
+
+
+def test_the_recipe_of_a_control_loop_renews_a_certified_fit() -> None:
+    text = (DOCS / "performance.md").read_text(encoding="utf-8")
+    found = re.search(r"## In a control loop.*?^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert found is not None
+    recipe = found.group(1).replace('"panda"', '"two_link"')
+    assert len(recipe.splitlines()) <= 30
+    run = experiment(load_problem("two_link")).training_run(seed=0)
+    middle, end = (float(run.t[0] + share * (run.t[-1] - run.t[0])) for share in (0.5, 1.0))
+    names: dict[str, Any] = {"first": run.window(float(run.t[0]), middle)}
+    exec(recipe, names)  # our own page
+    posed = names["fit"]
+    again = names["renew"](run.window(middle, end))
+    assert names["fit"] is not posed
+    assert names["fit"].gap <= 1e-8
+    np.testing.assert_array_equal(again, names["fit"].theta)

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from challenge import cases
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import alone
 from sdp_vs_penalty.paper.tables.table import Column, Table
 from sdp_vs_penalty.shootout.results import COLUMNS, Results
-from sdp_vs_penalty.simulation.challenge import challenge
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked and killed")
 STEPS = ("open", "write", "fsync", "close", "replace")
@@ -108,16 +108,16 @@ def test_a_challenge_killed_at_any_step_repeats_only_what_was_not_kept(
 ) -> None:
     asked: list[str] = []
 
-    def spread(function: Any, cases: Any, *_: Any) -> Iterator[tuple[str, dict[str, str]]]:
-        for case in cases:
+    def spread(function: Any, some: Any, *_: Any) -> Iterator[tuple[str, dict[str, str]]]:
+        for case in some:
             asked.append(case.key)
             yield case.key, {"of": case.key}
 
-    monkeypatch.setattr(challenge, "spread", spread)
-    monkeypatch.setattr(challenge, "write_report", lambda *_: [])
+    monkeypatch.setattr(cases, "spread", spread)
+    monkeypatch.setattr(cases, "write_report", lambda *_: [])
 
     def run(out: Path) -> dict[str, Any]:
-        (store,) = challenge.run_challenge(3, 0, out, classes=["clean"], nuisances=["sign"])
+        (store,) = cases.run_challenge(3, 0, out, classes=["clean"], nuisances=["sign"])
         return dict(json.loads(store.read_text())["cases"])
 
     right = run(tmp_path / "right")

@@ -13,7 +13,8 @@ from small_runs import write_run
 
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import opened, protecting, write_text, writing
+from sdp_vs_penalty.files import protecting, write_text, writing
+from sdp_vs_penalty.files.inputs import opened
 from sdp_vs_penalty.problem.load import load_problem
 
 
@@ -176,7 +177,7 @@ def test_a_fault_at_any_step_keeps_the_old_file(
         raise error
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"sdp_vs_penalty.files.os.{step}", fails)
+        patch.setattr(f"sdp_vs_penalty.files.outputs.os.{step}", fails)
         with pytest.raises((InputError, KeyboardInterrupt)):
             write_text(path, "new")
     assert path.read_text() == "old"

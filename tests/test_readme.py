@@ -31,7 +31,6 @@ TESTED_ELSEWHERE = {
     "figures",
     "excite",
     "shootout",
-    "challenge",
     "fetch",
     "convert",
     "page",

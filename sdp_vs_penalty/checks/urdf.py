@@ -11,9 +11,9 @@ import numpy as np
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.export.content import ROUNDING, Inertial
-from sdp_vs_penalty.export.splice import Document
-from sdp_vs_penalty.export.urdf import write_inertial
+from sdp_vs_penalty.exporters.content import ROUNDING, Inertial
+from sdp_vs_penalty.exporters.splice import Document
+from sdp_vs_penalty.exporters.urdf import write_inertial
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia

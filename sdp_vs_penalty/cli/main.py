@@ -21,7 +21,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from sdp_vs_penalty.errors import InputError, Remark
-from sdp_vs_penalty.files import opened, protecting
+from sdp_vs_penalty.files import protecting
+from sdp_vs_penalty.files.inputs import opened
 from sdp_vs_penalty.version import __version__
 
 #: Every file of verbs/ with the line that the program's --help shows, by what it is for.
@@ -49,7 +50,6 @@ VERBS = {
     "Research": {
         "tables": "Regenerate the paper's tables.",
         "figures": "Regenerate the paper's figures.",
-        "challenge": "Score diagnose on simulated runs with hidden effects.",
         "shootout": "Run SDP solvers and judge their answers by proved bounds.",
         "export-sdp": "Write the identification SDP for another solver.",
     },

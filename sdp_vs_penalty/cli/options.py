@@ -42,6 +42,25 @@ Frozen = Annotated[
 Gravity = Annotated[
     str | None, typer.Option(metavar="x,y,z", help="Gravity in the base frame, in m/s^2.")
 ]
+Filters = Annotated[
+    str | None,
+    typer.Option(metavar="5,8", help="Filters of states and torque [Hz]; default: chosen."),
+]
+Bounds = Annotated[
+    str | None,
+    typer.Option(
+        metavar="m2=1:5,c2x=-0.1:0.1",
+        help="Bounds of links [kg, m, kg m^2], in place of the problem's; total=:20: of all.",
+    ),
+]
+KnownLoad = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--known-load",
+        metavar="LOAD.csv:KG",
+        help="Run with a load of this mass on the last link; determines the torque channels' gains.",
+    ),
+]
 Method = Annotated[str, typer.Option(help="Method, of `sdp-vs-penalty list methods`.")]
 Effects = Annotated[
     str | None,

@@ -21,7 +21,8 @@ from sdp_vs_penalty.cli.console import (
     say,
     table,
 )
-from sdp_vs_penalty.diagnosis.show import event_lines, new_motion, risen
+from sdp_vs_penalty.diagnosis.show import event_lines
+from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.show import plain_unit
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
     from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
     from sdp_vs_penalty.estimation.estimate import Estimate
+    from sdp_vs_penalty.estimation.verdict import Verdict
 
 #: What an error is called that no other run was kept for.
 TRAINING = "the training data"
@@ -57,7 +59,7 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         style="bold",
     )
     if fit is not None:
-        say(f"On these runs it {fit.verdict.removeprefix(fit.name).strip()}")
+        verdict(fit.verdict)
     certificate(result)
     if gains := result.details.get("gains"):
         told = (f"{g:.3f} ± {s:.2g}" for g, s in zip(gains["gain"], gains["std"], strict=True))
@@ -66,6 +68,15 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         links(result)
     if fit is not None:
         comparison([fit], result.robot.torque_units, "RMSE on these measurements")
+
+
+def verdict(said: Verdict, name: str = "") -> None:
+    """The grade with its reason, the weakest of three lines, then the other two."""
+    say(f"{name}: {said.headline}" if name else said.headline, style="bold")
+    for line in said.lines[1:]:
+        explain(f"{line.about} ({line.grade}): {line.text}")
+    if said.remark:
+        explain(said.remark)
 
 
 def certificate(result: Estimate) -> None:
@@ -144,18 +155,6 @@ def comparison(results: Sequence[Comparison], units: Sequence[str], title: str =
     table(band, ("joint", "unit", *heads, "noise floor", *([] if several else ["R2"])), rows, words=2)
     for k, result in enumerate(results if several else [], start=1):
         say(f"[{k}] {result.name}")
-
-
-def judged_motion(results: Sequence[Comparison]) -> None:
-    """How much of the judged motion each model has not been trained on; a warning where it is little."""
-    shares = ", ".join(new_motion(r.new_motion_share) for r in results)
-    distances = {r.new_motion_distance for r in results} - {None}
-    how = " or ".join(f"{d:g}" for d in sorted(filter(None, distances)))
-    beyond = f" (farther than {how} spreads of the training motion from all of it)" if how else ""
-    say(f"new motion: {shares}{beyond}")
-    for result in results:
-        if result.warning:
-            explain(result.warning if len(results) == 1 else f"{result.name}: {result.warning}")
 
 
 def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model: str) -> None:
@@ -283,12 +282,11 @@ def worth_showing(effects: Sequence[Finding]) -> Sequence[Finding]:
 
 
 def before_after(before: Comparison, after: Comparison, units: Sequence[str], what: str) -> None:
-    """RMSE of each joint before and after an effect was added, the relative errors first."""
-    errors = (number(before.relative_error_percent), number(after.relative_error_percent))
-    say(f"relative error on {what}: {errors[0]} % before, {errors[1]} % after", style="bold")
-    if what != TRAINING and after.warning:
-        explain(after.warning)
+    """What became of each joint's error, the verdict after, and both errors as a table."""
     floor = after.noise_floor
+    said = changes(before.rmse, after.rmse, floor) or "no joint's error changed by more than 5 %."
+    say(f"On {what}: {said}", style="bold")
+    verdict(after.verdict)
     rows = []
     for j, torque in enumerate(units):
         old, new = before.rmse[j], after.rmse[j]
@@ -297,8 +295,8 @@ def before_after(before: Comparison, after: Comparison, units: Sequence[str], wh
         rows.append([*cells, "-" if floor is None else number(floor[j])])
     heads = ("joint", "unit", "before", "after", "change", "noise floor")
     table(f"RMSE below {number(after.band_hz)} Hz", heads, rows, words=2)
-    if said := risen(before.rmse, after.rmse):
-        explain(said)
+    errors = (number(before.relative_error_percent), number(after.relative_error_percent))
+    say(f"all joints together, relative error: {errors[0]} % before, {errors[1]} % after")
 
 
 def _short(x: float) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.data.texts import time_windows
+from sdp_vs_penalty.data.texts import numbers, time_windows
 from sdp_vs_penalty.errors import InputError, other_robot
 
 if TYPE_CHECKING:
@@ -15,6 +15,32 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.data.measurements import Measurements, Runs
     from sdp_vs_penalty.estimation.estimate import Estimate
     from sdp_vs_penalty.problem.problem import Problem
+    from sdp_vs_penalty.regression.black_box import BlackBox
+
+
+def as_told(
+    source: str, gravity: str | None = None, bounds: str | None = None, filters: str | None = None
+) -> Problem:
+    """The problem named ``source`` with --gravity, --bounds and --filters as they are written."""
+    from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
+
+    mounting = None if gravity is None else numbers("--gravity", gravity, 3)
+    return with_filters(with_bounds(load_problem(source, mounting), bounds), filters)
+
+
+def runs_as_told(
+    problem: Problem, data: Sequence[Path], window: str | None
+) -> tuple[Measurements | BlackBox, Measurements | BlackBox]:
+    """The runs, or a black box's answers, behind --data: whole, and what --window leaves of them."""
+    from sdp_vs_penalty.data.files import load_measurements, windowed
+    from sdp_vs_penalty.data.measurements import Measurements
+    from sdp_vs_penalty.regression.black_box import load_answers
+
+    windows, robot = time_windows(window), problem.robot
+    whole = load_answers(list(data), joints=robot.n) or load_measurements(
+        *data, joints=robot.n, names=robot.joint_names
+    )
+    return whole, windowed(whole, windows) if isinstance(whole, Measurements) else whole
 
 
 def words(data: Sequence[Path], window: str | None) -> list[str]:

@@ -126,6 +126,11 @@ class ConstraintSet:
         return ConstraintSet(self.convex + tuple(more), self.nonconvex)
 
     @cached_property
+    def entries(self) -> Entries:
+        """All numbers of the convex constraints end to end."""
+        return Entries.of(alike(self.convex))
+
+    @cached_property
     def stacks(self) -> tuple[ConstraintStack, ...]:
         """The convex constraints grouped by cone and size, for methods that evaluate them often."""
         groups: dict[tuple[str, tuple[int, ...]], list[Constraint]] = {}
@@ -162,6 +167,42 @@ def alike(constraints: Sequence[Constraint]) -> list[Alike]:
         )
         out.append(Alike(cone, np.array(places), *arrays))
     return out
+
+
+@dataclass(frozen=True)
+class Entries:
+    """The numbers of constraints end to end, group by group: F (e,) = constant + sum over z of value[z]
+    theta[column[z]] at row[z]."""
+
+    groups: tuple[Alike, ...]
+    constant: Array
+    row: NDArray[np.intp]
+    column: NDArray[np.intp]
+    value: Array
+
+    @classmethod
+    def of(cls, groups: Sequence[Alike]) -> Entries:
+        start = 0
+        rows, columns, values = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)], [np.zeros(0)]
+        for group in groups:
+            flat = group.coefficients.reshape(*group.indices.shape, -1)
+            member, own, entry = np.nonzero(flat)
+            rows.append(start + member * flat.shape[2] + entry)
+            columns.append(group.indices[member, own])
+            values.append(flat[member, own, entry])
+            start += group.constant.size
+        constant = np.concatenate([np.zeros(0), *(group.constant.ravel() for group in groups)])
+        row, column = np.concatenate(rows), np.concatenate(columns)
+        return cls(tuple(groups), constant, row, column, np.concatenate(values))
+
+    def at(self, theta: Array) -> Array:
+        """(e,) F(theta) of all."""
+        terms = self.value * theta[self.column]
+        return np.asarray(self.constant + np.bincount(self.row, terms, len(self.constant)))
+
+    def stacked(self, each: Sequence[Array]) -> list[Array]:
+        """Of each group (g, ...) what is given of each constraint."""
+        return [np.array([each[k] for k in group.places.tolist()]) for group in self.groups]
 
 
 def margins(constraints: Sequence[Constraint], theta: ArrayLike) -> tuple[Array, Array]:

@@ -177,14 +177,16 @@ def _row_range(first: int, last: int) -> str:
 
 
 def _emps_runs(folder: Path, say: Say) -> dict[str, Measurements]:
-    """Position of the carriage [m] and the control voltage, times the drive's gain [N/V]."""
+    """Position of the carriage and its command [m], and the control voltage [V], which times the drive's
+    gain [N/V] is the force."""
     from scipy.io import loadmat
 
     runs = {}
     for file, name in zip(DATASETS["emps"].files, ("tracking", "pulses"), strict=True):
         data = loadmat(folder / file.name)
         force = float(data["gtau"].item()) * data["vir"]
-        runs[name] = Measurements(data["t"].ravel(), data["qm"], force, None, None, (name,))
+        groups = {"q": data["qm"], "tau": force, "qcmd": data["qg"], "voltage": data["vir"]}
+        runs[name] = Measurements.of(data["t"].ravel(), groups, (name,))
     return runs
 
 

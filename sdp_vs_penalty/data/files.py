@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -13,11 +13,10 @@ import numpy as np
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.formats import bag, csv, format_of, panda_folder, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice
-from sdp_vs_penalty.data.formats.pipes import spooled
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, Origin, concatenate
 from sdp_vs_penalty.data.store import PART, parts
 from sdp_vs_penalty.errors import InputError, other_robot
-from sdp_vs_penalty.files import opened
+from sdp_vs_penalty.files import reading
 
 
 def load_measurements(
@@ -107,15 +106,12 @@ def read_run(
     path = Path(path)
     if not path.exists():
         raise InputError("no such file", "check its name", path)
-    opened(path)
     home = format_of(path) or csv
     if topic is not None and home is not bag:
         raise InputError("only ROS bags and MCAP files have topics", "leave --topic out", path)
-    with spooled(path) as file:
-        part: Measurements = home.read(file, Choice(names, topic, rename))
-    if file is not path:
-        part = replace(part, names=(path.name,))
-    elif rename is None:
+    with reading(path):
+        part: Measurements = home.read(path, Choice(names, topic, rename))
+    if rename is None:
         state = path.stat()
         again = _Again(str(path.resolve()), tuple(names or ()), topic, state.st_size, state.st_mtime_ns)
         part.from_origins((Origin(again),))

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError, unreadable
-from sdp_vs_penalty.files import opened
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import reading
 
 
 def read_headless(path: str | Path, rate: float) -> Measurements:
@@ -21,12 +21,11 @@ def read_headless(path: str | Path, rate: float) -> Measurements:
         raise InputError(
             f"rate {rate!r} is not a frequency above 0 Hz", "give the samples a second, like --rate 1000"
         )
-    opened(path)
     try:
-        with path.open(encoding="utf-8") as file:
+        with reading(path), path.open(encoding="utf-8") as file:
             rows = np.loadtxt(file, delimiter=",", ndmin=2)
-    except OSError as error:
-        raise unreadable(error, path) from error
+    except InputError:
+        raise
     except ValueError as error:
         raise InputError(
             f"not rows of as many numbers each ({error})",

@@ -26,11 +26,17 @@ def to_joints(measurements: Measurements, transmission: Transmission) -> Measure
             measurements.names[0],
         )
     dq = measurements.dq
+    told = dict(measurements.commanded)
+    for name in told.keys() & {"qcmd", "dqcmd"}:
+        told[name] = transmission.joint_positions(told[name], rates=name == "dqcmd")
+    if "tauff" in told:
+        told["tauff"] = transmission.joint_torques(told["tauff"])
     return replace(
         measurements,
         q=transmission.joint_positions(measurements.q),
         tau=transmission.joint_torques(measurements.tau),
         dq=None if dq is None else transmission.joint_positions(dq, rates=True),
+        commanded=told,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -44,7 +44,9 @@ class Measurements(Shown):
 
     t : (N,) s; q, tau : (N, n) rad or m, N m or N; dq : (N, n) measured velocity or None;
     run : (N,) index of the run that a sample belongs to; names : one name a run; temperature : (N, n)
-    of each joint's gear or motor [degrees Celsius], or None. whole : the runs that
+    of each joint's gear or motor [degrees Celsius], or None. commanded : what the drives were told or
+    gave, (N, n) by the names of :data:`COMMANDED`; torque_logged : False where no torque was measured:
+    tau then holds the feed-forward torque, or zeros. whole : the runs that
     these are windows of, all that was recorded, where :meth:`window` made them: what repeats, and with
     it the noise, shows there. ``dataclasses.replace`` drops it: changed samples are no window.
     Velocity and acceleration for identification are not these dq: see preprocessing.
@@ -57,11 +59,29 @@ class Measurements(Shown):
     run: NDArray[np.int64] | None = None
     names: tuple[str, ...] = ("run",)
     temperature: Array | None = None
+    commanded: Mapping[str, Array] = field(default_factory=dict)
+    torque_logged: bool = True
     whole: Measurements | None = field(default=None, init=False, compare=False)
     #: What has been worked out of these samples and is needed again.
     derived: dict[str, Any] = field(default_factory=dict, init=False, compare=False)
     #: One a run: how another process reads the same samples again; empty where none can.
     origins: tuple[Origin, ...] = field(default=(), init=False, compare=False)
+
+    @classmethod
+    def of(
+        cls,
+        t: Array,
+        groups: Mapping[str, Array],
+        names: tuple[str, ...],
+        run: NDArray[np.int64] | None = None,
+    ) -> Measurements:
+        """Measurements of the blocks (N, n) that there are, by the names of their columns in a file."""
+        q, tau = groups["q"], groups.get("tau")
+        told = {name: groups[name] for name in COMMANDED if name in groups}
+        if tau is None:
+            tau = told.get("tauff", np.broadcast_to(0.0, q.shape))
+        dq, warm = groups.get("dq"), groups.get("temp")
+        return cls(t, q, tau, dq, run, names, warm, told, "tau" in groups)
 
     @property
     def n(self) -> int:
@@ -86,7 +106,8 @@ class Measurements(Shown):
     @property
     def groups(self) -> dict[str, Array]:
         """The blocks (N, n) that are there, by the names of their columns in a file."""
-        blocks = {"q": self.q, "dq": self.dq, "tau": self.tau, "temp": self.temperature}
+        tau = self.tau if self.torque_logged else None
+        blocks = {"q": self.q, "dq": self.dq, "tau": tau, "temp": self.temperature, **self.commanded}
         return {name: block for name, block in blocks.items() if block is not None}
 
     @property
@@ -142,9 +163,8 @@ class Measurements(Shown):
         self, keep: NDArray[np.bool_] | NDArray[np.intp] | slice, name: str | None = None
     ) -> Measurements:
         """Some of the samples, as one run; name : of the run, the first one's by default."""
-        dq, warm = (None if x is None else x[keep] for x in (self.dq, self.temperature))
-        names = (name or self.names[0],)
-        part = Measurements(self.t[keep], self.q[keep], self.tau[keep], dq, None, names, warm)
+        groups = {group: block[keep] for group, block in self.groups.items()}
+        part = Measurements.of(self.t[keep], groups, (name or self.names[0],))
         if len(self.origins) == 1 and self.run is None and isinstance(keep, slice):
             part.from_origins((self.origins[0].part(keep, len(self.t)),))
         return part
@@ -159,12 +179,21 @@ class Measurements(Shown):
         """Let go of the memory of what has been read of a long recording (:mod:`~data.store`)."""
         release(self.t, *self.groups.values())
 
+    def require_torque(self, what: str) -> None:
+        """Raises InputError where no torque was logged; what : needs it."""
+        if not self.torque_logged:
+            raise InputError(
+                f"{what} needs a torque, and this log holds commands alone",
+                "identify from it (the servo's law stands for its torque), or log tau1..taun",
+                self.names[0],
+            )
+
     @property
     def data_hash(self) -> str:
         """SHA-256 over the numbers (not the file), so that the format does not matter."""
         digest = hashlib.sha256()
         for run in self.runs():
-            for a in (run.t, run.q, run.tau):
+            for a in (run.t, run.q, run.tau, *run.commanded.values()):
                 digest.update(repr(a.shape).encode())
                 for _, part in parts(a):
                     digest.update(np.ascontiguousarray(part, dtype="<f8").data)
@@ -206,6 +235,10 @@ class Runs:
 #: Numbers above which a column holds no measurement, whatever its unit: t [ns since 1970], q and dq
 #: [encoder counts], tau [mN m], temp [degrees].
 LARGEST_VALUE = {"t": 1e20, "q": 1e9, "dq": 1e9, "tau": 1e12, "temp": 1e4}
+#: What drives were told or gave: commanded position [rad, m] and velocity, feed-forward torque [N m, N],
+#: motor current [A] and voltage [V].
+COMMANDED = ("qcmd", "dqcmd", "tauff", "current", "voltage")
+LARGEST_VALUE |= {"qcmd": 1e9, "dqcmd": 1e9, "tauff": 1e12, "current": 1e9, "voltage": 1e9}
 
 
 def gathered(pieces: Iterable[Measurements]) -> Measurements:
@@ -216,8 +249,7 @@ def gathered(pieces: Iterable[Measurements]) -> Measurements:
         for name, block in {"t": piece.t, **piece.groups}.items():
             whole.setdefault(name, Growing()).append(block)
     found = {name: block.array() for name, block in whole.items()}
-    dq, warm = found.get("dq"), found.get("temp")
-    return Measurements(found["t"], found["q"], found["tau"], dq, None, first.names, warm)
+    return Measurements.of(found["t"], found, first.names)
 
 
 def concatenate(several: Sequence[Measurements]) -> Measurements:
@@ -229,16 +261,15 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
             + ", ".join(f"{r.names[0]} has {r.n}" for r in runs),
             "name runs of one robot",
         )
-    everywhere = [g for g in ("dq", "temp") if all(g in r.groups for r in runs)]
-    more = {g: joined(r.groups[g] for r in runs) for g in everywhere}
-    together = Measurements(
+    silent = next((r for r in runs if not r.torque_logged), None)
+    if silent is not None and any(r.torque_logged for r in runs):
+        raise InputError("no torque, but other runs have one", "name runs of one kind", silent.names[0])
+    everywhere = [g for g in runs[0].groups if all(g in r.groups for r in runs)]
+    together = Measurements.of(
         joined(r.t for r in runs),
-        joined(r.q for r in runs),
-        joined(r.tau for r in runs),
-        more.get("dq"),
-        joined(np.broadcast_to(k, len(r.t)) for k, r in enumerate(runs)),
+        {g: joined(r.groups[g] for r in runs) for g in everywhere},
         tuple(r.names[0] for r in runs),
-        more.get("temp"),
+        joined(np.broadcast_to(k, len(r.t)) for k, r in enumerate(runs)),
     )
     if all(len(r.origins) == 1 for r in runs):
         together.from_origins(tuple(r.origins[0] for r in runs))

@@ -59,7 +59,7 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
 
 def check_torque(run: Measurements) -> None:
     """InputError where no channel holds anything: zeros, or numbers whose squares are."""
-    if not any(np.any(np.abs(part) > _NO_TORQUE) for _, part in parts(run.tau)):
+    if run.torque_logged and not any(np.any(np.abs(part) > _NO_TORQUE) for _, part in parts(run.tau)):
         raise InputError("every torque is zero", "log the torque, or the current", run.names[0])
 
 

@@ -263,6 +263,7 @@ def _add_frozen(
             "runs": list(measurements.names),
             "samples": len(measurements.t),
             "versions": dict(versions()),
+            "verdict": None,  # that of the smaller model is not this one's
         },
         training_motion=None if before is None or new_motion is None else before.joined(new_motion),
     )

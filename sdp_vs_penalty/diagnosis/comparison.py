@@ -9,31 +9,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.data.store import Growing, parts
-from sdp_vs_penalty.diagnosis.rows import with_estimate
-from sdp_vs_penalty.diagnosis.show import (
-    fit_verdict,
-    new_motion,
-    outside_warning,
-    plot_errors,
-    plot_residual,
-    repeatability_warning,
-)
+from sdp_vs_penalty.diagnosis.show import new_motion, plot_errors, plot_residual
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
+from sdp_vs_penalty.estimation.verdict import Errors, Verdict, judge
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, finite
 from sdp_vs_penalty.signals.excerpt import excerpt, excerpt_sentence
-from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_rows
-from sdp_vs_penalty.signals.segments import segmented
 
 if TYPE_CHECKING:
     import pandas
+
+    from sdp_vs_penalty.diagnosis.findings import Diagnosis
 
 
 @dataclass(frozen=True)
@@ -56,45 +51,60 @@ class Signals:
 class Comparison(Shown):
     """One model against measurements, all joints in the same stated band.
 
-    rmse [N m or N], mse, r2 (1 - mse / variance of the measured torque): (n,) each; noise_floor
-    (n,) or None where no motion repeats; relative_error_percent: 100 |tau - tau_hat| / |tau| over
-    all joints; band_hz: the low-pass that both sides passed; signals: the filtered rows themselves;
-    new_motion_share: of the rows, those whose motion the model has not been trained on (see
-    :mod:`~sdp_vs_penalty.signals.motion`), farther than new_motion_distance spreads from all that it
-    has; None where its model.json does not record that; outside: by effect the share of the rows that
-    lie outside of its table (a measured curve), where it is held constant; judged_on: a sentence where
-    the recording is so long that the noise was measured in windows of it.
+    estimate : the model; rmse [N m or N], mse, r2 (1 - mse / variance of the measured torque): (n,)
+    each; noise_floor (n,) of the measurements, or None where it is not known, and noise_source;
+    relative_error_percent: 100 |tau - tau_hat| / |tau| over all joints; band_hz: the low-pass that both
+    sides passed; signals: the filtered rows themselves; new_motion_share: of the rows, those whose
+    motion the model has not been trained on (see :mod:`~sdp_vs_penalty.signals.motion`), farther than
+    new_motion_distance spreads from all that it has; None where its model.json does not record that;
+    outside: by effect the share of the rows that lie outside of its table (a measured curve), where it
+    is held constant; runs: the names of the measurements; judged_on: a sentence where the recording is
+    so long that the noise was measured in windows of it.
     """
 
     name: str
+    estimate: Estimate = field(compare=False)
     rmse: Array
     mse: Array
     r2: Array
     noise_floor: Array | None
+    noise_source: str
     relative_error_percent: float
     band_hz: float
     signals: Signals = field(compare=False)
+    runs: tuple[str, ...] = ()
     new_motion_share: float | None = None
     new_motion_distance: float | None = None
     outside: Mapping[str, float] = field(default_factory=dict)
     judged_on: str | None = None
 
     @property
-    def warning(self) -> str | None:
-        """A sentence where these measurements repeat the motion that the model was trained on, and one
-        where they leave what its measured curves are known for."""
-        said = [
-            repeatability_warning(self.new_motion_share),
-            outside_warning(self.outside),
-            self.judged_on,
-        ]
-        return " ".join(filter(None, said)) or None
+    def verdict(self) -> Verdict:
+        """How good the model is on these measurements."""
+        return self.verdict_with()
 
-    @property
-    def verdict(self) -> str:
-        """How well the model explains these measurements, in one sentence."""
-        said = fit_verdict(self.relative_error_percent, self.rmse, self.noise_floor, self.r2)
-        return f"{self.name} {said}"
+    def verdict_with(self, missing: str = "", forward: str = "") -> Verdict:
+        """The same with what a diagnosis and a forward simulation say; the grade stays."""
+        links = self.estimate.model.rigid_indices[::10]
+        errors = Errors(
+            self.rmse,
+            self.r2,
+            self.noise_floor,
+            self.noise_source,
+            self.relative_error_percent,
+            self.new_motion_share,
+            max(self.outside.values(), default=0.0),
+        )
+        return judge(
+            errors,
+            self.estimate.certificate,
+            self.estimate.theta[links],
+            self.estimate.nominal[links],
+            self.runs,
+            missing=missing,
+            forward=forward,
+            remark=self.judged_on or "",
+        )
 
     def plot(self, joint: int | None = None, against: str = "time", axes: Any = None) -> Any:
         """Draw each joint's error beside the noise floor, or one joint's residual; returns the axes.
@@ -118,7 +128,8 @@ class Comparison(Shown):
         return plot_residual(axes, x, s.residual[:, j], label, title)
 
     def _summary(self) -> Summary:
-        return f"Comparison: {self.verdict}", [
+        return f"Comparison of {self.name}. {self.verdict.headline}", [
+            *((f"{line.about} ({line.grade})", line.text) for line in self.verdict.lines),
             ("RMSE", ", ".join(f"{x:.3g}" for x in self.rmse)),
             *_floor_row(self.noise_floor),
             ("band", f"below {self.band_hz:.3g} Hz"),
@@ -128,6 +139,7 @@ class Comparison(Shown):
     def to_dict(self) -> dict[str, Any]:
         return {
             "model": self.name,
+            "verdict": self.verdict.to_dict(),
             "rmse": self.rmse.tolist(),
             "mse": self.mse.tolist(),
             "r2": [finite(x) for x in self.r2],
@@ -172,10 +184,13 @@ class Comparisons(list[Comparison]):
     def __repr__(self) -> str:
         if len(self) == 1:
             return repr(self[0])
-        return "\n".join(["Comparisons", *(f"  {c.verdict}" for c in self[:4])])
+        return "\n".join(["Comparisons", *(f"  {c.name}: {c.verdict.headline}" for c in self[:4])])
 
     def _repr_html_(self) -> str:
-        return "".join(f"<p>{escape(c.verdict)}</p>" for c in self) + self.to_frame().to_html()
+        return (
+            "".join(f"<p>{escape(f'{c.name}: {c.verdict.headline}')}</p>" for c in self)
+            + self.to_frame().to_html()
+        )
 
 
 def _floor_row(floor: Array | None) -> list[tuple[str, str]]:
@@ -195,7 +210,7 @@ def compare(
     measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
         a DataFrame, Measurements, or a list of runs.
     All models are judged behind the same filters, those of the first model, or ``preprocessing``, and
-    beside the same noise floor, measured with the last model. noise_from : the runs whose repetition
+    beside the same noise floor, that of the measurements. noise_from : the runs whose repetition
     shows it (default: those that the measurements are windows of, or the measurements).
     Returns one :class:`Comparison` a model, in a list with ``plot()`` and ``to_frame()``.
     Raises InputError where a model and the measurements have different numbers of joints.
@@ -212,15 +227,20 @@ def compare(
             raise other_robot(measurements.n, model.robot.n, f"measurements for {name}", "model")
         check_plausible(model.robot, measurements)
     given = (measurements.whole or measurements) if noise_from is None else as_measurements(noise_from)
-    last, shown = list(models.values())[-1], excerpt(given, settings)
-    floor = noise_floor(with_estimate(segmented(shown, settings), last))
-    said = excerpt_sentence(shown, given, "errors are those of all samples, noise and dependences of")
+    floor = noise_level(first.problem, given, settings)
+    said = excerpt_sentence(
+        excerpt(given, settings), given, "errors are those of all samples, noise and dependences of"
+    )
     judged = [_judged(name, model, measurements, settings, floor) for name, model in models.items()]
     return Comparisons(replace(one, judged_on=said) for one in judged)
 
 
 def _judged(
-    name: str, model: Estimate, measurements: Measurements, settings: Preprocessing, floor: Array | None
+    name: str,
+    model: Estimate,
+    measurements: Measurements,
+    settings: Preprocessing,
+    floor: tuple[Array | None, str],
 ) -> Comparison:
     series = {name: Growing() for name in ("t", "q", "dq", "measured", "modelled")}
     outside: dict[str, float] = {}  # rows
@@ -247,13 +267,15 @@ def _judged(
     assert band is not None
     return Comparison(
         name,
+        model,
         np.sqrt(mse),
         mse,
         r2,
-        floor,
+        *floor,
         float(relative),
         band,
         signals,
+        tuple(measurements.names),
         None if record is None else record.new_share(signals.q, signals.dq),
         None if record is None else record.distance,
         {name: rows / count for name, rows in outside.items() if rows > 0.0},
@@ -263,3 +285,17 @@ def _judged(
 def predicted(rows: Rows, theta: Array) -> Array:
     """Modelled torque (M, n) of filtered rows: the columns passed the same filter as the torque."""
     return np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])
+
+
+def still_missing(found: Diagnosis, estimate: Estimate) -> str:
+    """What a diagnosis of this model, or of one that it grew from, has found that the model lacks."""
+    there = {(e.name, j + 1) for e in estimate.model.effects for j in e.joints}
+    whole = {e.name for e in estimate.model.effects if e.whole_robot}
+    left = [
+        f"{f.effect} on {show.joints(f.joints)}" if f.joints else f.effect
+        for f in found.effects
+        if f.effect not in whole and not (f.joints and {(f.effect, j) for j in f.joints} <= there)
+    ]
+    if left:
+        return f"Found and not added: {'; '.join(left)}."
+    return "All effects that `diagnose` found are in the model." if found.effects else found.headline

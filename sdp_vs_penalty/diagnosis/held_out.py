@@ -37,7 +37,7 @@ from sdp_vs_penalty.diagnosis.stage import Stage, model_columns
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.identify import with_reference
+from sdp_vs_penalty.estimation.pose import with_reference
 from sdp_vs_penalty.regression.regression import compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import numpy as np
-
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import CurrentModel, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.noise_level import with_parameters
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
 
@@ -33,11 +29,4 @@ def diagnosis_rows(
 
 def with_estimate(runs: SegmentedRuns, estimate: Estimate) -> SegmentedRuns:
     """The same runs with an estimate as the current model."""
-    links = estimate.links if len(estimate.links) else np.zeros((estimate.robot.links, 10))
-    current, width = CurrentModel(estimate.robot, links), estimate.model.sign_width
-
-    def attach(motion: Motion) -> Motion:
-        torque = estimate.torque(motion)
-        return replace(motion, torque=torque, current=current, sign_width=width)
-
-    return replace(runs.with_model(attach), gains=estimate.model.gains)
+    return with_parameters(runs, estimate.model, estimate.theta)

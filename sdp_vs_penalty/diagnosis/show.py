@@ -6,79 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.robot.arrays import Array
 
-#: A joint's error is called out above so many noise floors.
-ABOVE_NOISE = 2.0
-#: Relative errors [%]: up to the first a model whose noise is not known is good; above the second any
-#: model is none.
-GOOD, NO_MODEL = 5.0, 50.0
-_LEVELS = {"good": "good", "usable": "usable", "bad": "do not use"}
 #: What is said where no motion repeats: the residual was taken for noise, which it then equals.
 NOISE_UNKNOWN = "is not known: no motion repeats, so noise and model error cannot be separated."
-#: Share by which a joint's error has to rise to be called out.
-_RISES = 0.1
-#: Below this share of new motion, errors say more of repeatability than of other motions.
-MOSTLY_NEW = 0.5
 #: Events that are listed one by one; more would hide the findings.
 _EVENTS = 3
-
-
-def no_model_of(rmse: ArrayLike, floor: ArrayLike | None, r2: ArrayLike) -> str:
-    """The joints that the mean of their torque describes better than the model does, or "". An error
-    within the noise is none."""
-    worse = np.asarray(r2, dtype=float) < 0.0
-    if floor is not None:
-        worse &= np.asarray(rmse) > ABOVE_NOISE * np.asarray(floor)
-    return show.joints((np.flatnonzero(worse) + 1).tolist()) if np.any(worse) else ""
-
-
-def fit_level(relative_percent: float, rmse: ArrayLike, floor: ArrayLike | None, r2: ArrayLike) -> str:
-    """good, usable or bad (not to be used): by the noise floor where it is known, else by the relative
-    error alone, which cannot say how much of it is noise. At most usable where a joint has no model."""
-    if not relative_percent <= NO_MODEL:
-        return "bad"
-    if no_model_of(rmse, floor, r2):
-        return "usable"
-    if floor is None:
-        return "good" if relative_percent <= GOOD else "usable"
-    return "usable" if np.any(np.asarray(rmse) > ABOVE_NOISE * np.asarray(floor)) else "good"
-
-
-def fit_verdict(relative_percent: float, rmse: Array, floor: Array | None, r2: Array) -> str:
-    """How well a model explains the torque, and which joints are far above the noise."""
-    level = _LEVELS[fit_level(relative_percent, rmse, floor, r2)]
-    if without := no_model_of(rmse, floor, r2):
-        level += f", but not for {without} (worse than the mean torque)"
-    text = f"explains the torque to {relative_percent:.3g} % (relative error): {level}"
-    if floor is None:
-        return f"{text}; noise floor unknown: no motion repeats."
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(floor > 0.0, rmse / floor, np.inf)
-    above = np.flatnonzero(ratio > ABOVE_NOISE)
-    if not len(above):
-        return f"{text}; no joint's error exceeds {ABOVE_NOISE:g} times the noise floor."
-    low, high = (f"{x:.2g}" for x in (ratio[above].min(), ratio[above].max()))
-    times = low if low == high else f"{low} to {high}"
-    verb = "exceeds" if len(above) == 1 else "exceed"
-    return f"{text}; {show.joints((above + 1).tolist())} {verb} the noise floor {times} times."
-
-
-def risen(before: ArrayLike, after: ArrayLike) -> str:
-    """One sentence where a bigger model has larger errors (n,) on some joints than before, or ""."""
-    old, new = np.asarray(before, dtype=float), np.asarray(after, dtype=float)
-    worse = np.flatnonzero(new > (1.0 + _RISES) * old)
-    if not len(worse):
-        return ""
-    share = np.divide(new, old, out=np.full(len(new), np.inf), where=old > 0.0)[worse].max() - 1.0
-    most = f" by {'up to ' if len(worse) > 1 else ''}{100.0 * share:.0f} %" if np.isfinite(share) else ""
-    return (
-        f"The error of {show.joints((worse + 1).tolist())} rises{most}: add fewer effects, or look "
-        "there before using the model."
-    )
 
 
 def repeatability_warning(new_share: float | None) -> str | None:
@@ -89,17 +25,6 @@ def repeatability_warning(new_share: float | None) -> str | None:
     return (
         f"{'None' if percent == '0' else f'Only {percent} %'} of the judged motion is new to the model: "
         "these errors show repeatability; judge on another motion to see how it generalises."
-    )
-
-
-def outside_warning(shares: Mapping[str, float]) -> str | None:
-    """One sentence where rows lie outside of measured curves (by name), else None."""
-    if not shares:
-        return None
-    listed = ", ".join(f"{name} {100.0 * share:.2g} %" for name, share in shares.items())
-    return (
-        f"Share of the rows outside of a measured curve's table, where it is held constant: {listed}; "
-        "predictions there are not known."
     )
 
 

@@ -23,11 +23,11 @@ from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.stage import clocks_of, phase_folds
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, finite, plain_unit, words
 from sdp_vs_penalty.signals.excerpt import excerpt
-from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
 
@@ -168,7 +168,7 @@ def where_it_fails(
     repeated = rows
     if not same:
         repeated = with_estimate(segmented(excerpt(given, settings), settings), estimate)
-    floors = noise_floor(repeated)
+    floors, _ = noise_level(estimate.problem, measurements if given is None else given, settings)
     folds = phase_folds(rows, clocks_of(rows, None if same else repeated))
     states, runs = _states(rows), measurements.runs()
     keep = np.asarray(rows.keep.all(axis=1), bool)

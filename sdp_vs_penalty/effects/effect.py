@@ -93,9 +93,12 @@ class Effect(ABC):
     spreads: ClassVar[bool] = False
     #: True where the columns need Motion.temperature.
     needs_temperature: bool = False
+    #: True where the columns need Motion.command.
+    needs_command: ClassVar[bool] = False
 
-    #: When the model runs forward: a torque, the measuring channel's (:meth:`undone`), or nothing.
-    forward: ClassVar[Literal["torque", "channel", "left out"]] = "torque"
+    #: When the model runs forward: a torque, the measuring channel's (:meth:`undone`), what drives the
+    #: joints, or nothing.
+    forward: ClassVar[Literal["torque", "channel", "drive", "left out"]] = "torque"
 
     #: True where one parameter acts on the whole robot: no joints to choose from.
     whole_robot: ClassVar[bool] = False
@@ -307,7 +310,8 @@ class Effect(ABC):
 def follows_alone(effect: Effect, signal: Literal["q", "dq"], joint: int | None = None) -> bool:
     """Whether the torque changes with the joints' position, or velocity, or not at all, and with nothing
     else; joint : with that of this joint (from 0) alone."""
-    if effect.has_memory or effect.needs_torque or effect.needs_links or effect.needs_temperature:
+    other = effect.needs_torque or effect.needs_links or effect.needs_temperature
+    if other or effect.needs_command or effect.has_memory:
         return False
     own = np.random.default_rng(0).normal(size=(3, effect.robot.n))
 

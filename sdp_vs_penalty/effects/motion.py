@@ -15,6 +15,7 @@ from sdp_vs_penalty.robot.robot import Robot
 
 #: Velocity [rad/s, m/s] over which the sign of a velocity is smoothed.
 SIGN_WIDTH = 0.01
+_NO_COMMAND = "these measurements hold no commands", "add columns qcmd1..qcmdn to the log"
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,40 @@ class Sampling:
 
 
 @dataclass(frozen=True)
+class Command:
+    """What the drives were told: q, dq, ddq (N, n), and the integral of q (N, n) over time [rad s, m s],
+    at instants t (N,) [s], evenly spaced. Between two of them Taylor's series is followed."""
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    sum: Array
+
+    def position(self, t: Array) -> Array:
+        """(len(t), n) at any instants; outside of those known, as at their end."""
+        k, h = self._near(t)
+        return np.asarray(self.q[k] + h * self.dq[k] + 0.5 * h * h * self.ddq[k])
+
+    def velocity(self, t: Array) -> Array:
+        """Its rate."""
+        k, h = self._near(t)
+        return np.asarray(self.dq[k] + h * self.ddq[k])
+
+    def integral(self, t: Array) -> Array:
+        """The integral of the position."""
+        k, h = self._near(t)
+        return np.asarray(self.sum[k] + h * self.q[k] + 0.5 * h * h * self.dq[k])
+
+    def _near(self, t: Array) -> tuple[Array, Array]:
+        """(len(t),) the nearest known instant, and (len(t), 1) how far it is [s]."""
+        at = np.clip(t, self.t[0], self.t[-1])
+        step = float(self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
+        k = np.rint((at - self.t[0]) / step).astype(np.intp) if step > 0.0 else np.zeros(len(at), int)
+        return k, (at - self.t[k])[:, None]
+
+
+@dataclass(frozen=True)
 class Motion:
     """A motion sampled uniformly: t (N,) s; q, dq, ddq (N, n); torque (N, n) of the current model.
 
@@ -69,6 +104,28 @@ class Motion:
     within: Sampling | None = None
     #: (N, n) of each joint's gear or motor [degrees Celsius], where the log holds them.
     temperature: Array | None = None
+    #: What the drives were told, where that was logged, and (N, n) the integral of q over time since the
+    #: same instant.
+    command: Command | None = None
+    sum: Array | None = None
+
+    @property
+    def told(self) -> Command:
+        """``command``; InputError where the measurements hold none."""
+        if self.command is None:
+            raise InputError(
+                "these measurements hold no commands", "add columns qcmd1..qcmdn to the log"
+            )
+        return self.command
+
+    @property
+    def integral(self) -> Array:
+        """``sum``; InputError where the measurements hold no commands."""
+        if self.sum is None:
+            raise InputError(
+                "these measurements hold no commands", "add columns qcmd1..qcmdn to the log"
+            )
+        return self.sum
 
     @cached_property
     def joint_temperature(self) -> Array:
@@ -81,7 +138,7 @@ class Motion:
 
     def part(self, which: slice) -> Motion:
         """Consecutive ones of these instants."""
-        arrays = ("t", "q", "dq", "ddq", "torque", "temperature")
+        arrays = ("t", "q", "dq", "ddq", "torque", "temperature", "sum")
         known: dict[str, Any] = {k: x[which] for k in arrays if (x := getattr(self, k)) is not None}
         return replace(self, **known)
 

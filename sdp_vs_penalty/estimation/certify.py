@@ -17,19 +17,18 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.determined import record
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.pose import Posed
 from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
-from sdp_vs_penalty.regression.black_box import BlackBox
-from sdp_vs_penalty.regression.regression import Regression, compress
-from sdp_vs_penalty.robot import compiled, inertia
+from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.motion import record_motion
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.proof import Proof, optimum_proof
 from sdp_vs_penalty.solvers.verified import repaired_as_written, violations
@@ -39,40 +38,30 @@ from sdp_vs_penalty.version import __version__
 _POSES = 10_000
 
 
-def build_estimate(
-    problem: Problem,
-    task: Task,
-    estimator: Estimator,
-    fit: Fit,
-    regression: Regression,
-    preprocessing: Preprocessing,
-    measurements: Measurements | BlackBox,
-    weighting: str,
-    gain_errors: Array | None = None,
-    workers: Workers = ALONE,
-) -> Estimate:
+def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Workers = ALONE) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
+    problem, task, measurements = posed.problem, posed.task, posed.measurements
     theta, certificate = certify(task, fit)
     certificate = dataclasses.replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
-    wide, data = with_sensitivities(task.model, theta), regression
+    wide, data = with_sensitivities(task.model, theta), posed.regression
     if wide is not task.model and isinstance(measurements, Measurements):
-        data = compress(measurements, wide, preprocessing, workers=workers)
+        data = compress(measurements, wide, posed.preprocessing, workers=workers)
     uncertainty = of_regression(
         problem,
         task.model,
         data,
         theta,
         base=base,
-        weighting=weighting,
+        weighting=posed.weighting,
         constrained=certificate.worst == 0.0,
-        gain_errors=gain_errors,
-        own=regression,
+        gain_errors=posed.gain_errors,
+        own=posed.regression,
     )
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {
         **dataclasses.asdict(estimator),  # type: ignore[call-overload]
-        "weighting": weighting,
+        "weighting": posed.weighting,
     }
     provenance = {
         "seed": task.seed,
@@ -88,7 +77,7 @@ def build_estimate(
         uncertainty,
         estimator.name,
         certificate,
-        preprocessing,
+        posed.preprocessing,
         settings,
         {
             **{k: v for k, v in fit.details.items() if k != "interior"},
@@ -96,25 +85,27 @@ def build_estimate(
             **record(task, theta, base, estimator.rest),
         },
         provenance,
-        record_motion(measurements, preprocessing) if isinstance(measurements, Measurements) else None,
+        record_motion(measurements, posed.preprocessing)
+        if isinstance(measurements, Measurements)
+        else None,
     )
 
 
-def proved(task: Task, fit: Fit, estimate: Estimate) -> Proof:
-    """The proof that the objective of an estimate is within its interval of the optimum.
+def proved(task: Task, fit: Fit, theta: Array, method: str) -> Proof:
+    """The proof that the objective of a certified theta is within its interval of the optimum.
 
     Raises InputError where the method is not convex, or has no constraints: nothing bounds it.
     """
     if fit.multipliers is None:
         raise InputError(
-            f"method {estimate.method} has no lower bound to prove",
+            f"method {method} has no lower bound to prove",
             "choose one that solves the SDP, such as lmi-sdp, or penalty",
         )
     return optimum_proof(
         fit.objective,
         fit.constraints,
         fit.multipliers,
-        estimate.theta,
+        theta,
         task.bound,
         fit.entropy_slopes,
         [parameter.name for parameter in task.model.parameters],
@@ -213,14 +204,9 @@ def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
 
 
-def versions() -> dict[str, str]:
-    """Versions of everything that a figure may depend on; of the compiled core where it is used."""
-    native = compiled.core()
-    return _installed() if native is None else {**_installed(), compiled.MODULE: native.__version__}
-
-
 @cache
-def _installed() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Versions of everything that a figure may depend on."""
     from importlib.metadata import PackageNotFoundError, version
 
     found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}

@@ -20,6 +20,7 @@ from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.show import parameter_rows, plot_parameters
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
+from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.files import read_json, write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
@@ -103,6 +104,12 @@ class Estimate(Shown):
         )
         each = [f"{masses[i]:.3g} kg for {nominal[i]:.3g} (link {i + 1})" for i in far]
         return f"{said}; far from nominal: {show.words(each)}." if far else f"{said}."
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """How good the model was when it was identified or extended; None if nobody asked."""
+        said = self.provenance.get("verdict")
+        return None if said is None else Verdict.from_dict(said)
 
     @property
     def nominal(self) -> Array:
@@ -282,6 +289,9 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
     details = data["details"]
     if not isinstance(details, dict) or not isinstance(details.get("undetermined", {}), dict):
         raise ValueError("details: undetermined names who decides which parameter")
+    provenance = data["provenance"]
+    if provenance.get("verdict") is not None:
+        Verdict.from_dict(provenance["verdict"])  # refused here, not by whoever asks for it
     return Estimate(
         problem,
         model,
@@ -292,6 +302,6 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         Preprocessing(**data["preprocessing"]),
         data["settings"],
         details,
-        data["provenance"],
+        provenance,
         motion,
     )

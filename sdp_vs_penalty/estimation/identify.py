@@ -2,33 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.plausibility import check_plausible
-from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.data.sources import Source
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import Infeasible, InputError, other_robot
+from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certify import build_estimate, proved
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
-from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
-from sdp_vs_penalty.estimation.shape_profiles import with_shapes
+from sdp_vs_penalty.estimation.pose import PoseOptions, pose, readable
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Progress, Task, no_progress
-from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.black_box import BlackBox, as_black_box, compress_black_box
-from sdp_vs_penalty.regression.regression import Regression, compress
+from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.proof import infeasibility_proof, write_proof
@@ -76,46 +66,18 @@ def identify(
     """
     problem, refined = as_problem(problem, "identify(problem=...)"), method == OUTPUT_ERROR
     estimator = make_estimator(DEFAULT_METHOD if refined else method)
-    if refined and proof is not None:
-        raise InputError("proof: a simulation's error is not convex", "leave it out, or take lmi-sdp")
-    measurements = _usable(problem, measurements, estimator, proof is not None)
-    if isinstance(measurements, BlackBox):
-        if refined:
-            raise InputError(f"method {OUTPUT_ERROR} needs measured runs", "choose another method")
-        return _identify_black_box(problem, measurements, estimator, effects, seed, progress)
-    model = problem.model(effects)
-    settings = (preprocessing or problem.preprocessing).resolve(measurements)
-    progress("estimating shape constants")
-    shapes = estimate_shapes(model, measurements, settings, weighting, workers=workers)
-    model = replace(model, effects=with_shapes(model.effects, shapes))
-    errors = independent_gains(gain_uncertainty, problem.robot.n)
-    details: dict[str, Any] = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
-    if known_loads:
-        progress("determining the gains from the known loads")
-        prior = float(np.max(gain_uncertainty))
-        found = gains_from_loads(model, measurements, known_loads, settings, prior)
-        problem = replace(problem, gains=tuple(found.gain.tolist()))
-        model, errors = replace(model, gains=problem.gains), found.factor
-        details["gains"] = found.to_dict()
-    if model.needs_reference:
-
-        def compressed(part: Model) -> Regression:
-            return compress(measurements, part, settings, workers=workers)
-
-        model = with_reference(problem, model, compressed, weighting, progress)
-    progress("compressing the measurements")
-    regression = compress(measurements, model, settings, workers=workers)
-    task = make_task(problem, model, regression, weighting, seed, progress)
-    fit = _fitted(task, estimator, proof)
-    estimate = build_estimate(
-        problem, task, estimator, fit, regression, settings, measurements, weighting, errors, workers
-    )
+    measurements = readable(problem, measurements, "identify(measurements=...)")
+    _check_method(estimator, refined, isinstance(measurements, BlackBox), proof is not None)
+    options = PoseOptions(effects, preprocessing, weighting, gain_uncertainty, known_loads, seed)
+    posed = pose(problem, measurements, options, progress, workers)
+    fit = _fitted(posed.task, estimator, proof)
+    estimate = build_estimate(posed, estimator, fit, workers)
     if refined:
-        estimate = refine(estimate, measurements, estimator, regression, weighting, seed, progress)
-    estimate = replace(estimate, details={**estimate.details, **details})
+        estimate = refine(estimate, posed, estimator)
+    estimate = replace(estimate, details={**estimate.details, **posed.details})
     if proof is not None:
         progress("proving the optimum")
-        write_proof(proved(task, fit, estimate), proof)
+        write_proof(proved(posed.task, fit, estimate.theta, estimate.method), proof)
     return estimate
 
 
@@ -130,69 +92,17 @@ def _fitted(task: Task, estimator: Estimator, proof: str | Path | None) -> Fit:
         raise
 
 
-def _usable(
-    problem: Problem, measurements: Source | BlackBox, estimator: Estimator, proof: bool
-) -> Measurements | BlackBox:
-    """What was given as measurements, read; InputError where problem, method and data do not fit."""
-    n, names = problem.robot.n, problem.robot.joint_names
-    if not isinstance(measurements, BlackBox):
-        measurements = as_black_box(measurements, n) or as_measurements(
-            measurements, n, names, "identify(measurements=...)"
-        )
-    if measurements.n != n:
-        raise other_robot(measurements.n, n, f"measurements for {problem.name}")
-    if isinstance(measurements, BlackBox):
-        if proof:
-            what = "proof: a black box's answers are fitted without constraints"
-            raise InputError(what, "leave it out")
-        return measurements
-    if estimator.needs_black_box:
+def _check_method(estimator: Estimator, refined: bool, black_box: bool, proof: bool) -> None:
+    """InputError where method, data and a wanted proof do not fit each other."""
+    if refined and proof:
+        raise InputError("proof: a simulation's error is not convex", "leave it out, or take lmi-sdp")
+    if black_box and proof:
+        what = "proof: a black box's answers are fitted without constraints"
+        raise InputError(what, "leave it out")
+    if black_box and refined:
+        raise InputError(f"method {OUTPUT_ERROR} needs measured runs", "choose another method")
+    if estimator.needs_black_box and not black_box:
         raise InputError(
             f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix",
             "choose another method for measured runs",
         )
-    check_plausible(problem.robot, measurements)
-    return measurements
-
-
-def _identify_black_box(
-    problem: Problem,
-    box: BlackBox,
-    estimator: Estimator,
-    effects: str | Sequence[str] | Sequence[Effect] | None,
-    seed: int,
-    progress: Progress,
-) -> Estimate:
-    model = problem.model("rigid_body" if effects is None else effects)
-    progress("compressing the black box's answers")
-    regression = compress_black_box(box, model)
-    task = make_task(problem, model, regression, "none", seed, progress)
-    fit = _fitted(task, estimator, None)
-    settings = problem.preprocessing
-    return build_estimate(problem, task, estimator, fit, regression, settings, box, "none")
-
-
-def with_reference(
-    problem: Problem,
-    model: Model,
-    compressed: Callable[[Model], Regression],
-    weighting: str = "noise",
-    progress: Progress = no_progress,
-    passes: int = 2,
-) -> Model:
-    """The model with the current model that its torque-dependent effects refer to.
-
-    Least squares without those effects, then ``passes - 1`` times with them: the reference is what
-    the other effects are estimated to be when these have taken their share. compressed : the training
-    data in the columns of a model.
-    """
-    reference = np.zeros(len(model.parameters))
-    for k in range(passes):
-        progress(f"the current model, pass {k + 1} of {passes}")
-        part = model.reference_free if k == 0 else replace(model, reference=reference)
-        regression = compressed(part)
-        theta = make_task(problem, part, regression, weighting).ols
-        free = theta if k == 0 else theta[model.reference_free_indices]
-        reference = np.zeros(len(model.parameters))
-        reference[model.reference_free_indices] = free
-    return replace(model, reference=reference)

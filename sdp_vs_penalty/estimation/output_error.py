@@ -22,10 +22,10 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certify import build_estimate
 from sdp_vs_penalty.estimation.courses import Course, courses_of
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.pose import Posed
 from sdp_vs_penalty.estimation.sandwich import visible_directions
-from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
-from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.regression.regression import LeastSquares, Regression
+from sdp_vs_penalty.estimators.estimator import Estimator, Task
+from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 
 OUTPUT_ERROR = "output-error"
@@ -52,26 +52,17 @@ class _Window:
     q: Array
 
 
-def refine(
-    start: Estimate,
-    measurements: Measurements,
-    estimator: Estimator,
-    regression: Regression,
-    weighting: str = "noise",
-    seed: int = 0,
-    progress: Progress = no_progress,
-) -> Estimate:
+def refine(start: Estimate, posed: Posed, estimator: Estimator) -> Estimate:
     """The estimate with the least error of a simulation, found from ``start``.
 
-    regression : the measurements in the model's columns; estimator : whose constraints and prior hold;
-    weighting, seed, progress : as for ``identify``.
+    posed : the problem that ``start`` solves; estimator : whose constraints and prior hold.
     Raises InputError for a model that cannot accelerate.
     """
-    model, problem = start.model, start.problem
+    model, task, measurements = start.model, posed.task, posed.measurements
+    assert isinstance(measurements, Measurements)
     plant = Plant(model, start.theta)
     if not plant.can_move or not np.all(np.isfinite(start.theta)):
         raise InputError("M(q) is not positive definite: the model cannot be simulated", "add bounds")
-    task = make_task(problem, model, regression, weighting, seed, progress)
     courses = [c for run in measurements.runs() for c in courses_of(run, start, plant, _WINDOWS[-1])]
     size = np.concatenate([c.q for c in courses]).std(axis=0)
     windows, seconds = _chosen(plant, courses, size)
@@ -79,25 +70,23 @@ def refine(
     theta, error = start.theta, _errors(plant, windows, size)[0]
     begin, made = error, None
     for k in range(_ITERATIONS):
-        progress(f"output error, step {k + 1}: {1e3 * _rms(error * size):.4g} thousandths")
+        task.progress(f"output error, step {k + 1}: {1e3 * _rms(error * size):.4g} thousandths")
         linear = _linearised(task, theta, directions, windows, size)
-        posed = replace(task, data=linear)
-        fit = estimator.fit(posed)
+        linearised = replace(task, data=linear)
+        fit = estimator.fit(linearised)
         tried = np.array([theta + share * (fit.theta - theta) for share in _SHARES])
         errors = _errors(Plant(model, tried), windows, size)
         best = int(np.argmin([_rms(e) for e in errors]))
         gained = 1.0 - _rms(errors[best]) / _rms(error)
-        made = posed, fit
+        made = linearised, fit
         if not gained > _GAIN:
             break
         theta, error = tried[best], errors[best]
     assert made is not None
-    posed, fit = made
+    linearised, fit = made
     fit = replace(fit, theta=theta, details={**fit.details, "window_s": seconds})
     fit.details["simulation_rms"] = [_rms(begin * size), _rms(error * size)]
-    estimate = build_estimate(
-        problem, posed, estimator, fit, regression, start.preprocessing, measurements, weighting
-    )
+    estimate = build_estimate(replace(posed, task=linearised), estimator, fit)
     return replace(estimate, method=OUTPUT_ERROR)
 
 

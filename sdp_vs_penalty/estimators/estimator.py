@@ -23,6 +23,7 @@ from sdp_vs_penalty.regression.regression import LeastSquares, nearest_least_squ
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers.primal_dual import Iterate
 
 #: Called with a short text of where a long computation stands.
 Progress = Callable[[str], None]
@@ -111,7 +112,7 @@ class Task:
 class Fit:
     """theta (p,); for convex problems what the certificate needs to bound the optimum.
 
-    bound (p,) : |theta_k| <= bound_k for every feasible theta.
+    bound (p,) : |theta_k| <= bound_k for every feasible theta; central : a start for similar data.
     """
 
     theta: Array
@@ -122,6 +123,7 @@ class Fit:
     interior: Array | None = None
     bound: Array | None = None
     details: dict[str, Any] = field(default_factory=dict)
+    central: Iterate | None = None
 
     @cached_property
     def lower(self) -> float:

@@ -13,6 +13,7 @@ is the first two (results/default_method.md).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -21,8 +22,9 @@ import numpy as np
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
+from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.solvers import absent, solver, solver_modules
+from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.conic import Solution
 from sdp_vs_penalty.solvers.identification import (
@@ -32,14 +34,15 @@ from sdp_vs_penalty.solvers.identification import (
     moving_scale,
 )
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
+from sdp_vs_penalty.solvers.primal_dual import Iterate, minimise
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
-from sdp_vs_penalty.solvers.structured import Structured
+from sdp_vs_penalty.solvers.small_cones import SmallCones
 from sdp_vs_penalty.solvers.verified import proves_infeasible
 
 #: A certified gap relative to the loss below which an answer is kept at once.
 _TIGHT = 1e-8
-#: Whose answers every solver is judged beside, and the compiled one that goes before it where it can.
-REFERENCE, QUICK = "clarabel", "native"
+#: Whose answers every solver is judged beside, and our own method, which goes before it where it can.
+REFERENCE, OWN = "clarabel", "primal-dual"
 #: A certified gap up to which an answer counts that its solver itself did not call one.
 _LOOSE = 1e-2
 #: Each attempt's way from the last answer to the interior point at which cones are scaled, and
@@ -47,6 +50,9 @@ _LOOSE = 1e-2
 _ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
 #: The loss at the optimum relative to |tau|^2 that the first attempt expects at least.
 _FIRST_LOSS = 1e-6
+
+#: Where our own method starts: the share of the torque that each parameter of a sign makes by itself.
+_STARTING_SHARE = 0.1
 
 #: Depth (:meth:`ConstraintSet.depth`) from which the nominal robot serves as the interior point. Seen
 #: from one on the boundary, such as an earlier estimate, cones are stretched a million times.
@@ -71,8 +77,8 @@ class LmiSdp(Estimator):
         a joint does not reverse, Coulomb friction and offset have the same column and only this
         keeps them from growing against each other without end. On the Panda it costs under
         1e-7 of the loss at 14 s of motion; results/table_data shows what it saves at 1 s.
-    solver : one of solvers/; None: the compiled one where it is installed and its answer is certified,
-        else Clarabel; accuracy : what it is asked for.
+    solver : one of solvers/; None: our own (solvers/primal_dual.py) where its answer is certified, else
+        Clarabel; accuracy : what it is asked for.
     """
 
     name = "lmi-sdp"
@@ -164,44 +170,99 @@ def solve_sdp(
     a solver may stall short of what it was asked for. So every answer is certified, and where the
     gap is above ``_TIGHT`` the same problem is solved again as seen from the answer, each cone scaled
     by a point a little inside of it. The tightest answer is kept, what a solver gave up on included.
-    solver_name None: Clarabel, after one attempt of the compiled solver that counts only if it is tight.
+    solver_name None: our own interior-point method, then Clarabel where its answer is not tight.
     Raises InputError where the constraints admit no interior point, or nothing near an optimum came.
     """
-    interior = interior_point(task, constraints, solver_name or REFERENCE)
-    if solver_name is None and absent(solver_modules()[QUICK]) is None:
-        fit = _compiled(task, objective, constraints, interior, accuracy)
-        if fit is not None and fit.gap <= _TIGHT:
-            return fit
-    return _solved(task, objective, constraints, interior, solver_name or REFERENCE, accuracy)
+    return PosedSdp.of(task, objective, constraints, solver_name).fit(objective, accuracy)
 
 
-def _compiled(
-    task: Task, objective: Objective, constraints: ConstraintSet, interior: Array, accuracy: float
-) -> Fit | None:
-    """The compiled solver's answer; None where it takes no such cones or finds no finite numbers."""
-    data, sent = objective.least_squares, essential(constraints, objective)
-    try:
-        posed = Structured.of(objective.entropy, constraints, sent, task.bound, interior)
-    except NotApplicableError:
-        return None
-    found = posed.optimum(data, accuracy, floor=_FIRST_LOSS * data.tau_squared)
-    if not np.all(np.isfinite(found.theta)):
-        return None
-    multipliers, slopes = posed.multipliers(found)
-    details = {"solver": QUICK, "solver_said": [f"{found.status} ({found.iterations})"]}
-    theta = repair(constraints, found.theta, interior)
-    return Fit(theta, objective, constraints, multipliers, slopes, interior, task.bound, details)
+@dataclass(frozen=True)
+class PosedSdp:
+    """Constraints, prior and bounds of a problem that is solved once, or again with other data.
+
+    interior (p,) : strictly inside; cones : for our own method (None: another one was asked for, or a
+    cone is larger than it takes).
+    """
+
+    task: Task
+    constraints: ConstraintSet
+    interior: Array
+    solver: str
+    cones: SmallCones | None
+
+    @classmethod
+    def of(
+        cls,
+        task: Task,
+        objective: Objective,
+        constraints: ConstraintSet,
+        solver_name: str | None = None,
+    ) -> PosedSdp:
+        """Raises InputError where the constraints admit no interior point."""
+        interior = interior_point(task, constraints, solver_name or REFERENCE)
+        cones = None
+        if solver_name is None:
+            with suppress(NotApplicableError):
+                cones = SmallCones.of(objective.entropy, constraints.convex, len(interior))
+        return cls(task, constraints, interior, solver_name or REFERENCE, cones)
+
+    def fit(self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None) -> Fit:
+        """The certified optimum of an objective with the same prior.
+
+        near : the fit to similar data, from which half the steps remain. Raises InputError where nothing
+        near an optimum is found.
+        """
+        if self.cones is not None:
+            fit = self._own(self.cones, objective, accuracy, near)
+            if fit is not None and fit.gap <= _TIGHT:
+                return fit
+        return _solved(self, objective, accuracy)
+
+    def _own(
+        self, cones: SmallCones, objective: Objective, accuracy: float, near: Fit | None
+    ) -> Fit | None:
+        data = objective.least_squares
+        starts: list[Array | Iterate] = [_start(self.task, data, self.interior), self.interior]
+        if near is not None and near.central is not None:
+            starts.insert(0, near.central)
+        found = minimise(cones, data, starts, accuracy)
+        if found is None:
+            return None
+        multipliers, slopes = cones.multipliers(found.multipliers)
+        theta = repair(self.constraints, found.theta, self.interior)
+        return Fit(
+            theta,
+            objective,
+            self.constraints,
+            multipliers,
+            slopes,
+            self.interior,
+            self.task.bound,
+            {"solver": OWN, "solver_said": [found.said]},
+            found.central,
+        )
 
 
-def _solved(
-    task: Task,
-    objective: Objective,
-    constraints: ConstraintSet,
-    interior: Array,
-    solver_name: str,
-    accuracy: float,
-) -> Fit:
-    """The tightest answer of all attempts."""
+def _start(task: Task, data: LeastSquares, interior: Array) -> Array:
+    """The interior point, with what only has a sign (friction, rotor inertia) where it makes a tenth of
+    the torque: next to zero its multiplier would be the first to block a step."""
+    start, norms = interior.copy(), np.linalg.norm(data.R, axis=0)
+    lower = np.array([q.lower for q in task.model.parameters])
+    signed = np.isfinite(lower) & (norms > 0.0)
+    signed[task.model.rigid_indices] = False
+    size = _STARTING_SHARE * np.sqrt(data.tau_squared) / np.where(signed, norms, 1.0)
+    start[signed] = (lower + np.minimum(size, 0.5 * task.bound))[signed]
+    return start
+
+
+def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
+    """The tightest answer of all attempts of a conic solver."""
+    task, constraints, interior, solver_name = (
+        posed.task,
+        posed.constraints,
+        posed.interior,
+        posed.solver,
+    )
     sent = essential(constraints, objective)
     best: Fit | None = None
     answered = False

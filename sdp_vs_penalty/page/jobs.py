@@ -6,6 +6,7 @@ a job that is killed has changed nothing.
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -30,15 +31,13 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.known_load import parsed_known_load
 from sdp_vs_penalty.estimation.separation import separate as separation
 from sdp_vs_penalty.estimators import estimator_types, with_solver
-from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.page.archive import pack, unpack
+from sdp_vs_penalty.files import write_bytes, write_text
 from sdp_vs_penalty.page.model_jobs import check_urdf, forward, pose, prove, verify
 from sdp_vs_penalty.page.options import number
 from sdp_vs_penalty.page.run_jobs import (
     Answer,
     Progress,
     Request,
-    keep,
     look_again,
     mend,
     problem_of,
@@ -262,63 +261,29 @@ def methods(request: Request, progress: Progress) -> Answer:
 
 def take(request: Request, progress: Progress) -> Answer:
     """Export a model to the format of a name's suffix; says which effects have no place in it."""
-    from sdp_vs_penalty.export import export
+    from sdp_vs_penalty.exporters.export import export
 
     name, out = request["name"], Path(request["folder"]) / request["name"]
     if name == "model.json":
         write_bytes(out, Path(request["model"]).read_bytes())
         return {"files": [name]}
+    if name == "findings.json":
+        write_text(out, json.dumps(request["findings"], indent=1, allow_nan=False) + "\n")
+        return {"files": [name]}
     urdf = request.get("urdf") if name == "robot.urdf" else None
     progress(f"writing {name}")
     x, y, z = numbers("flange", request.get("flange") or "0,0,0", 3)
     lost = export(load_estimate(request["model"]), out, urdf, flange=(x, y, z))
-    said = f"{out.suffix} files cannot hold {', '.join(lost)}; model.json and the NumPy function can."
+    said = f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."
     return {"files": [name], "notice": [said] if lost else []}
 
 
-def save_session(request: Request, progress: Progress) -> Answer:
-    """Everything of a session in one file."""
-    folder, state, robot = Path(request["folder"]), request["state"], request["robot"]
-    members: dict[str, bytes] = {}
-    own = robot["source"] if robot["file"] else None
-    if own is not None:
-        members["robot.urdf"] = Path(own).read_bytes()
-    for k, run in enumerate(request["runs"]):
-        progress(f"writing {run['name']}")
-        text = folder / f"saved-{k}.csv"
-        save(load_measurements(folder / run["file"]), text)
-        members[f"runs/{k}.csv"] = text.read_bytes()
-        text.unlink()
-    for k, file in enumerate(request["models"]):
-        members[f"models/{k}.json"] = Path(file).read_bytes()
-    known = {"source": "robot.urdf" if own else robot["source"], "gravity": robot["gravity"]}
-    runs = [{key: run[key] for key in ("name", "given", "use")} for run in request["runs"]]
-    named = {"robot": {**known, "file": robot["file"]}, "runs": runs}
-    pack({**state, **named}, members, folder / "session.zip")
-    return {"files": ["session.zip"]}
-
-
-def open_session(request: Request, progress: Progress) -> Answer:
-    """What was saved: the robot, the runs checked and the models judged anew."""
-    into = Path(request["into"])
-    into.mkdir(mode=0o700)
-    state = unpack(Path(request["path"]), into)
-    given = state["robot"]
-    source = str(into / "robot.urdf") if given["source"] == "robot.urdf" else given["source"]
-    asked = {**request, "robot": {"source": source, "gravity": given["gravity"]}}
-    told = {**robot({**asked, "source": source}, progress), **asked["robot"], "file": given["file"]}
-    problem, runs = problem_of(asked), []
-    for k, run in enumerate(state["runs"]):
-        progress(f"checking {run['name']}")
-        part = load_measurements(into / "runs" / f"{k}.csv", joints=problem.robot.n)
-        kept = keep(problem, part, Path(request["folder"]), run["name"])
-        runs.append({**kept, "use": run["use"], "given": run["given"]})
-    ladder = []
-    for k, rung in enumerate(state["ladder"]):
-        model = str(into / "models" / f"{k}.json")
-        details = {**asked, "runs": runs, "model": model, "out": str(into / f"model-{k}.json")}
-        ladder.append({**open_model(details, progress), **rung, "added": tuple(rung["added"])})
-    return {"robot": told, "runs": runs, "ladder": ladder, "state": state}
+def take_run(request: Request, progress: Progress) -> Answer:
+    """A run as the page keeps it, mended and checked, as CSV."""
+    name, folder = request["name"], Path(request["folder"])
+    progress(f"writing {name}")
+    save(load_measurements(folder / request["runs"][request["index"]]["file"]), folder / name)
+    return {"files": [name]}
 
 
 def report(request: Request, progress: Progress) -> Answer:
@@ -341,8 +306,7 @@ JOBS: dict[str, Callable[[Request, Progress], Answer]] = {
     job.__name__: job
     for job in (
         *(catalogue, robot, read, look_again, real, simulate, mend, fit, open_model, separate),
-        *(save_session, open_session),
-        *(extend, find, methods, take, report),
+        *(extend, find, methods, take, take_run, report),
         *(forward, prove, verify, pose, check_urdf),
     )
 }

@@ -10,9 +10,11 @@ import numpy as np
 from sdp_vs_penalty.check import urdf
 from sdp_vs_penalty.data.files import windowed
 from sdp_vs_penalty.data.texts import time_windows
+from sdp_vs_penalty.diagnosis.refit import weighting_of
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.export import sdp
+from sdp_vs_penalty.estimation.pose import PoseOptions
+from sdp_vs_penalty.exporters import sdp
 from sdp_vs_penalty.page.run_jobs import Answer, Progress, Request, runs_of
 from sdp_vs_penalty.page.summary import placed, save_arrays
 from sdp_vs_penalty.simulation.follow import follow
@@ -46,7 +48,6 @@ def forward(request: Request, progress: Progress) -> Answer:
         "file": str(file),
         "runs": [f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s" for f in made.free],
         "verdict": made.verdict,
-        "grade": made.grade,
         "explained": made.explained,
         "units": list(made.units),
         "heads": heads,
@@ -64,6 +65,7 @@ def prove(request: Request, progress: Progress) -> Answer:
         runs,
         model.method,
         effects=model.model.effects,
+        weighting=weighting_of(model),
         seed=int(request["seed"]),
         progress=progress,
         proof=out,
@@ -82,7 +84,8 @@ def pose(request: Request, progress: Progress) -> Answer:
     """The SDP behind a model as a file, and what it means: what `sdp-vs-penalty export-sdp` does."""
     model, out = load_estimate(request["model"]), Path(request["folder"]) / request["name"]
     runs = windowed(runs_of(request).train, time_windows(request["window"]))
-    sdp.write_posed(model.problem, runs, out, model.method, model.model.effects)
+    options = PoseOptions(model.model.effects, weighting=weighting_of(model), seed=int(request["seed"]))
+    sdp.write_posed(model.problem, runs, out, model.method, options, progress)
     return {"files": [out.name, f"{out.name}.json"]}
 
 

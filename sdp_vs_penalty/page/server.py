@@ -288,8 +288,6 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
     elif kind == "proof":
         session.names[str(path)] = name
         session.ask("verify", f"Checking {name}", proof=str(path))
-    elif kind == "session":
-        session.open_session(str(path), name)
     else:
         while name in session.arrived:
             name = f"{Path(name).stem} again{Path(name).suffix}"

@@ -11,7 +11,7 @@ from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.texts import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.page import archive, uploads
+from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.state import METHOD, Notice, TabState
 from sdp_vs_penalty.page.summary import Rung
 
@@ -229,35 +229,17 @@ class Session(TabState):
             found = None if self.findings is None else self.findings.to_dict()
             details = {"models": models, "commands": self.commands(), "findings": found}
             self.ask("report", f"Making {name}", ready, **details)
+        elif name == "findings.json":
+            assert self.findings is not None
+            self.ask("take", f"Making {name}", ready, name=name, findings=self.findings.to_dict())
         else:
             urdf = self.robot["source"] if self.robot and self.robot["file"] else None
             self.ask("take", f"Making {name}", ready, name=name, urdf=urdf, **options)
 
-    def save(self, ready: Callable[[str], None]) -> None:
-        """Everything as one file; ``ready`` hears its name."""
-        state = {name: getattr(self, name) for name in archive.KEPT}
-        state["ladder"] = [{k: getattr(rung, k) for k in archive.RUNG} for rung in self.ladder]
-        state["findings"] = None if self.findings is None else self.findings.to_dict()
-        models = [rung.file for rung in self.ladder]
-        self.ask("save_session", "Saving the session", ready, state=state, models=models)
-
-    def open_session(self, path: str, name: str) -> None:
-        """Go on where a saved session ended, instead of this one."""
-
-        async def do() -> None:
-            self._count += 1
-            into = str(self.folder / f"session-{self._count}")
-            answer = await self._job("open_session", path=path, into=into)
-            self._remember()
-            self.forget_models()
-            self.robot, self.runs, self.made_by = answer["robot"], answer["runs"], None
-            self._take_ladder([Rung(**rung) for rung in answer["ladder"]])
-            found = answer["state"]["findings"]
-            self.findings = None if found is None else Diagnosis.from_dict(found)
-            for name in archive.KEPT:
-                setattr(self, name, answer["state"][name])
-
-        self._start(f"Opening {name}", do(), {path: name})
+    def take_run(self, index: int, ready: Callable[[str], None]) -> None:
+        """Make a CSV file of a run; ``ready`` hears its name."""
+        name = f"run-{index + 1}.csv"
+        self.ask("take_run", f"Making {name}", ready, name=name, index=index)
 
     def take_up(self, model: Rung) -> None:
         """Go on from a model of this session that was left."""

@@ -8,15 +8,31 @@ from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.session import Session
+    from sdp_vs_penalty.page.summary import Rung
     from sdp_vs_penalty.page.view import View
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a step has come to: good, usable with care, or not to be used; and why, in a sentence."""
+    """What a step has come to, in a sentence; level : its colour, "" for none; word : what it begins
+    with. Only the step Model against data grades the model (estimation/verdict.py)."""
 
-    level: Literal["good", "usable", "bad"]
+    level: Literal["good", "usable", "bad", ""]
     text: str
+    word: str = ""
+
+
+#: The colours of the grades.
+_COLOURS: dict[str, Literal["good", "usable", "bad"]] = {
+    "good": "good", "usable": "usable", "do not use": "bad",
+}  # fmt: skip
+
+
+def model_verdict(model: Rung) -> Verdict:
+    """What estimation/verdict.py says of a model."""
+    said = model.comparison["verdict"]
+    grade = said["grade"]
+    return Verdict(_COLOURS[grade], said["lines"][0]["text"], grade.capitalize())
 
 
 def no_verdict(session: Session) -> Verdict | None:

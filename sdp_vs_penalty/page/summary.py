@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.estimation.shape_profiles import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
-from sdp_vs_penalty.export.friction_table import friction_curves
+from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.report.evidence import certificate_rows
 from sdp_vs_penalty.report.parameters import (
@@ -144,6 +144,7 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
     progress("comparing measured with modelled")
     comparison = compare({"model": estimate}, judge, noise_from=given.whole)[0]
     settings = estimate.preprocessing.resolve(judge)
+    estimate.provenance["verdict"] = comparison.verdict.to_dict()
     arrays = {}
     runs = [*train.runs(), *([] if test is None else test.runs())]
     for k, run in enumerate(runs):

@@ -25,7 +25,6 @@ SUFFIXES = {
     "robot": ROBOT_SUFFIXES,
     "model": (".json",),
     "proof": (".json",),
-    "session": (".zip",),
 }
 
 #: Of the authors' Panda logger: four text files that are one run, known by their names.

@@ -14,7 +14,7 @@ from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.steps import STEPS
 from sdp_vs_penalty.page.view import View
 
-_LEVELS = {"good": "Good", "usable": "Usable with care", "bad": "Do not use"}
+_COLOURS = frozenset({"good", "usable", "bad"})
 _THEMES = {None: "Colours: auto", False: "Colours: light", True: "Colours: dark"}
 
 
@@ -147,19 +147,22 @@ class Workbench:
         """The sentence that a step ends in, and the way to the next one."""
         following = dict(itertools.pairwise(STEPS)).get(step)
         on = ready and following is not None and following.ready(self.session)
-        state = json.dumps([None if verdict is None else (verdict.level, verdict.text), on])
+        state = json.dumps(
+            [None if verdict is None else (verdict.level, verdict.word, verdict.text), on]
+        )
         if self._drawn.get(f"end-{step.anchor}") == state:
             return
         self._drawn[f"end-{step.anchor}"] = state
         level = "" if verdict is None else verdict.level
-        self._links[step.anchor].classes(add=level, remove=" ".join({*_LEVELS} - {level}))
-        self._levels[step.anchor].text = _LEVELS.get(level, "")
+        self._links[step.anchor].classes(add=level, remove=" ".join(_COLOURS - {level}))
+        self._levels[step.anchor].text = "" if verdict is None else verdict.word
         end = self._ends[step.anchor]
         end.clear()
         with end:
             if verdict is not None:
                 with tag("p", style=f"verdict {level}"):
-                    tag("strong", f"{_LEVELS[level]}. ")
+                    if verdict.word:
+                        tag("strong", f"{verdict.word}. ")
                     tag("span", verdict.text)
             if on and following is not None:
                 style = "action primary" if verdict is not None and level != "bad" else "action"

@@ -71,7 +71,7 @@ class BlackBox:
 
 def is_black_box(path: str | Path) -> bool:
     """Whether a file holds a black box's answers rather than a measured run."""
-    if Path(path).suffix != ".npz" or not zipfile.is_zipfile(path):
+    if Path(path).suffix != ".npz" or not (Path(path).is_file() and zipfile.is_zipfile(path)):
         return False
     try:
         with zipfile.ZipFile(path) as archive:

@@ -10,10 +10,11 @@ import numpy as np
 
 from sdp_vs_penalty.check import Report
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.report.plots import styled
 from sdp_vs_penalty.signals.preprocessing import Rows
 from sdp_vs_penalty.simulation.follow import Following
@@ -42,6 +43,13 @@ class Material:
     @property
     def last(self) -> Estimate:
         return list(self.models.values())[-1]
+
+    @property
+    def verdict(self) -> Verdict:
+        """That of the last model."""
+        ahead = "" if isinstance(self.forward, str) else self.forward.verdict
+        missing = "" if self.diagnosis is None else still_missing(self.diagnosis, self.last)
+        return self.comparisons[-1].verdict_with(missing, ahead)
 
     @property
     def last_name(self) -> str:

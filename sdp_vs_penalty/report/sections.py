@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -51,8 +52,13 @@ def summary(material: Material) -> Section:
         "constraints",
         "certified gap",
     )
-    for warning in dict.fromkeys(c.warning for c in material.comparisons if c.warning):
-        body += text(warning)
+    verdict = material.verdict
+    lines = [(line.about, line.grade, line.text) for line in verdict.lines]
+    body = (
+        f'<p class="verdict {verdict.grade.replace(" ", "-")}">{escape(verdict.headline)}</p>'
+        + table((material.last_name, "grade", "why"), lines, numbers_from=3)
+        + body
+    )
     return Section("summary", "Summary", body + table(heads, rows, numbers_from=2))
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.files import LARGEST_MESH, reading
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.urdf import placed_links, pose_of
 
@@ -116,9 +117,10 @@ def _mesh(path: Path, filename: str, scale: Array) -> Geometry | None:
     try:
         import coal
 
-        model = coal.MeshLoader().load(str(file), scale)
-        points = np.array(model.vertices(), float).reshape(-1, 3)
-        volume = abs(float(model.computeVolume()))
+        with reading(file, LARGEST_MESH):
+            model = coal.MeshLoader().load(str(file), scale)
+            points = np.array(model.vertices(), float).reshape(-1, 3)
+            volume = abs(float(model.computeVolume()))
     except Exception:  # a mesh is a help, not an input: whatever its reader says, the rest is enough
         return None
     extent = np.ptp(points, axis=0) if len(points) else np.zeros(3)

@@ -13,9 +13,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sdp_vs_penalty.robot import compiled, inertia
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.structure import Structure
 
@@ -46,19 +46,6 @@ class Robot(Structure):
         return model
 
     @cached_property
-    def _tree_arrays(self) -> tuple[NDArray[Any], ...]:
-        """parents, prismatic (L,), rotations (L, 3, 3), translations and axes (L, 3), gravity (3,)."""
-        placements = np.array([joint.placement for joint in self.tree])
-        return (
-            np.array([joint.parent for joint in self.tree], np.int64),
-            np.array([joint.kind == "prismatic" for joint in self.tree], np.int64),
-            np.ascontiguousarray(placements[:, :3, :3]),
-            np.ascontiguousarray(placements[:, :3, 3]),
-            np.array([joint.axis for joint in self.tree], float),
-            np.array(self.gravity, float),
-        )
-
-    @cached_property
     def _link_maps(self) -> Array | None:
         """(links, 10, 10) from link-frame to joint-frame parameters; None where all are identity."""
         frames = [self.tree[k].link_frame for k in self.link_joints]
@@ -69,21 +56,15 @@ class Robot(Structure):
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Y with tau = Y theta, shape (N, n, 10 links), for states of shape (N, n).
 
-        Atkeson, An, Hollerbach (IJRR 1986); by the compiled core where it is installed, else by
-        Pinocchio's joint torque regressor.
+        Atkeson, An, Hollerbach (IJRR 1986), by Pinocchio's joint torque regressor.
         """
+        from sdp_vs_penalty.robot._pinocchio import pin
+
         q, dq, ddq = self.tree_state(q, dq, ddq)
         out = np.empty((len(q), len(self.tree), 10 * len(self.tree)))
-        native = compiled.core()
-        if native is not None:
-            native.regressor(*self._tree_arrays, q, dq, ddq, out)
-        else:
-            from sdp_vs_penalty.robot._pinocchio import pin
-
-            model, data = self._model, self._model.createData()
-            compute = pin.computeJointTorqueRegressor
-            for k in range(len(q)):
-                out[k] = compute(model, data, q[k], dq[k], ddq[k])
+        model, data = self._model, self._model.createData()
+        for k in range(len(q)):
+            out[k] = pin.computeJointTorqueRegressor(model, data, q[k], dq[k], ddq[k])
         if self.mechanism is not None:
             out = self._projected(out)
             blocks = out.reshape(len(q), self.n, -1, 10)[:, :, list(self.link_joints)]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.files import LARGEST_TEXT, reading
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -25,7 +26,8 @@ class SelfCollision:
     def of_urdf(cls, urdf: str | Path, n: int) -> SelfCollision | None:
         """None where the file has no collision shapes that can be read, or other joints than n."""
         path = Path(urdf)
-        model = pin.buildModelFromUrdf(str(path))
+        with reading(path, LARGEST_TEXT):
+            model = pin.buildModelFromUrdf(str(path))
         try:
             geometry = pin.buildGeomFromUrdf(
                 model, str(path), pin.GeometryType.COLLISION, package_dirs=[str(path.parent)]

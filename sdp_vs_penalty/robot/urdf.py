@@ -11,8 +11,8 @@ import numpy as np
 from lxml import etree
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.errors import InputError, unreadable
-from sdp_vs_penalty.files import opened
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import read_bytes
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
@@ -235,14 +235,13 @@ def _read(path: str | Path) -> tuple[_Reader, Any]:
 
 def _parse(reader: _Reader) -> Any:
     """The <robot> element; entities are never expanded, nothing is loaded from elsewhere."""
-    opened(reader.path)
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True
     )
     try:
-        root = etree.fromstring(reader.path.read_bytes(), parser)
-    except OSError as error:
-        raise unreadable(error, reader.path) from error
+        root = etree.fromstring(read_bytes(reader.path), parser)
+    except InputError:
+        raise
     except (etree.XMLSyntaxError, ValueError) as error:
         raise reader.fail(f"not an XML file ({str(error).splitlines()[0]})") from error
     if root.tag != "robot":

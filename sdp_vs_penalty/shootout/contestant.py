@@ -23,10 +23,7 @@ Applies = Callable[[Instance], str | None]
 
 @dataclass(frozen=True)
 class Contestant:
-    """absent : why it is not here, or None; tunable : whether an accuracy can be asked for.
-
-    same_as : the contestant that is the same solver, called directly; then it runs only if asked for.
-    """
+    """absent : why it is not here, or None; tunable : whether an accuracy can be asked for."""
 
     name: str
     description: str
@@ -39,7 +36,6 @@ class Contestant:
     #: What a first call pays for once (imports, compilation); it must not start a thread, because a
     #: forked child would wait for it for ever.
     warm_up: Callable[[], None] = lambda: None
-    same_as: str | None = None
 
     def settings(self, accuracy: float) -> str:
         """How a run is set up, in one word: the key in runs.csv."""

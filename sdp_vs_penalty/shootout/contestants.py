@@ -24,7 +24,7 @@ def contestants() -> dict[str, Contestant]:
     modules = solver_modules()
     found = [_conic(name, module) for name, module in modules.items()]
     found += [_defaults(name, m) for name, m in modules.items() if hasattr(m, "DEFAULT_ACCURACY")]
-    found += [_certified(name, m) for name, m in modules.items() if not hasattr(m, "SAME_AS")]
+    found += [_certified(name, m) for name, m in modules.items()]
     return {c.name: c for c in sorted((*found, *rivals()), key=lambda c: c.name)}
 
 
@@ -35,12 +35,6 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     """
     everyone = contestants()
     if names is None:
-        everyone = {
-            c.name: replace(c, absent=f"the same solver as {c.same_as}, asked for by name only")
-            if c.same_as and not c.absent
-            else c
-            for c in everyone.values()
-        }
         return [c for c in everyone.values() if not c.absent], [c for c in everyone.values() if c.absent]
     for name in names:
         if name not in everyone:
@@ -86,7 +80,6 @@ def _conic(name: str, module: ModuleType) -> Contestant:
         lambda: version(module),
         absent(module),
         warm_up=lambda: warm_up(module),
-        same_as=getattr(module, "SAME_AS", None),
     )
 
 

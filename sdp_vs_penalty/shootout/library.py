@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import Infeasible, InputError
-from sdp_vs_penalty.estimators.lmi_sdp import interior_point
-from sdp_vs_penalty.export.sdp import export_sdp, prove
+from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
+from sdp_vs_penalty.exporters.sdp import export_sdp, proof_of
 from sdp_vs_penalty.files import as_csv, write_bytes, write_text
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import Entry
@@ -107,8 +107,9 @@ _FILES = ("problem.cbf", "problem.dat-s", "problem.npz", "problem.mat")
 def proved(instance: Instance) -> tuple[str, Proof | None]:
     """ "optimum proved", "proved infeasible" or "not proved", and the proof."""
     try:
-        interior_point(instance.task, instance.constraints)
-        return "optimum proved", prove(instance.task, instance.objective, instance.constraints)
+        task, constraints = instance.task, instance.constraints
+        fit = solve_sdp(task, instance.objective, constraints, "clarabel", 1e-10)
+        return "optimum proved", proof_of(task, fit, instance.name)
     except Infeasible as error:
         if error.proof is None:
             return "not proved", None

@@ -1,6 +1,6 @@
 """Log-Cholesky variables and IPOPT (Waechter, Biegler 2006), with CasADi's exact derivatives.
 
-The same chart as :mod:`log_cholesky`, without a barrier of our own: IPOPT imposes what remains.
+Links are consistent by construction (:mod:`log_cholesky`); IPOPT imposes what remains.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ import numpy as np
 
 from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.shootout.chart import COLUMNS, DIAGONAL, ROWS, Frame, LogCholesky, owners
 from sdp_vs_penalty.shootout.contestant import no_answer
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.judge import Answer
+from sdp_vs_penalty.shootout.log_cholesky import COLUMNS, DIAGONAL, ROWS, LogCholesky, owners
 
 PACKAGE = "casadi"
 #: Logarithms of a factor's diagonal stay within these bounds, in units of an interior point.
@@ -44,10 +44,10 @@ def solve(instance: Instance, accuracy: float) -> Answer:
         return no_answer(instance, "no interior point to start from", 0.0)
     data = instance.data
     size = max(data.loss(instance.task.ols), 1e-9 * data.tau_squared, 1e-300)
-    frame = Frame.at(owners(instance.sent), interior)
+    frame = LogCholesky.at(owners(instance.sent), interior)
     taken = {id(c) for c in frame.links}
     rows = [c for c in instance.sent if id(c) not in taken and c.cone != "psd"]
-    begin = LogCholesky.of(frame, interior).x
+    begin = frame.variables(interior)
     x = ca.SX.sym("x", len(begin))
     theta = _theta(ca, frame, x)
     demands = [_demand(ca, c, theta, interior) for c in rows]
@@ -62,7 +62,7 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     found = program(x0=begin, lbx=-limit, ubx=limit, **({"lbg": 0.0} if demands else {}))
     end = time.perf_counter()
     said = program.stats()
-    best = LogCholesky(frame, np.array(found["x"]).ravel()).theta
+    best = frame.theta(np.array(found["x"]).ravel())
     return Answer(
         best,
         "optimal" if said["success"] else "failed",
@@ -74,7 +74,7 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     )
 
 
-def _theta(ca: Any, frame: Frame, x: Any) -> Any:
+def _theta(ca: Any, frame: LogCholesky, x: Any) -> Any:
     theta = [ca.SX(0.0)] * frame.size
     for k, (c, back, corner) in enumerate(zip(frame.links, frame.maps, frame.corners, strict=True)):
         factor = ca.SX.zeros(4, 4)

@@ -13,14 +13,14 @@ from sdp_vs_penalty.data.datasets import UR10E_DRIVE_GAINS, clean_stretch, conve
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
-from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.real_data import measured_run, real_file
-from sdp_vs_penalty.regression.regression import LeastSquares, compress
+from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -126,9 +126,7 @@ def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
 
 
 def _task(problem: Problem, run: Measurements, effects: tuple[str, ...] | None = None) -> Task:
-    model = problem.model(effects)
-    settings = problem.preprocessing.resolve(run)
-    task = make_task(problem, model, compress(run, model, settings))
+    task = pose(problem, run, PoseOptions(effects)).task
     return replace(task, constraints=ConstraintSet(task.constraints.convex))
 
 

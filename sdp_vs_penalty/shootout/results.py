@@ -9,8 +9,8 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.errors import InputError, unreadable
-from sdp_vs_penalty.files import as_csv, write_text
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import as_csv, read_text, write_text
 
 Row = dict[str, Any]
 
@@ -57,10 +57,7 @@ class Results:
             self._write()
 
     def _read(self) -> None:
-        try:
-            head, *lines = [*csv.reader(io.StringIO(self.path.read_text()))] or [[]]
-        except (OSError, UnicodeDecodeError) as error:
-            raise unreadable(error, self.path) from error
+        head, *lines = [*csv.reader(io.StringIO(read_text(self.path)))] or [[]]
         if head != list(COLUMNS):
             raise InputError(
                 f"holds the results of something else (its columns are {','.join(head)[:60]}...)",

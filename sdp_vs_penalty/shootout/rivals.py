@@ -16,8 +16,7 @@ from scipy import sparse
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Fit
 from sdp_vs_penalty.estimators.penalty import fit_penalty
-from sdp_vs_penalty.shootout import log_cholesky_ipopt, newton
-from sdp_vs_penalty.shootout.chart import Geodesic, LogCholesky
+from sdp_vs_penalty.shootout import log_cholesky_ipopt
 from sdp_vs_penalty.shootout.contestant import (
     DEFAULT_ACCURACY,
     Contestant,
@@ -46,8 +45,6 @@ def rivals() -> list[Contestant]:
         _cvxpy("CLARABEL"),
         _penalty(),
         _certified_penalty(),
-        _newton("log-cholesky", "log-Cholesky variables", LogCholesky),
-        _newton("riemannian", "geodesics of the affine-invariant metric, entropic barrier", Geodesic),
         _log_cholesky_ipopt(),
     ]
 
@@ -185,16 +182,6 @@ def _certified_penalty() -> Contestant:
         _no_entropy,
         lambda: __version__,
         tunable=False,
-    )
-
-
-def _newton(name: str, words: str, chart: type[LogCholesky | Geodesic]) -> Contestant:
-    return Contestant(
-        name,
-        f"{words}, exact Hessians, Newton's method (no SDP solver)",
-        lambda instance, accuracy: newton.solve(instance, accuracy, chart),
-        lambda _: None,
-        lambda: metadata.version("scipy"),
     )
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import alone, write_text
+from sdp_vs_penalty.files import alone, read_text, write_text
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.shootout.contestant import Contestant
 from sdp_vs_penalty.shootout.contestants import chosen
@@ -114,7 +114,7 @@ def _references(
     known: dict[str, dict[str, Any]] = {}
     if path.exists():
         try:
-            known = json.loads(path.read_text())
+            known = json.loads(read_text(path))
         except ValueError:
             raise InputError("not JSON", "delete it, and the intervals are proved again", path) from None
     current = {e.name: instance(e.name).hash for e in entries}

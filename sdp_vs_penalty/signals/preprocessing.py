@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Sampling
 from sdp_vs_penalty.effects.model import JointColumns, Model, depends
+from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.kernels import Decimator, Kernel, LowPass
@@ -60,6 +61,8 @@ _MOST_SAMPLES = 1 << 19
 #: Filtered pieces of runs of at most so many positions are kept, for the next model's columns, with the
 #: low-passed columns of the last one; columns of more than this on a joint are low-passed by themselves.
 _MOST_KEPT, _WIDE = 150_000, 8
+#: Longest delay of a command that columns can look back over [s].
+_LATEST = 0.12
 
 
 @dataclass(frozen=True)
@@ -166,7 +169,28 @@ class RunFilter:
         warm = part.temperature
         if warm is not None:  # slow: it needs no filter
             warm = part.resampled(warm, first, last + 1)[:: self.stride]
-        return Motion(clock, q, dq, ddq, within=Sampling(self.stride, self.dt), temperature=warm)
+        command = path = None
+        if part.qcmd is not None:
+            command, path = self._command(part, first, last)
+        within = Sampling(self.stride, self.dt)
+        return Motion(clock, q, dq, ddq, within=within, temperature=warm, command=command, sum=path)
+
+    def _command(self, part: Stretch, first: int, last: int) -> tuple[Command, Array]:
+        """What the drives were told, from a longest delay before sample ``first`` on, and the integral
+        of the positions from there to ``last``: filtered as the positions are."""
+        assert part.qcmd is not None
+        half, stride = self.state.half, self.stride
+        early = stride * -(-int(_LATEST / self.dt) // stride)
+
+        def around(values: Array, begin: int) -> tuple[Array, ...]:
+            long = part.resampled(values, begin - half, last + 1 + half)
+            return tuple(x[::stride] for x in self.state.states(long))
+
+        of_command, of_motion = part.integrals
+        told, since = around(part.qcmd, first - early), around(of_command, first - early)
+        clock = part.clock(np.arange(first - early, last + 1, stride))
+        path, *_ = around(of_motion, first)
+        return Command(clock, told[0], told[1], told[2], since[0]), path
 
     def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
         """Low-passed torque (len(at), n) at samples of the log, in order."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,6 +132,7 @@ class Stretch:
     tau: Array
     dt: float
     temperature: Array | None = None
+    qcmd: Array | None = None
 
     @property
     def count(self) -> int:
@@ -139,9 +141,21 @@ class Stretch:
     def clock(self, k: NDArray[np.int64]) -> Array:
         return np.asarray(self.t[0] + self.dt * k)
 
+    @cached_property
+    def integrals(self) -> tuple[Array, Array]:
+        """(N, n) of qcmd and of q over time since the stretch began, at the samples as logged."""
+        assert self.qcmd is not None
+        return _integral(self.t, self.qcmd), _integral(self.t, self.q)
+
     def resampled(self, values: Array, start: int, stop: int) -> Array:
         """q or tau at the grid's samples start to stop - 1, (stop - start, n)."""
         return interpolated(self.clock(np.arange(start, stop)), self.t, values)
+
+
+def _integral(t: Array, values: Array) -> Array:
+    """By the trapezoidal rule."""
+    steps = 0.5 * np.diff(t)[:, None] * (values[1:] + values[:-1])
+    return np.vstack([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
 
 
 def interpolated(at: Array, t: Array, values: Array) -> Array:
@@ -167,7 +181,8 @@ def stretches(run: Measurements) -> Iterator[Stretch]:
     for start, stop in zip([0, *breaks], [*breaks, len(run.t)], strict=True):
         if stop - start >= 2:
             part = run.rows(slice(start, stop))
-            yield Stretch(part.t, part.q, part.tau, dt, part.temperature)
+            told = part.commanded.get("qcmd")
+            yield Stretch(part.t, part.q, part.tau, dt, part.temperature, told)
 
 
 def no_motion(run: Measurements) -> InputError:

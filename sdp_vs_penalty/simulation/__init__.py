@@ -1,1 +1,1 @@
-"""Known truth: simulated runs, hidden effects, physics engines, the challenge of the diagnosis."""
+"""Known truth: simulated runs, hidden effects, physics engines."""

@@ -33,8 +33,6 @@ _LEFT, _BANDWIDTH = {"rad": 0.5, "m": 0.1}, 5.0
 #: Parameters drawn from their intervals for the band of the free run, and half a 95 % band in
 #: standard deviations.
 _DRAWS, _HALF = 8, 1.96
-#: Shares (see Following.share) below which a model is good, or usable.
-_GOOD, _USABLE = 0.1, 0.5
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ class Following(Shown):
 
     @property
     def share(self) -> Array:
-        """(n,) what the grade goes by: error a tenth of a second ahead over that of going on at constant
+        """(n,) error a tenth of a second ahead over that of going on at constant
         velocity; with a loop, the torque that it adds over the measured one."""
         if self.drive == "pd":
             return np.max(
@@ -113,13 +111,8 @@ class Following(Shown):
         return self.ahead.rms / np.maximum(self.ahead.naive, 1e-300)
 
     @property
-    def grade(self) -> str:
-        """good, usable or do not use, by the worst joint."""
-        worst = float(self.share.max())
-        return "good" if worst < _GOOD else "usable" if worst < _USABLE else "do not use"
-
-    @property
     def verdict(self) -> str:
+        """How far ahead it is right, in a sentence; the grade of a model is estimation/verdict.py's."""
         j = int(np.argmax(self.share))
         x = float(self.share[j])
         share = f"{100.0 * x:.3g} % of" if x < 2.0 else f"{x:.2g} times"
@@ -128,14 +121,14 @@ class Following(Shown):
         stays = f"stays within {said(worst.rms[k], self.units[k])} RMS over {worst.seconds:.3g} s"
         if self.drive == "pd":
             return (
-                f"{self.grade.capitalize()} for simulation under control: joint {j + 1} needs {share} "
+                f"Simulated under control, joint {j + 1} needs {share} "
                 f"its measured torque from the loop, the others less; the arm {stays}."
             )
         first = min(self.free, key=lambda f: f.seconds if f.left else np.inf)
         end = f"leaves the measured motion after {first.seconds:.2g} s" if first.left else stays
         return (
-            f"{self.grade.capitalize()} for prediction: {self.ahead.seconds:.3g} s ahead the worst "
-            f"joint, {j + 1}, is off by {said(self.ahead.rms[j], self.units[j])} RMS, {share} the "
+            f"Run forward, {self.ahead.seconds:.3g} s ahead the worst joint, {j + 1}, "
+            f"is off by {said(self.ahead.rms[j], self.units[j])} RMS, {share} the "
             f"error at constant velocity; the free run {end}."
         )
 
@@ -179,7 +172,6 @@ class Following(Shown):
     def to_dict(self) -> dict[str, Any]:
         return {
             "verdict": self.verdict,
-            "grade": self.grade,
             "drive": self.drive,
             "units": list(self.units),
             "one_step_velocity": self.one_step.to_dict(),

@@ -14,6 +14,7 @@ give a tight one. Nothing a solver says about itself enters.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -24,7 +25,7 @@ from scipy import sparse
 from scipy.linalg import lapack
 
 from sdp_vs_penalty.constraints.cones import cone_depths, project, safe_depth
-from sdp_vs_penalty.constraints.constraint import Alike, Constraint, ConstraintSet, alike
+from sdp_vs_penalty.constraints.constraint import Alike, Constraint, ConstraintSet, Entries, alike
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers import verified
@@ -93,13 +94,53 @@ def lower_bound(
 ) -> float:
     """A rigorous lower bound on min objective over the constraints, from any multipliers.
 
-    Found in plain floating point (:func:`dual_evidence`), then proved with outward rounding
-    (:mod:`verified`); tight where the multipliers are near the dual optimum.
+    Proved with outward rounding (:mod:`verified`) from the multipliers as they are; unless that bound is
+    tight, also from what plain floating point makes of them (:func:`dual_evidence`).
     """
+    if objective.entropy is None or entropy_slopes is not None:
+        with suppress(np.linalg.LinAlgError):  # slopes that are not definite
+            lower = _as_given(objective, constraints, multipliers, theta, bound, entropy_slopes)
+            if objective.least_squares.gap(objective.value(theta), lower, theta) <= _TIGHT:
+                return lower
     e = dual_evidence(objective, constraints, multipliers, theta, bound, entropy_slopes)
     return verified.lower_bound(
-        objective, e.constraints, e.multipliers, e.y, bound, e.entropy_slopes, e.push
+        objective,
+        Entries.of(alike(e.constraints)),
+        e.multipliers,
+        e.y,
+        bound,
+        e.entropy_slopes,
+        e.push,
     )
+
+
+def _as_given(
+    objective: Objective,
+    constraints: ConstraintSet,
+    multipliers: Sequence[Array],
+    theta: Array,
+    bound: Array,
+    entropy_slopes: Array | None,
+) -> float:
+    """The bound from multipliers as they are; what rounding in theta leaves of the slope goes into y."""
+    data = objective.least_squares
+    y = data.R.astype(verified.Long) @ theta - data.rho
+    columns = data.R * bound
+    gram = 2.0 * (columns.T @ columns)
+    gram[np.diag_indices_from(gram)] += _RIDGE * np.trace(gram) + 1e-300
+    factor = scipy.linalg.cho_factor(gram, lower=True, overwrite_a=True, check_finite=False)
+
+    def push(slope: Array) -> Array:
+        return np.asarray(columns @ scipy.linalg.cho_solve(factor, slope, check_finite=False))
+
+    slopes = () if entropy_slopes is None else tuple(entropy_slopes)
+    return verified.lower_bound(objective, constraints.entries, multipliers, y, bound, slopes, push)
+
+
+#: Directions whose share of the data is below this are left alone where a slope is pushed into y.
+_RIDGE = 1e-9
+#: Gap relative to the loss from which on a tighter bound is of no use.
+_TIGHT = 1e-9
 
 
 def dual_evidence(
@@ -131,12 +172,17 @@ def dual_evidence(
             scales[k] = None if t is None else t[i]
     spread = _spread([group for group, _, _ in groups])
     order = np.concatenate([np.arange(0), *(group.places for group, _, _ in groups)])
-    rows = _AffineMap.of(ConstraintSet(tuple(balanced[k] for k in order)), len(bound))
+    rows = Entries.of([group for group, _, _ in groups])
+    adjoint = sparse.csr_matrix((rows.value, (rows.column, rows.row)), (len(bound), len(rows.constant)))
     tangents = _Tangent.candidates(objective, theta, bound, entropy_slopes)
-    tangent = max(tangents, key=lambda t: t.bound(rows, dual)[0]) if len(tangents) > 1 else tangents[0]
+    tangent = (
+        max(tangents, key=lambda t: t.bound(rows.constant, adjoint, dual)[0])
+        if len(tangents) > 1
+        else tangents[0]
+    )
     best, kept = -np.inf, list(dual)
     for _ in range(_DUAL_ROUNDS):
-        value, leftover = tangent.bound(rows, dual)
+        value, leftover = tangent.bound(rows.constant, adjoint, dual)
         gained = value - best
         if gained > 0.0:
             best, kept = value, list(dual)
@@ -230,39 +276,18 @@ class _Tangent:
     def _pull(self) -> Array:
         return 2.0 * self.data.R.T
 
-    def bound(self, rows: _AffineMap, dual: Sequence[Array]) -> tuple[float, Array]:
+    def bound(
+        self, constant: Array, adjoint: sparse.csr_matrix, dual: Sequence[Array]
+    ) -> tuple[float, Array]:
         """The bound for multipliers inside their cones, and the slope (p,) that they leave over."""
         flat = np.concatenate([np.zeros(0), *(multiplier.ravel() for multiplier in dual)])
-        slope = self.slope - rows.matrix.T @ flat
-        constant = self.constant - float(rows.constant @ flat)
+        slope = self.slope - adjoint @ flat
+        lower = self.constant - float(constant @ flat)
         # Shift y so that what is left of the slope vanishes wherever the data determine theta.
         y = self.y - self.push(self.limit * (slope + self._pull @ self.y))
         leftover = slope + self._pull @ y
-        constant += -2.0 * float(y @ self.data.rho) - float(y @ y)
-        return constant - float(np.abs(leftover) @ self.limit), leftover
-
-
-@dataclass(frozen=True)
-class _AffineMap:
-    """All entries of all convex constraints as one affine map: F(theta) = constant + matrix theta."""
-
-    matrix: sparse.csr_matrix
-    constant: Array
-
-    @classmethod
-    def of(cls, constraints: ConstraintSet, p: int) -> _AffineMap:
-        row, column, value, constant, start = [], [], [], [np.zeros(0)], 0
-        for c in constraints.convex:
-            flat = c.coefficients.reshape(len(c.indices), -1)
-            k, entry = np.nonzero(flat)
-            row.append(start + entry)
-            column.append(c.indices[k])
-            value.append(flat[k, entry])
-            constant.append(c.constant.ravel())
-            start += flat.shape[1]
-        places = (np.concatenate([[], *row]).astype(int), np.concatenate([[], *column]).astype(int))
-        matrix = sparse.csr_matrix((np.concatenate([[], *value]), places), (start, p))
-        return cls(matrix, np.concatenate(constant))
+        lower += -2.0 * float(y @ self.data.rho) - float(y @ y)
+        return lower - float(np.abs(leftover) @ self.limit), leftover
 
 
 @lru_cache(maxsize=1024)

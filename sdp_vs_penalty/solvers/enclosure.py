@@ -6,7 +6,6 @@ gamma_n |a|.|b| (Higham, Accuracy and Stability of Numerical Algorithms, 2002, s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,32 +79,26 @@ def total(numbers: Enclosure) -> Enclosure:
     return Enclosure(numbers.value.sum(), up(radius))
 
 
-def inner(exact: Array, numbers: Enclosure) -> Enclosure:
-    """(g, k) inner products of exact arrays (g, k, ...) with enclosed arrays (g, ...)."""
-    rows = np.asarray(exact, Long).reshape(*exact.shape[:2], -1)
-    value, radius = (x.reshape(len(x), -1, 1) for x in (numbers.value, numbers.radius))
-    made, carried = product(rows, value), product(np.abs(rows), radius).upper
-    return Enclosure(made.value[..., 0], up(made.radius + carried)[..., 0])
+def scaled(exact: Extended, numbers: Enclosure) -> Enclosure:
+    """Exact numbers times enclosed ones, entry by entry."""
+    value = exact * numbers.value
+    return Enclosure(value, up(np.abs(exact) * numbers.radius + 2 * ROUNDOFF * np.abs(value)))
 
 
-def scattered(size: int, parts: Sequence[tuple[NDArray[np.intp], Enclosure]]) -> Enclosure:
-    """(size,) sums of enclosed numbers (...), each added at its index (...)."""
+def scattered(size: int, indices: NDArray[np.intp], terms: Enclosure) -> Enclosure:
+    """(size,) sums of enclosed numbers, each added at its index."""
     value, absolute, radius = (np.zeros(size, Long) for _ in range(3))
-    count = np.zeros(size, int)
-    for indices, terms in parts:
-        np.add.at(value, indices, terms.value)
-        np.add.at(absolute, indices, np.abs(terms.value))
-        np.add.at(radius, indices, terms.radius)
-        np.add.at(count, indices, 1)
-    gamma = 2 * (count + 2) * ROUNDOFF
+    np.add.at(value, indices, terms.value)
+    np.add.at(absolute, indices, np.abs(terms.value))
+    np.add.at(radius, indices, terms.radius)
+    gamma = 2 * (np.bincount(indices, minlength=size) + 2) * ROUNDOFF
     return Enclosure(value, up(gamma * absolute + (1 + gamma) * radius))
 
 
 def in_cone(cone: str, multipliers: Array) -> Enclosure:
     """Multipliers (g, ...) that lie in their (self-dual) cone exactly, near those given."""
     if cone == "psd":
-        eigenvalues, vectors = np.linalg.eigh(0.5 * (multipliers + np.swapaxes(multipliers, 1, 2)))
-        factor = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None]
+        factor = _factor(0.5 * (multipliers + np.swapaxes(multipliers, 1, 2)))
         return product(factor, np.swapaxes(factor, 1, 2))
     if cone == "soc":
         across = np.asarray(multipliers[:, 1:], Long)
@@ -113,3 +106,14 @@ def in_cone(cone: str, multipliers: Array) -> Enclosure:
         axis = np.maximum(np.asarray(multipliers[:, :1], Long), norm * (1 + 4 * ROUNDOFF) + TINY)
         return Enclosure.exact(np.hstack([axis, across]))
     return Enclosure.exact(np.maximum(multipliers, 0.0))
+
+
+def _factor(matrices: Array) -> Array:
+    """V (g, d, d) with V V^T near symmetric matrices; near their projections where one is indefinite."""
+    out, used = np.zeros_like(matrices), matrices.any(axis=(1, 2))
+    try:
+        out[used] = np.linalg.cholesky(matrices[used])  # near entry by entry, in any system of units
+    except np.linalg.LinAlgError:
+        eigenvalues, vectors = np.linalg.eigh(matrices)
+        out = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None]
+    return out

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.constraints.constraint import Constraint, Entries, alike
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -23,10 +24,27 @@ class Entropy:
     links: tuple[Constraint, ...]  # each link's pseudo-inertia
     nominal: Array  # (links, 4, 4)
 
+    @cached_property
+    def nominal_terms(self) -> tuple[Array, Array]:
+        """P_0^-1 (links, 4, 4) and log det P_0 (links,) as the doubles that define the entropy, for both
+        bounds alike."""
+        inverse = np.asarray(np.linalg.inv(self.nominal), float)
+        log_det = np.asarray(np.linalg.slogdet(self.nominal)[1], float)
+        return 0.5 * (inverse + np.swapaxes(inverse, 1, 2)), log_det
+
+    @cached_property
+    def entries(self) -> Entries:
+        return Entries.of(alike(self.links))
+
+    @cached_property
+    def _roots(self) -> Array:
+        """L^-1 of P_0 = L L^T, in the order of ``entries``."""
+        order = np.concatenate([group.places for group in self.entries.groups])
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.nominal[order])))
+
     def value(self, theta: Array) -> float:
-        root = np.linalg.inv(np.linalg.cholesky(self.nominal))
-        matrices = np.array([link.value(theta) for link in self.links])
-        ratios = np.linalg.eigvalsh(root @ matrices @ np.swapaxes(root, 1, 2))
+        matrices = self.entries.at(theta).reshape(-1, 4, 4)
+        ratios = np.linalg.eigvalsh(self._roots @ matrices @ np.swapaxes(self._roots, 1, 2))
         if ratios.min() <= 0.0:  # not the determinant's sign: two negative eigenvalues hide in it
             return np.inf
         return self.weight * float(np.sum(ratios - np.log(ratios) - 1.0))

@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.errors import unreadable
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import read_text, write_text
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers import verify_proof
@@ -93,10 +92,9 @@ def verdict(path: str | Path) -> tuple[bool, str]:
 
     Raises InputError for a file that cannot be read.
     """
+    text = read_text(path)
     try:
-        found = verify_proof.check(json.loads(Path(path).read_text(encoding="utf-8")))
-    except OSError as error:
-        raise unreadable(error, Path(path)) from error
+        found = verify_proof.check(json.loads(text))
     except Exception as error:
         return False, f"refused: {path}: {error or type(error).__name__}"
     if found is None:

@@ -15,7 +15,6 @@ NAME = "sdpa"
 EXTRA = "solvers"
 REQUIRES = ("package", "sdpap")
 CONES = frozenset({"nonnegative", "psd"})
-SAME_AS = "sdpa-program"  # in the shootout
 
 #: sdpa-python's own reading of the phase, in which our problem is the dual.
 CLAIMS = {

@@ -19,12 +19,11 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import (
-    Alike,
     Constraint,
     ConstraintSet,
+    Entries,
     alike,
     margins,
 )
@@ -34,8 +33,8 @@ from sdp_vs_penalty.solvers.enclosure import (
     Enclosure,
     Long,
     in_cone,
-    inner,
     product,
+    scaled,
     scattered,
     total,
     up,
@@ -43,54 +42,47 @@ from sdp_vs_penalty.solvers.enclosure import (
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 
-class _Affine:
-    """constant + slope^T theta, collected with its rounding errors."""
-
-    def __init__(self, size: int) -> None:
-        self.size = size
-        self.constant = Enclosure.exact(0.0)
-        self._terms: list[tuple[NDArray[np.intp], Enclosure]] = []
-
-    def subtract(self, group: Alike, multipliers: Enclosure) -> None:
-        """Take away each <S, F(theta)>, which is not negative."""
-        self.constant = self.constant - total(inner(group.constant[:, None], multipliers))
-        self.add(group.indices, inner(-group.coefficients, multipliers))
-
-    def add(self, indices: NDArray[np.intp], terms: Enclosure) -> None:
-        self._terms.append((indices, terms))
-
-    @property
-    def slope(self) -> Enclosure:
-        return scattered(self.size, self._terms)
+def _joined(parts: Sequence[Enclosure]) -> Enclosure:
+    nothing = np.zeros(0, Long)
+    return Enclosure(
+        np.concatenate([nothing, *(part.value.ravel() for part in parts)]),
+        np.concatenate([nothing, *(part.radius.ravel() for part in parts)]),
+    )
 
 
-def _entropy_tangent(affine: _Affine, entropy: Entropy, slopes: Sequence[Array]) -> None:
-    """Add -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T exactly."""
-    inverse, logdet0 = nominal_terms(entropy.nominal)
+def _against(
+    entries: Entries, multipliers: Sequence[Enclosure], size: int
+) -> tuple[Enclosure, Enclosure]:
+    """<S, F(theta)> over all constraints as an affine function of theta (size,): constant and slope."""
+    flat = _joined(multipliers)
+    value = np.asarray(entries.value, Long)
+    at = Enclosure(flat.value[entries.row], flat.radius[entries.row])
+    slope = scattered(size, entries.column, scaled(value, at))
+    return total(scaled(np.asarray(entries.constant, Long), flat)), slope
+
+
+def _entropy_tangent(
+    entropy: Entropy, slopes: Sequence[Array], size: int
+) -> tuple[Enclosure, Enclosure]:
+    """-log det P >= log det S + 4 - <S, P> for each link, with S = V V^T exactly: constant and slope."""
     raw = np.asarray(slopes)
     factor = np.linalg.cholesky(0.5 * (raw + np.swapaxes(raw, 1, 2)))
     logs = np.log(np.asarray(np.diagonal(factor, axis1=1, axis2=2), Long))
     log_det = Enclosure(2 * logs, up(16 * ROUNDOFF * (np.abs(logs) + 1)))
-    constant = total(log_det) + total(Enclosure.exact(logdet0))
+    inverse, logdet0 = entropy.nominal_terms
     difference = Enclosure.exact(inverse) - product(factor, np.swapaxes(factor, 1, 2))
-    for group in alike(entropy.links):
-        own = Enclosure(difference.value[group.places], difference.radius[group.places])
-        constant = constant + total(inner(group.constant[:, None], own))
-        affine.add(group.indices, inner(group.coefficients, own).times(entropy.weight))
-    affine.constant = affine.constant + constant.times(entropy.weight)
-
-
-def nominal_terms(p0: Array) -> tuple[Array, Array]:
-    """P_0^-1 and log det P_0 of (links, 4, 4) as the doubles that define the entropy, for both bounds
-    alike."""
-    inverse = np.asarray(np.linalg.inv(p0), float)
-    log_det = np.asarray(np.linalg.slogdet(p0)[1], float)
-    return 0.5 * (inverse + np.swapaxes(inverse, 1, 2)), log_det
+    own = [
+        Enclosure(difference.value[group.places], difference.radius[group.places])
+        for group in entropy.entries.groups
+    ]
+    constant, slope = _against(entropy.entries, own, size)
+    constant = constant + total(log_det) + total(Enclosure.exact(logdet0))
+    return constant.times(entropy.weight), slope.times(entropy.weight)
 
 
 def lower_bound(
     objective: Objective,
-    constraints: Sequence[Constraint],
+    constraints: Entries,
     multipliers: Sequence[Array],
     y: Array,
     bound: Array,
@@ -102,27 +94,36 @@ def lower_bound(
     f(theta) >= residual_norm^2 + 2 y^T (R theta - rho) - y^T y - sum <S_i, F_i(theta)> for every y and
     all S_i in their cones; what is left of the slope, e, costs |e|^T bound. y (r,) near the residual at
     the optimum, multipliers near the dual optimum; correct : from a leftover slope (p,) times bound to
-    the shift (r,) of y that removes it, added in extended precision.
+    the shift (r,) of y that removes it, added in extended precision until it no longer matters.
     """
     data = objective.least_squares
-    affine = _Affine(len(bound))
-    for group in alike(constraints):
-        affine.subtract(group, in_cone(group.cone, np.array([multipliers[k] for k in group.places])))
+    dual = [
+        in_cone(group.cone, values)
+        for group, values in zip(constraints.groups, constraints.stacked(multipliers), strict=True)
+    ]
+    taken, slope = _against(constraints, dual, len(bound))
+    constant, slope = Enclosure.exact(0.0) - taken, Enclosure(-slope.value, slope.radius)
     if objective.entropy is not None:
-        _entropy_tangent(affine, objective.entropy, entropy_slopes)
-    pull = 2 * np.asarray(data.R.T, Long)
+        tangent = _entropy_tangent(objective.entropy, entropy_slopes, len(bound))
+        constant, slope = constant + tangent[0], slope + tangent[1]
+    pull = 2 * np.asarray(data.R, Long).T
     shifted = np.asarray(y, Long)
-    slope = affine.slope
-    if correct is not None:
-        for _ in range(3):
-            leftover = slope.value + pull @ shifted
-            shifted = shifted - correct(np.asarray(bound * leftover, float))
+    for _ in range(0 if correct is None else _CORRECTIONS):
+        assert correct is not None
+        leftover = np.asarray(bound * (slope.value + pull @ shifted), float)
+        if np.abs(leftover).sum() <= _MATTERS * float(shifted @ shifted + data.residual_norm**2):
+            break
+        shifted = shifted - correct(leftover)
     left = slope + product(pull, shifted)
-    constant = affine.constant + product([Long(data.residual_norm)], [Long(data.residual_norm)])
+    constant = constant + product([Long(data.residual_norm)], [Long(data.residual_norm)])
     constant = constant - product(2 * shifted, np.asarray(data.rho, Long))
     constant = constant - product(shifted, shifted)
     reach = product(left.magnitude(), np.asarray(bound, Long))
     return _down((constant - Enclosure(reach.upper, Long(0))).lower)
+
+
+#: Corrections of y at most, and what a leftover slope may cost of the loss without another one.
+_CORRECTIONS, _MATTERS = 3, 1e-12
 
 
 def proves_infeasible(
@@ -137,7 +138,7 @@ def proves_infeasible(
 
     p = len(bound)
     nothing = Objective(LeastSquares(np.zeros((0, p)), np.zeros(0), 0.0, 0.0, 0))
-    return lower_bound(nothing, constraints, multipliers, np.zeros(0), bound) > 0.0
+    return lower_bound(nothing, Entries.of(alike(constraints)), multipliers, np.zeros(0), bound) > 0.0
 
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
@@ -221,7 +222,7 @@ def upper_bound(objective: Objective, theta: Array) -> float:
 def _entropy_value(entropy: Entropy, theta: Array) -> Enclosure:
     exact = [Fraction(float(x)) for x in theta]
     value = Enclosure.exact(0.0)
-    for link, inverse, logdet0 in zip(entropy.links, *nominal_terms(entropy.nominal), strict=True):
+    for link, inverse, logdet0 in zip(entropy.links, *entropy.nominal_terms, strict=True):
         matrix = _exact_value(link, exact)
         determinant = math.prod(_pivots(matrix), start=Fraction(1))
         if determinant <= 0:

@@ -217,7 +217,16 @@ def test_compare_writes_the_stated_json(run: Run, runs: list[Path], model: Path,
     assert [entry["model"] for entry in content["models"]] == [str(model), str(other)]
     for entry in content["models"]:
         assert set(entry) == {
-            *("model", "rmse", "mse", "r2", "noise_floor", "relative_error_percent", "band_hz"),
+            *(
+                "model",
+                "verdict",
+                "rmse",
+                "mse",
+                "r2",
+                "noise_floor",
+                "relative_error_percent",
+                "band_hz",
+            ),
             "new_motion_share",
             "judged_on",
             "outside",
@@ -405,7 +414,7 @@ def test_another_pinocchio_is_told_from_ours(content: str, words: list[str], tmp
     (tmp_path / "pinocchio.py").write_text(content)
     path = os.pathsep.join([str(tmp_path), HERE["PYTHONPATH"]])
     command = [*PROGRAM, "excite", "two_link", "--out", str(tmp_path / "t.csv")]
-    other = {**HERE, "PYTHONPATH": path, "SDP_VS_PENALTY_NATIVE": "off"}
+    other = {**HERE, "PYTHONPATH": path}
     result = subprocess.run(command, capture_output=True, text=True, env=other)
     assert result.returncode == 2
     assert_one_sentence(result.stderr, *words)

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import json
 import time
-import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from peak_memory import peak_memory
 from small_runs import small_run
 
 from sdp_vs_penalty import identify
@@ -36,14 +36,10 @@ SECONDS = 20.0
 def within_budget(*files: Path) -> Iterator[None]:
     """Fails where more memory is taken, or more time, than the budget gives for these files."""
     size = sum(file.stat().st_size for file in files)
-    tracemalloc.start()
     begin = time.process_time()
-    try:
+    with peak_memory() as peak:
         yield
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert peak < 10 * size + 500e6
+    assert peak[0] < 10 * size + 500e6
     assert time.process_time() - begin < SECONDS
 
 

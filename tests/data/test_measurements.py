@@ -174,3 +174,31 @@ def test_windows_know_the_runs_that_they_are_of() -> None:
     assert both.data_hash == concatenate([one, other]).data_hash
     assert one.whole is None
     assert replace(window, tau=2.0 * window.tau).whole is None  # its noise is another
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npz", "mat", "parquet"])
+def test_commands_are_kept_and_torque_may_be_missing(tmp_path: Path, suffix: str) -> None:
+    with_torque = random_run(1, name=f"run.{suffix}")
+    groups = {name: block for name, block in with_torque.groups.items() if name != "tau"}
+    told = {"qcmd": with_torque.q + 0.1, "current": 2.0 * with_torque.tau}
+    run = Measurements.of(with_torque.t, groups | told, with_torque.names)
+    save(run, tmp_path / f"run.{suffix}")
+    back = load_measurements(tmp_path / f"run.{suffix}")
+    assert not back.torque_logged
+    assert set(back.groups) == {"q", "dq", "qcmd", "current"}
+    for name, block in run.groups.items():
+        np.testing.assert_array_equal(back.groups[name], block)
+    assert back.data_hash == run.data_hash != with_torque.data_hash
+    assert np.all(back.tau == 0.0)
+    both = concatenate([back.window(0.0, 1.0), back.window(1.0, np.inf)])
+    np.testing.assert_array_equal(both.commanded["qcmd"], run.commanded["qcmd"])
+    with pytest.raises(InputError, match="no torque, but other runs have one"):
+        concatenate([with_torque, back])
+    with pytest.raises(InputError, match="holds commands alone"):
+        back.require_torque("a test")
+
+
+def test_feed_forward_torque_stands_for_a_missing_torque() -> None:
+    run = random_run(2)
+    groups = {"q": run.q, "qcmd": run.q, "tauff": run.tau}
+    np.testing.assert_array_equal(Measurements.of(run.t, groups, ("run",)).tau, run.tau)

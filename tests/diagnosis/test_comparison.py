@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from random_robots import sines
+from random_robots import repeating_run as run_of
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
@@ -19,6 +19,7 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
 FIELDS = {
     "judged_on",
     "model",
+    "verdict",
     "rmse",
     "mse",
     "r2",
@@ -29,17 +30,6 @@ FIELDS = {
     "new_motion_share",
     "outside",
 }
-
-
-def run_of(problem: Problem, seed: int, noise: float = 0.5, base: float = 0.1) -> Measurements:
-    rng = np.random.default_rng(seed)
-    model = problem.model()
-    theta = problem.nominal(model)
-    theta[len(model.rigid_indices) :] = 0.4
-    t = np.arange(0.0, 24.0, 4e-3)
-    motion = sines(np.random.default_rng(7), problem.robot.n, t, base, 5)
-    tau = model.torque(theta, motion)
-    return Measurements(t, motion.q, tau + noise * rng.normal(size=tau.shape), None, None, (f"r{seed}",))
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from challenge.judge import wilson
 from numpy.typing import NDArray
 from scipy import signal
 
@@ -23,7 +24,6 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.autoregression import autoregression, beside
 from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_profile
-from sdp_vs_penalty.simulation.challenge.judge import wilson
 
 Array = NDArray[np.float64]
 

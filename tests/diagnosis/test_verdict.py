@@ -11,7 +11,7 @@ from scipy import stats
 
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.explanations import negligible, turning
-from sdp_vs_penalty.diagnosis.show import event_lines, fit_level, fit_verdict, risen
+from sdp_vs_penalty.diagnosis.show import event_lines
 from sdp_vs_penalty.diagnosis.verdict import FALSE_UNKNOWN, remainder
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
 
@@ -156,13 +156,6 @@ def test_events_are_left_out_and_a_guessed_noise_proves_nothing() -> None:
     np.testing.assert_array_equal(remainder(fit, rows, noise, fit.torque).share, [-1.0, -1.0])
 
 
-def test_an_error_that_rises_is_called_out() -> None:
-    """Five hundredths more are no sentence, a third more on one joint is, whatever the others gain."""
-    assert risen([1.0, 2.0], [1.05, 1.0]) == ""
-    assert risen([1.0, 2.0, 0.0], [1.34, 1.0, 0.0]).startswith("The error of joint 1 rises by 34 %: ")
-    assert "joints 1 and 2 rises: " in risen([0.0, 1.0], [1.0, 1.2])
-
-
 def test_many_events_are_one_line() -> None:
     """The findings stay in sight; every event is still listed where it is asked for."""
     events = [Event(k % 2, float(k), k + 0.5, "hum", 12.0) for k in range(4)]
@@ -170,13 +163,3 @@ def test_many_events_are_one_line() -> None:
     assert line == "4 events on joints 1 and 2, 0.00 s to 3.50 s, 4 of them a hum"
     assert len(event_lines(events, every=True)) == 4
     assert event_lines(events[:1]) == ["a hum of 12 Hz on joint 1: 0.00 s to 0.50 s"]
-
-
-def test_a_joint_without_a_model_is_named() -> None:
-    """A small error of the whole arm does not hide a joint whose mean torque does better."""
-    rmse, r2 = np.array([1.0, 2.0]), np.array([0.99, -5.7])
-    assert fit_level(3.0, rmse, None, r2) == "usable"
-    assert "usable, but not for joint 2 (worse than the mean torque)" in fit_verdict(3.0, rmse, None, r2)
-    assert fit_level(3.0, rmse, None, [0.99, None]) == "good"
-    # A joint that is held still: its error is noise, and so is its torque.
-    assert fit_level(3.0, rmse, rmse, r2) == "good"

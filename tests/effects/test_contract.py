@@ -12,6 +12,7 @@ from effect_contract import (
     check_units_are_those_of_the_columns,
     robots,
     steady_motion,
+    told,
     variants,
     wide_columns,
 )
@@ -40,7 +41,7 @@ def to_and_fro(robot: Robot) -> Motion:
     friction = 0.5 * np.tanh(motion.dq / 0.1)
     torque = robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq) + friction
     warm = np.full_like(motion.q, 30.0)
-    return replace(motion, torque=torque, current=CurrentModel(robot, links), temperature=warm)
+    return told(replace(motion, torque=torque, current=CurrentModel(robot, links), temperature=warm))
 
 
 @EVERY_EFFECT
@@ -130,7 +131,8 @@ def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name: str) -> 
         assert motion.torque is not None
         parts = (motion.t, motion.q, motion.dq, motion.ddq, motion.torque)
         warm = motion.joint_temperature[index]
-        return Motion(*(x[index] for x in parts), motion.current, temperature=warm)
+        more = {"temperature": warm, "command": motion.command, "sum": motion.integral[index]}
+        return Motion(*(x[index] for x in parts), motion.current, **more)
 
     shuffled = np.random.default_rng(1).permutation(len(motion.t))
     half = np.arange(len(motion.t) // 2)
@@ -157,12 +159,16 @@ def test_what_an_effect_needs_is_what_it_declares(name: str) -> None:
     bare = Motion(motion.t, motion.q, motion.dq, motion.ddq)
     another_torque = replace(motion, torque=2.0 * motion.torque + 1.0)
     another_arm = replace(motion, current=CurrentModel(robot, 1.5 * motion.model_links**2))
-    later = replace(motion, t=motion.t + 7.0)
+    late = replace(motion.told, t=motion.t + 7.0)
+    later = replace(motion, t=motion.t + 7.0, command=late)
+    farther = replace(motion, command=replace(motion.told, q=motion.q, dq=motion.dq, sum=motion.q))
     warmer = replace(motion, temperature=motion.joint_temperature + 5.0)
     for effect in variants(name, robot):
         columns = wide_columns(effect, motion)
-        if effect.needs_torque or effect.needs_links or effect.needs_temperature:
-            with pytest.raises(ValueError, match=r"needs Motion\.(torque|current)|no temperatures"):
+        other = effect.needs_temperature or effect.needs_command
+        if effect.needs_torque or effect.needs_links or other:
+            missing = r"needs Motion\.(torque|current)|no (temperatures|commands)"
+            with pytest.raises(ValueError, match=missing):
                 effect.blocks(bare)
         else:
             effect.blocks(bare)
@@ -171,6 +177,7 @@ def test_what_an_effect_needs_is_what_it_declares(name: str) -> None:
             (another_arm, "needs_links"),
             (later, "follows_clock"),
             (warmer, "needs_temperature"),
+            (farther, "needs_command"),
         ):
             declared = getattr(effect, word)
             changed = not np.allclose(wide_columns(effect, other), columns, rtol=1e-9, atol=1e-12)

@@ -13,8 +13,8 @@ from sdp_vs_penalty.effects.dry_friction import Contacts, dry_step
 from sdp_vs_penalty.effects.effect import Array
 from sdp_vs_penalty.effects.forward import Plant, State, advance
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.export.content import Content
-from sdp_vs_penalty.export.mjcf import make_mjcf
+from sdp_vs_penalty.exporters.content import Content
+from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot import inertia
 
@@ -164,4 +164,4 @@ def test_channels_are_undone_and_others_left_out() -> None:
     np.testing.assert_allclose(p.true_torque(np.arange(5.0), torque)[:, 1], 1.0 / 1.1)
     assert p.left_out == ("joint_elasticity:1",)
     declared = {kind.forward for kind in effect_types().values()}
-    assert declared == {"torque", "channel", "left out"}
+    assert declared == {"torque", "channel", "drive", "left out"}

@@ -15,7 +15,7 @@ from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.export import export
+from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares, compress

@@ -16,6 +16,7 @@ from random_robots import link_parameters, tree
 
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
+from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -56,7 +57,15 @@ def steady_motion(robot: Robot, rows: int = 60, seed: int = 0) -> Motion:
     links = np.array([link_parameters(rng, 0.4) for _ in robot.joints])
     torque = robot.inverse_dynamics(links, q, dq, ddq) + 0.5 * np.sign(dq) + 0.1 * dq
     warm = 20.0 + 300.0 * np.outer(t, 1.0 + np.arange(robot.n))
-    return Motion(t, q, dq, ddq, torque, CurrentModel(robot, links), temperature=warm)
+    moved = Motion(t, q, dq, ddq, torque, CurrentModel(robot, links), temperature=warm)
+    return told(moved)
+
+
+def told(motion: Motion) -> Motion:
+    """With a command: positions and integrals of about the motion's own size."""
+    q, dq, ddq = (1.3 * x for x in (motion.q, motion.dq, motion.ddq))
+    sums = np.cumsum(motion.q, axis=0) * (motion.t[1] - motion.t[0])
+    return replace(motion, command=Command(motion.t, q, dq, ddq, 1.7 * sums), sum=sums)
 
 
 def wide_columns(effect: Effect, motion: Motion) -> Array:
@@ -179,4 +188,12 @@ def _rewritten(
         CurrentModel(robot, motion.model_links * kg * np.array([1, m, m, m, *[m * m] * 6])),
         sign_width=motion.sign_width * position[0] / s,
         temperature=motion.temperature,
+        command=Command(
+            motion.t * s,
+            motion.told.q * position,
+            motion.told.dq * position / s,
+            motion.told.ddq * position / s**2,
+            motion.told.sum * position * s,
+        ),
+        sum=motion.integral * position * s,
     )

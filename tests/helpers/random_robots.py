@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.problem.nominal import plausible_links
@@ -159,3 +160,17 @@ def task_of(problem: Problem) -> Task:
         problem.nominal(model),
         problem.box,
     )
+
+
+def repeating_run(
+    problem: Problem, seed: int, noise: float = 0.5, base: float = 0.1, motion_seed: int = 7
+) -> Measurements:
+    """24 s of the default model with friction of 0.4, a motion of period 1 / base and white noise."""
+    rng = np.random.default_rng(seed)
+    model = problem.model()
+    theta = problem.nominal(model)
+    theta[len(model.rigid_indices) :] = 0.4
+    t = np.arange(0.0, 24.0, 4e-3)
+    motion = sines(np.random.default_rng(motion_seed), problem.robot.n, t, base, 5)
+    tau = model.torque(theta, motion)
+    return Measurements(t, motion.q, tau + noise * rng.normal(size=tau.shape), None, None, (f"r{seed}",))

@@ -85,7 +85,7 @@ def story(
         go(page, "take-away")
         seen["barriers"] += barriers(page)
         folder = tmp_path_factory.mktemp("taken")
-        for name in ("model.json", "robot.urdf", "robot.xml", "model.py", "report.html"):
+        for name in ("model.json", "robot.urdf", "robot.xml", "report.html"):
             with page.expect_download() as waiting:
                 page.click(key(f"take-{name}"))
             assert waiting.value.suggested_filename == name
@@ -151,7 +151,6 @@ def test_what_is_taken_away_works(story: dict[str, Any]) -> None:
     wanted = model.robot.inverse_dynamics(model.links.ravel(), *states)
     np.testing.assert_allclose(robot.inverse_dynamics(links.ravel(), *states), wanted, atol=1e-9)
     assert "<mujoco" in (folder / "robot.xml").read_text()
-    compile((folder / "model.py").read_text(), "model.py", "exec")
     html = (folder / "report.html").read_text()
     assert "default-src 'none'" in html
     assert "presliding_hysteresis" in html

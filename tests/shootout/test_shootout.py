@@ -13,8 +13,7 @@ import pytest
 from scipy import sparse
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.shootout import hostile, newton, pages, profile, regular, summary
-from sdp_vs_penalty.shootout.chart import Geodesic, LogCholesky
+from sdp_vs_penalty.shootout import hostile, pages, profile, regular, summary
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.shootout.instances import catalogue, instance, selected
@@ -212,50 +211,6 @@ def test_every_contestant_on_every_small_instance(name: str, problem: str) -> No
     assert verdict.upper >= verdict.lower * (1.0 - 1e-12)
     if name in ("lmi-sdp", "clarabel", "penalty", "csdp", "sdpa"):
         assert verdict.kind == "right"
-
-
-@pytest.mark.parametrize("chart", [LogCholesky, Geodesic])
-@pytest.mark.parametrize(
-    "name",
-    ["two_link one-step gyration", "two_link simulated one-step cones", "two_link one-step regulariser"],
-)
-def test_derivatives_in_a_chart(name: str, chart: type[LogCholesky | Geodesic]) -> None:
-    """The chart, and the barrier problem's slope and Hessian, against finite differences."""
-    made = instance(name)
-    assert made.interior is not None
-    barrier = newton.Barrier.of(made, made.interior)
-    point = chart.of(barrier.frame, made.interior)
-    np.testing.assert_allclose(point.theta, made.interior, rtol=1e-9, atol=1e-12)
-    rng = np.random.default_rng(0)
-    n = len(made.interior)
-    # Whatever the variables are, every link is consistent.
-    assert all(link.margin(point.moved(rng.normal(size=n)).theta) > 0.0 for link in barrier.frame.links)
-    point = barrier.inside(point, 0.1 * rng.normal(size=n))
-    weight = 1e-2
-    slope, convex, bend = barrier.derivatives(point, weight)
-    middle = barrier.value(point, weight)
-    for direction in rng.normal(size=(8, n)):
-        up, down = (barrier.value(point.moved(h * direction), weight) for h in (1e-4, -1e-4))
-        assert (up - down) / 2e-4 == pytest.approx(slope @ direction, rel=1e-4)
-        bends = direction @ (convex + bend) @ direction
-        assert (up - 2.0 * middle + down) / 1e-8 == pytest.approx(bends, rel=1e-3)
-    assert np.linalg.eigvalsh(convex)[0] > -1e-12 * np.abs(convex).max()
-
-
-@pytest.mark.parametrize("chart", [LogCholesky, Geodesic])
-def test_a_run_that_does_not_converge_is_started_again(
-    chart: type[LogCholesky | Geodesic],
-    two_link: Instance,
-    proved: Reference,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    once = newton.solve(two_link, 1e-6, chart)
-    assert once.attempts == 1
-    assert judge(two_link, proved, once, 1e-6).kind == "right"
-    monkeypatch.setattr(newton, "_STEPS", 3)
-    short = newton.solve(two_link, 1e-6, chart)
-    assert short.claims == "failed"
-    assert short.attempts == newton._STARTS
 
 
 def test_the_forms_users_write_have_the_same_optimum(two_link: Instance) -> None:

@@ -10,6 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from challenge import judge
+from challenge.cases import (
+    VERSION,
+    Case,
+    run_case,
+    run_challenge,
+    simulate_case,
+    wanted,
+)
+from challenge.classes import CLASSES, EFFECTS, USUAL
+from challenge.report import csv_text, report_text
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
@@ -18,17 +29,6 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.parallel import ALONE
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.simulation.challenge import judge
-from sdp_vs_penalty.simulation.challenge.challenge import (
-    VERSION,
-    Case,
-    run_case,
-    run_challenge,
-    simulate_case,
-    wanted,
-)
-from sdp_vs_penalty.simulation.challenge.classes import CLASSES, EFFECTS, USUAL
-from sdp_vs_penalty.simulation.challenge.report import csv_text, report_text
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN

@@ -18,7 +18,7 @@ from sdp_vs_penalty.constraints.cones import cone_depths, cone_margin, safe_dept
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.certificate import repair
-from sdp_vs_penalty.solvers.enclosure import Enclosure, Long, inner, product, scattered, total, up
+from sdp_vs_penalty.solvers.enclosure import Enclosure, Long, product, scaled, scattered, total, up
 from sdp_vs_penalty.solvers.objective import Entropy
 
 quick = settings(max_examples=60, deadline=None, derandomize=True)
@@ -64,18 +64,19 @@ def test_sums_and_inner_products_carry_the_radii_of_what_they_sum(
     given_numbers = Enclosure(value.astype(Long), radius.astype(Long))
     truths = [Fraction(v) + share * Fraction(r) for v, r in zip(value, radius, strict=True)]
     assert holds(total(given_numbers), sum(truths, Fraction(0)))
-    weights = [y for _, y in pairs]
-    weighted = sum((Fraction(w) * t for w, t in zip(weights, truths, strict=True)), Fraction(0))
-    twice = Enclosure(*(np.array([x, x]) for x in (given_numbers.value, given_numbers.radius)))
-    made = inner(np.array([[weights], [weights]]), twice)
-    assert holds(Enclosure(made.value[1, 0], made.radius[1, 0]), weighted)
-    # Each number twice at its index, and once more the product: three terms of three sizes.
+    weights = np.array([y for _, y in pairs])
+    products = [Fraction(w) * t for w, t in zip(weights.tolist(), truths, strict=True)]
+    made = scaled(weights, given_numbers)
+    assert holds(total(made), sum(products, Fraction(0)))
+    # Each number and its product at its index: two terms of two sizes.
     places = np.arange(len(value))
-    parts = [(np.stack([places, places]), twice), (places[:1], Enclosure(made.value[0], made.radius[0]))]
-    summed = scattered(len(value) + 1, parts)
-    for k, truth in enumerate(truths):
-        whole = 2 * truth + (weighted if k == 0 else 0)
-        assert holds(Enclosure(summed.value[k], summed.radius[k]), whole)
+    both = Enclosure(
+        np.concatenate([given_numbers.value, made.value]),
+        np.concatenate([given_numbers.radius, made.radius]),
+    )
+    summed = scattered(len(value) + 1, np.concatenate([places, places]), both)
+    for k, (truth, weighted) in enumerate(zip(truths, products, strict=True)):
+        assert holds(Enclosure(summed.value[k], summed.radius[k]), truth + weighted)
     assert summed.value[-1] == 0
 
 
@@ -240,7 +241,8 @@ def test_the_entropy_is_enclosed(size: float) -> None:
             a, b = rng.normal(size=(2, 4, 4))
             p0, p = a @ a.T + np.eye(4), size * (b @ b.T + np.eye(4))
             link = Constraint("pseudo-inertia", "link 1", "psd", np.arange(1), 0.0 * p, p[None])
-            (inverse,), (log_det0,) = verified.nominal_terms(p0[None])
+            entropy = Entropy(1.0, (link,), p0[None])
+            (inverse,), (log_det0,) = entropy.nominal_terms
             trace = sum(
                 Fraction(float(inverse[i, j])) * Fraction(float(p[i, j]))
                 for i in range(4)
@@ -249,6 +251,6 @@ def test_the_entropy_is_enclosed(size: float) -> None:
             det = determinant([[Fraction(float(x)) for x in row] for row in p])
             digits = [Decimal(x.numerator) / Decimal(x.denominator) for x in (trace, Fraction(det))]
             truth = Fraction(digits[0] - digits[1].ln()) + Fraction(float(log_det0 - 4.0))
-            made = verified._entropy_value(Entropy(1.0, (link,), p0[None]), np.ones(1))
+            made = verified._entropy_value(entropy, np.ones(1))
             assert holds(made, truth)
             assert float(made.radius) < 1e-12 * (1.0 + float(abs(digits[0])))

@@ -66,7 +66,8 @@ def verb(
         models = {"before": estimate, "after": bigger}
         before, after = compare(models, given.judge, noise_from=given.whole)
         checked = not consented(estimate, given.train)
-        bigger.provenance.update({"data": words(data, window), "checked": checked})
+        judged = after.verdict.to_dict()
+        bigger.provenance.update({"data": words(data, window), "checked": checked, "verdict": judged})
         bigger.save(out)
     what = printing.TRAINING if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)

@@ -40,8 +40,7 @@ def verb(
     oldest = next(iter(estimates.values()))
     failures = where_it_fails(estimate, runs, oldest.preprocessing, noise_from=whole)
     for result in results:
-        console.say(result.verdict, style="bold")
-    printing.judged_motion(results)
+        printing.verdict(result.verdict, result.name)
     next_diagnosis(newest, estimate, data, window)
     units = estimate.robot.torque_units
     printing.comparison(results, units)

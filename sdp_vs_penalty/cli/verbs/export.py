@@ -15,9 +15,8 @@ def verb(
     out: Annotated[
         Path,
         typer.Option(
-            metavar="out.urdf|.xml|.sdf|.usda|.json|.py|.h|.csv|.script",
-            help="File to write; its name chooses URDF (.drake.urdf for Drake), MJCF, SDF, USD, JSON, "
-            "NumPy, C, friction table, or a payload: endeffector-config.json (Franka), .script (UR).",
+            metavar="out.urdf|.xml|.sdf|.json|.h|.csv|.script",
+            help="File to write; its name chooses the format: see `list exports`.",
         ),
     ],
     urdf: Annotated[
@@ -44,16 +43,21 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.texts import numbers
-    from sdp_vs_penalty.export import export
+    from sdp_vs_penalty.estimation.estimate import load_estimate
+    from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
+    from sdp_vs_penalty.exporters.export import export
 
+    estimate = load_estimate(model)
+    said = estimate.verdict
+    console.say(NOT_JUDGED if said is None else f"Verdict: {said.headline}")
     x, y, z = numbers("--flange", flange, 3) if flange is not None else (0.0, 0.0, 0.0)
-    left_out = export(model, out, urdf, force=force, flange=(x, y, z))
+    left_out = export(estimate, out, urdf, force=force, flange=(x, y, z))
     console.written(out)
-    if urdf is None and out.suffix.lower() in (".urdf", ".xml", ".sdf", ".usda"):
+    if urdf is None and out.suffix.lower() in (".urdf", ".xml", ".sdf"):
         own = "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"
         console.warn(
             "Moving links are named link1, link2 ...: a model.json holds only the joints' names"
             f"{own if out.suffix.lower() == '.urdf' else ''}."
         )
     if left_out:
-        console.warn(f"{out.suffix} files cannot hold {', '.join(left_out)}; .json and .py files can.")
+        console.warn(f"{out.suffix} files cannot hold {', '.join(left_out)}; .json files can.")

@@ -7,30 +7,45 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Data, Problem
+from sdp_vs_penalty.cli import options
 
 
 def verb(
-    problem: Problem,
-    data: Data,
+    problem: options.Problem,
+    data: options.Data,
     out: Annotated[
         Path, typer.Option(metavar="FILE", help="File to write: .dat-s (sparse SDPA) or .cbf.")
     ],
     method: Annotated[
-        str, typer.Option(help="Method: lmi-sdp or lmi-sdp-thickness, -plain, -entropic.")
-    ] = "lmi-sdp",
-    effects: Annotated[
-        str | None, typer.Option(metavar="a,b,c", help="Effects, as for `identify`.")
+        str | None,
+        typer.Option(
+            help="Method: lmi-sdp or lmi-sdp-thickness, -plain, -entropic; default: lmi-sdp, or "
+            "lmi-sdp-thickness for .dat-s, which has no exponential cones."
+        ),
     ] = None,
+    effects: options.Effects = None,
+    gravity: options.Gravity = None,
+    filters: options.Filters = None,
+    bounds: options.Bounds = None,
+    window: options.Window = None,
+    known_load: options.KnownLoad = None,
 ) -> None:
-    """Write the identification SDP as a file for another solver, and FILE.json with what it means.
+    """Write the SDP that `identify` solves as a file for another solver, and FILE.json beside it.
 
     The JSON holds offset and scale, with which the file's optimum becomes the loss, and the proved
     interval of that. Example: sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.export import sdp
+    from sdp_vs_penalty.cli.runs import as_told, runs_as_told
+    from sdp_vs_penalty.estimation.known_load import parsed_known_load
+    from sdp_vs_penalty.estimation.pose import PoseOptions
+    from sdp_vs_penalty.exporters.sdp import write_posed
 
-    told = sdp.write_posed(problem, data, out, method, effects)
-    console.written(out, f"{told['variables']} variables, {told['rows']} rows")
+    robot = as_told(problem, gravity, bounds, filters)
+    with console.progress("reading the measurements") as progress:
+        loads = [parsed_known_load(text) for text in known_load or []]
+        _, runs = runs_as_told(robot, data, window)
+        chosen = PoseOptions(effects, known_loads=loads)
+        told = write_posed(robot, runs, out, method, chosen, progress)
+    console.written(out, f"{told['method']}: {told['variables']} variables, {told['rows']} rows")
     console.written(f"{out}.json", f"the loss lies in [{told['lower']!r}, {told['upper']!r}]")

@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from sdp_vs_penalty.cli import options
-from sdp_vs_penalty.cli.runs import next_diagnosis, refuse_meaningless, words
-from sdp_vs_penalty.data.texts import numbers, time_windows
+from sdp_vs_penalty.cli.runs import as_told, next_diagnosis, refuse_meaningless, runs_as_told, words
 from sdp_vs_penalty.errors import Infeasible
 
 
@@ -21,17 +20,8 @@ def verb(
     method: options.Method = "lmi-sdp",
     effects: options.Effects = None,
     gravity: options.Gravity = None,
-    filters: Annotated[
-        str | None,
-        typer.Option(metavar="5,8", help="Filters of states and torque [Hz]; default: chosen."),
-    ] = None,
-    bounds: Annotated[
-        str | None,
-        typer.Option(
-            metavar="m2=1:5,c2x=-0.1:0.1",
-            help="Bounds of links [kg, m, kg m^2], in place of the problem's; total=:20: of all.",
-        ),
-    ] = None,
+    filters: options.Filters = None,
+    bounds: options.Bounds = None,
     solver: Annotated[
         str | None,
         typer.Option(help="Solver of the SDP methods, of `sdp-vs-penalty list solvers`."),
@@ -44,14 +34,7 @@ def verb(
         typer.Option(metavar="proof.json", help="File for the proof of optimality; `verify` checks it."),
     ] = None,
     gain_uncertainty: options.GainUncertainty = None,
-    known_load: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--known-load",
-            metavar="LOAD.csv:KG",
-            help="Run with a load of this mass on the last link; determines the torque channels' gains.",
-        ),
-    ] = None,
+    known_load: options.KnownLoad = None,
     jobs: options.Jobs = 1,
     scheduler: options.Scheduler = None,
 ) -> None:
@@ -61,25 +44,17 @@ def verb(
     Example: sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json
     """
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.data.files import load_measurements, windowed
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.diagnosis.comparison import compare as compare_models
     from sdp_vs_penalty.estimation.identify import identify as run_identification
     from sdp_vs_penalty.estimation.known_load import parsed_known_load
     from sdp_vs_penalty.estimators import with_solver
     from sdp_vs_penalty.parallel import Workers
-    from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
-    from sdp_vs_penalty.regression.black_box import load_answers
 
     estimator = with_solver(method, solver)
-    mounted = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
-    robot = with_filters(with_bounds(mounted, bounds), filters)
-    windows = time_windows(window)
+    robot = as_told(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
-        answers = load_answers(data, joints=robot.robot.n)
-        names = robot.robot.joint_names
-        whole = answers or load_measurements(*data, joints=robot.robot.n, names=names)
-        given = windowed(whole, windows) if isinstance(whole, Measurements) else whole
+        whole, given = runs_as_told(robot, data, window)
         if isinstance(given, Measurements) and not no_check:
             progress("checking the measurements")
             refuse_meaningless(robot, given, gains=bool(known_load))
@@ -103,11 +78,12 @@ def verb(
             raise
         seconds = time.perf_counter() - begin
         estimate.provenance.update({"data": words(data, window), "checked": not no_check})
-        estimate.save(out)
         # A black box's answers are no torque along a motion: the certificate's loss is all there is.
         fit = None
         if isinstance(given, Measurements):
             fit = compare_models({estimate.method: estimate}, given, noise_from=whole)[0]
+            estimate.provenance["verdict"] = fit.verdict.to_dict()
+        estimate.save(out)
     printing.estimate(estimate, fit, seconds)
     console.written(out)
     if fit is not None:

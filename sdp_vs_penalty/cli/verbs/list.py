@@ -14,7 +14,7 @@ from sdp_vs_penalty.errors import unknown
 Rows = list[tuple[str, ...]]
 Listing = tuple[tuple[str, ...], Rows]
 #: What can be listed.
-Kind = StrEnum("Kind", ["problems", "effects", "methods", "solvers", "tables", "datasets", "engines"])
+Kind = StrEnum("Kind", "problems effects methods solvers tables datasets engines exports")
 
 
 def verb(
@@ -125,6 +125,12 @@ def _engines() -> Listing:
     return ("name", "version here", "installed by", "formulation"), rows
 
 
+def _exports() -> Listing:
+    from sdp_vs_penalty.exporters.export import formats
+
+    return ("file ends in", "what it is"), [(ending, home.ABOUT) for ending, home in formats().items()]
+
+
 _KINDS: dict[str, Callable[[], Listing]] = {
     "problems": _problems,
     "effects": _effects,
@@ -133,4 +139,5 @@ _KINDS: dict[str, Callable[[], Listing]] = {
     "tables": _tables,
     "datasets": _datasets,
     "engines": _engines,
+    "exports": _exports,
 }

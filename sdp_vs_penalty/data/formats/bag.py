@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.formats.bag_bombs import check_bag
-from sdp_vs_penalty.data.formats.columns import LARGEST, Choice
+from sdp_vs_penalty.data.formats.columns import Choice, check_size
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, Growing, joined, parts
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -39,10 +38,9 @@ def read(path: Path, choice: Choice) -> Measurements:
         raise missing_extra("ROS bags and MCAP files need", "formats") from error
     try:
         _stay_inside(path)
-        check_bag(path)
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             return _read(path, reader, choice)
-    except InputError:
+    except (InputError, MemoryError):
         raise
     except Exception as error:  # storage, schema and decoding each fail in ways of their own
         what = (str(error).splitlines() or [type(error).__name__])[0]
@@ -89,8 +87,12 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
         clocks.append(np.frombuffer(stamps.tobytes(), np.int64).reshape(-1, 2))
         del rows[:], stamps[:]
 
-    count = 0
+    count = unpacked = 0
+    files = [f for f in path.iterdir() if f.is_file()] if path.is_dir() else [path]
+    packed = sum(file.stat().st_size for file in files)
     for connection, recorder_time, raw in reader.messages(connections=connections):
+        unpacked += len(raw)
+        check_size(path, unpacked, packed)
         message = reader.deserialize(raw, connection.msgtype)
         own = [str(name) for name in message.name]
         if names is None:
@@ -106,8 +108,6 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
         count += 1
         if count % PART == 0:
             store()
-        if 3 * len(names) * count > LARGEST:
-            raise InputError("too many messages", "split it into several runs", path)
     if not count or names is None:
         raise InputError(
             f"no message has all joints {', '.join(names or ['(none)'])} (there are: "

@@ -10,15 +10,20 @@ from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import COMMANDED, Measurements
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
 
 #: The header of RUN.csv, in words.
-HEADER = "t,q1..qn,dq1..dqn,tau1..taun (dq optional; temp1..tempn, degrees Celsius, too)"
+HEADER = (
+    "t,q1..qn,dq1..dqn,tau1..taun (dq optional; temp1..tempn, degrees Celsius, too; without tau: "
+    "qcmd1..qcmdn, the commanded positions)"
+)
 
-#: The groups of columns, in the order in which they are written, and those that may be missing.
-_GROUPS, _OPTIONAL = ("q", "dq", "tau", "temp"), ("dq", "temp")
+#: The groups of columns, in the order in which they are written.
+GROUPS = ("q", "dq", "tau", "temp", *COMMANDED)
+#: Groups that are taken where they are whole: other logs call other things so.
+_WHOLE = ("temp", "current", "voltage")
 
 #: Numbers of one file above which it is refused: 4 GiB of doubles.
 LARGEST = 2**29
@@ -64,11 +69,11 @@ def from_columns(
     remedy: str | None = None,
     what: str | None = None,
 ) -> Measurements:
-    """A run from named columns (N,) or blocks (N, n): t, q or q1..qn, dq, tau, temp; no others.
+    """A run from named columns (N,) or blocks (N, n): t, q or q1..qn, dq, tau, ...; no others.
 
     path : names the run; what : how messages call it (default: the path); remedy : what to do about
     missing columns (default: the `convert` command for the file).
-    Raises InputError where t, q or tau is missing, or lengths differ.
+    Raises InputError where t, q or tau (and qcmd) is missing, or lengths differ.
     """
     what = what or str(path)
     names = dict(rename or {})
@@ -82,19 +87,21 @@ def from_columns(
             )
     named = {**columns, **{ours: columns[theirs] for ours, theirs in names.items()}}
 
-    given = {"t": named.get("t"), **{group: _block(named, group, what) for group in _GROUPS}}
-    missing = [g for g, block in given.items() if block is None and g not in _OPTIONAL]
+    given = {"t": named.get("t"), **{group: _block(named, group, what) for group in GROUPS}}
+    wanted = {"t", "q", "tau"} - ({"tau"} if given["qcmd"] is not None else set())
+    missing = [g for g, block in given.items() if block is None and g in wanted]
     if missing:
         known = ", ".join(sorted(columns)) or "none"
         pairs = ",".join(f"{group}=NAME" for group in missing)
         command = f"name them with `sdp-vs-penalty convert {path} --rename {pairs} --out run.csv`"
         raise InputError(f"no column {' or '.join(missing)} (columns: {known})", remedy or command, what)
     t = np.ravel(named["t"])
-    warm = given["temp"]  # what else a file calls temp is no temperature of its joints
-    if warm is not None and given["q"] is not None and warm.shape != given["q"].shape:
-        given["temp"] = None
+    for group in _WHOLE:  # what else a file calls temp is no temperature of its joints
+        block = given[group]
+        if block is not None and given["q"] is not None and block.shape != given["q"].shape:
+            given[group] = None
     blocks = {}
-    for group in _GROUPS:
+    for group in GROUPS:
         block = given[group]
         if block is None:
             continue
@@ -118,9 +125,7 @@ def from_columns(
 
 def run_of(path: str | Path, t: Array, blocks: Mapping[str, Array]) -> Measurements:
     """A run of the file's name from its blocks (N, n) by name."""
-    names = (Path(path).name,)
-    dq, warm = blocks.get("dq"), blocks.get("temp")
-    return Measurements(t, blocks["q"], blocks["tau"], dq, None, names, warm)
+    return Measurements.of(t, blocks, (Path(path).name,))
 
 
 def _block(named: Mapping[str, Array], group: str, what: str) -> Array | None:
@@ -131,7 +136,7 @@ def _block(named: Mapping[str, Array], group: str, what: str) -> Array | None:
         int(m[1]) for name in named if (m := re.fullmatch(rf"{group}([1-9][0-9]{{0,3}})", name))
     )
     gap = next((k for k, number in enumerate(numbers, 1) if k != number), None)
-    if gap is not None and group != "temp":  # temperatures of some joints are none of the others
+    if gap is not None and group not in _WHOLE:  # temperatures of some joints are none of the others
         raise InputError(
             f"no column {group}{gap}, but {group}{numbers[-1]}", "give each joint a column", what
         )
@@ -161,8 +166,12 @@ def groups_of(path: Path, names: Sequence[str]) -> tuple[int, list[str]]:
     if not found:
         raise InputError("row 1 names no column q1", f"write the header {HEADER}", path)
     n = max(found)
-    there = {g for g in _OPTIONAL if any(re.fullmatch(rf"{g}[0-9]+", name) for name in names)}
-    groups = [g for g in _GROUPS if g not in _OPTIONAL or g in there]
+    there = {g for g in GROUPS if any(re.fullmatch(rf"{g}[0-9]+", name) for name in names)}
+    for group in ("current", "voltage"):  # currents of some joints are none of the others
+        if not {f"{group}{j + 1}" for j in range(n)} <= set(names):
+            there.discard(group)
+    needed = {"q", "tau"} if "qcmd" not in there else {"q"}
+    groups = [g for g in GROUPS if g in there | needed]
     wanted = ["t", *(f"{group}{j + 1}" for group in groups for j in range(n))]
     for name in wanted:
         if names.count(name) != 1:
@@ -173,7 +182,7 @@ def groups_of(path: Path, names: Sequence[str]) -> tuple[int, list[str]]:
                 path,
             )
     others = [name for name in names if name not in wanted]
-    beyond = next((x for x in others if re.fullmatch(rf"({'|'.join(_GROUPS)})[0-9]+", x)), None)
+    beyond = next((x for x in others if re.fullmatch(rf"({'|'.join(GROUPS)})[0-9]+", x)), None)
     if beyond is not None:
         raise InputError(f"column {beyond} has no q beside it", "give each joint a column q", path)
     if others:

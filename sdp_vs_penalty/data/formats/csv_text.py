@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Generator, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,13 +14,12 @@ from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.formats.columns import HEADER
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError, unreadable
-from sdp_vs_penalty.robot import compiled
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Characters of a line above which a file is no table.
 _LONGEST = 1_000_000
-#: Bytes that are read at once by the compiled core, and without it.
-_PART, _PLAIN_PART = 1 << 24, 1 << 18
+#: Bytes that are read at once: more would not fit the processor's cache.
+_PART = 1 << 18
 #: Digits up to which a number is a whole one over a power of ten, both exact: one division rounds it as
 #: it should be (Clinger, PLDI 1990). And the share of cells that may be written otherwise.
 _EXACT, _ODD = 15, 0.02
@@ -148,25 +146,19 @@ def at_once(path: Path, width: int, first: int) -> Array | None:
 
 
 def _fast(path: Path, width: int, first: int) -> Generator[Array, None, int | None]:
-    """The rows by the compiled core, or as plain decimals; None at the end, else the row from which on
-    it gives up."""
-    native = compiled.core()
+    """Yield the rows as plain decimals; return the first row that needs the slow parser, or None."""
     row, found = first, False
     try:
         with path.open("rb") as file:
             for _ in range(first - 1):
                 file.readline(_LONGEST)
-            while text := file.read(_PLAIN_PART if native is None else _PART):
+            while text := file.read(_PART):
                 rest = file.readline(_LONGEST)
                 if len(rest) == _LONGEST:
                     return row
                 text += rest
                 count = text.count(b"\n")
-                table = (
-                    _decimals(text, width)
-                    if native is None
-                    else _compiled(native, text, count + 1, width)
-                )
+                table = _decimals(text, width)
                 if table is None:
                     return row
                 yield table
@@ -176,12 +168,6 @@ def _fast(path: Path, width: int, first: int) -> Generator[Array, None, int | No
     if not found:
         yield np.zeros((0, width))
     return None
-
-
-def _compiled(native: Any, text: bytes, most: int, width: int) -> Array | None:
-    table = np.empty((most, width))
-    count = native.numbers(text, width, table)
-    return None if count < 0 else table[:count]
 
 
 def _decimals(text: bytes, width: int) -> Array | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import zipfile
 from pathlib import Path
 
@@ -10,8 +9,8 @@ import numpy as np
 from numpy.lib import format as npy
 
 from sdp_vs_penalty.data.formats.columns import (
+    GROUPS,
     Choice,
-    check_size,
     columns_of,
     from_columns,
     groups_of,
@@ -20,7 +19,7 @@ from sdp_vs_penalty.data.formats.columns import (
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import opened, writing
+from sdp_vs_penalty.files import reading, writing
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".npz",)
@@ -46,7 +45,7 @@ def write(measurements: Measurements, path: Path) -> None:
 def _read_npz(path: Path) -> Measurements:
     arrays = numeric_arrays(path)
     if "q" in arrays:  # whole arrays q (N, n), tau (N, n) instead of one a joint
-        for name in ("q", "dq", "tau", "temp"):
+        for name in GROUPS:
             block = arrays.pop(name, None)
             if block is not None:
                 if block.ndim == 1:
@@ -71,30 +70,11 @@ def _read_npz(path: Path) -> Measurements:
     return run_of(path, arrays["t"], {name: group(name) for name in groups})
 
 
-def _check_claim(archive: zipfile.ZipFile, info: zipfile.ZipInfo, path: str | Path) -> None:
-    """InputError where an array's header claims more than is there: memory is taken for that."""
-    with archive.open(info) as member:
-        major, _ = npy.read_magic(member)
-        header = npy.read_array_header_1_0 if major == 1 else npy.read_array_header_2_0
-        shape, _, dtype = header(member)
-    if math.prod(shape) * dtype.itemsize > info.file_size:
-        raise InputError(
-            f"{info.filename} claims {shape} numbers and holds fewer", "write it anew", path
-        )
-
-
 def numeric_arrays(path: str | Path) -> dict[str, Array]:
     """The arrays of an .npz file as floats; InputError for anything but real numbers."""
-    opened(path)
     arrays: dict[str, Array] = {}
     try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(info.file_size for info in archive.infolist())
-            packed = sum(info.compress_size for info in archive.infolist())
-            check_size(Path(path), size, packed)
-            for info in archive.infolist():
-                _check_claim(archive, info, path)
-        with np.load(path, allow_pickle=False) as file:
+        with reading(path), np.load(path, allow_pickle=False) as file:
             for name in file.files:
                 array = file[name]
                 if array.dtype.kind not in "fiu":
@@ -104,7 +84,7 @@ def numeric_arrays(path: str | Path) -> dict[str, Array]:
                         path,
                     )
                 arrays[name] = np.atleast_1d(np.asarray(array, float))
-    except InputError:
+    except (InputError, MemoryError):
         raise
     except Exception as error:  # zip, zlib and array headers each fail in ways of their own
         what = (str(error).splitlines() or [type(error).__name__])[0]

@@ -35,7 +35,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         with parquet.ParquetFile(path, pre_buffer=False) as file:
             names = _numeric_columns(path, file)
             return gathered(_pieces(path, choice, arrow, file, names))
-    except InputError:
+    except (InputError, MemoryError):
         raise
     except Exception as error:  # every layer of the library has exceptions of its own
         what = (str(error).splitlines() or [type(error).__name__])[0]

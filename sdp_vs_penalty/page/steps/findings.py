@@ -184,12 +184,14 @@ def _verdict(session: Session) -> Verdict | None:
         return None
     left = sum(f.text not in session.added for f in found.effects)
     if found.unknown:
-        return Verdict("usable", f"Missing: {found.unknown}.")
+        return Verdict("", f"Missing: {found.unknown}.")
     if left:
-        return Verdict("usable", f"{show.count(left, 'missing effect')} can be added.")
+        return Verdict("", f"{show.count(left, 'missing effect')} can be added.")
+    if found.effects:
+        return Verdict("", "All that was found is added.")
     if found.noise_source != "repetition":
-        return Verdict("usable", f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}")
-    return Verdict("good", "Nothing is missing that these measurements could show.")
+        return Verdict("", f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}")
+    return Verdict("", "Nothing is missing that these measurements could show.")
 
 
 FINDINGS = after_model(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from sdp_vs_penalty.diagnosis.show import fit_level, new_motion, no_model_of, repeatability_warning
+from sdp_vs_penalty.diagnosis.show import new_motion
 from sdp_vs_penalty.page.arm import draw_arm, torque_errors
 from sdp_vs_penalty.page.charts import (
     asked_instants,
@@ -16,7 +16,7 @@ from sdp_vs_penalty.page.charts import (
 )
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, framed, note, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Verdict, after_model
+from sdp_vs_penalty.page.step import Verdict, after_model, model_verdict
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held, with_unit
@@ -140,9 +140,8 @@ def _figures(model: Rung) -> None:
             "time": f"{model.seconds:.2g} s",
         }
     )
-    warning = repeatability_warning(comparison["new_motion_share"])
-    if warning and model.tested:
-        tag("p", warning, "finding")
+    for line in comparison["verdict"]["lines"]:
+        tag("p", f"{line['about'].capitalize()} ({line['grade']}): {line['text']}", "finding line")
 
 
 def _chips(view: View, model: Rung, units: list[str]) -> list[Any]:
@@ -224,30 +223,9 @@ _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
 _INSTANTS = "(e) => emit(((e && e.points) || []).map(p => p.customdata))"
 
 
-def _verdict(session: Session) -> Verdict | None:
-    """By the noise floor where it is known; an error alone cannot say that nothing is missing."""
-    model = session.current
-    c = model.comparison
-    floors = None if None in c["noise_floor"] else c["noise_floor"]
-    level: Any = fit_level(c["relative_error_percent"], c["rmse"], floors, c["r2"])
-    said = f"{figure(c['relative_error_percent'])} % relative error on {_names(model.judged_on)}"
-    if without := no_model_of(c["rmse"], floors, c["r2"]):
-        said += f"; {without}: worse than the mean torque, do not use there"
-    if model.violation["convex"] > 0.0:
-        return Verdict("bad", f"The model breaks its constraints ({held(model.violation)}); {said}.")
-    if level == "bad":
-        return Verdict("bad", f"The model does not describe these runs: {said}.")
-    if session.meaningless:
-        return Verdict("bad", f"The data check failed; {said}.")
-    if floors is None:
-        said += "; no motion repeats, so how much of it is noise is not known"
-    elif all(floors):
-        scaled = [e / f for e, f in zip(c["rmse"], floors, strict=True)]
-        worst = max(scaled)
-        said += f"; joint {scaled.index(worst) + 1} is worst with {figure(worst, 2)} times its noise"
-    if not model.tested:
-        return Verdict("usable", f"{said}, and nothing was kept for testing.")
-    return Verdict(level, f"{said}.")
+def _verdict(session: Session) -> Verdict:
+    """The model's verdict, the only grade on the page."""
+    return model_verdict(session.current)
 
 
 FIT = after_model("fit", "Measured against modelled", _draw, _verdict)

@@ -15,7 +15,6 @@ from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.report.plots import Curves
 
 _DRIVES = (("torque", "the measured torque alone"), ("pd", "and a control loop on the measured motion"))
-_LEVELS: dict[str, Any] = {"good": "good", "usable": "usable", "do not use": "bad"}
 
 
 def _draw(view: View) -> None:
@@ -82,8 +81,7 @@ def _verdict(session: Session) -> Verdict | None:
     made: Any = session.answer("forward")
     if made is None:
         return None
-    said = made["verdict"][len(made["grade"]) :].strip()
-    return Verdict(_LEVELS[made["grade"]], said[0].upper() + said[1:])
+    return Verdict("", made["verdict"])
 
 
 FORWARD = after_model("forward", "Run forward", _draw, _verdict, lambda s: s.answer("forward"))

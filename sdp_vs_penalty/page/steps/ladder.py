@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
-from sdp_vs_penalty.diagnosis.show import risen
+import numpy as np
+
+from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.page.charts import ladder_chart
 from sdp_vs_penalty.page.controls import button, chart, details, note, table, tag
 from sdp_vs_penalty.page.session import Session
@@ -74,20 +75,15 @@ def _all_models(view: View) -> None:
 
 
 def _verdict(session: Session) -> Verdict | None:
+    """What became of each joint's error."""
     if len(session.ladder) == 1:
         return None
-    first, last = (
-        session.ladder[k].comparison["relative_error_percent"] for k in (0, len(session.ladder) - 1)
-    )
-    level: Any = "good" if last < first else "usable"
-    said = f"{figure(first)} % relative error became {figure(last)} % ({change(first, last)})"
-    said += f" on {', '.join(session.ladder[-1].judged_on)}."
-    before = session.ladder[-2].comparison["relative_error_percent"]
-    if not last < before:
-        said += " The last step did not pay on all joints together: undo it, or look at its joint."
-    elif worse := risen(*(rung.comparison["rmse"] for rung in session.ladder[-2:])):
-        said += f" {worse}"
-    return Verdict(level, said)
+    first, last = (session.ladder[k].comparison for k in (0, -1))
+    floor = None if None in last["noise_floor"] else np.array(last["noise_floor"], float)
+    said = changes(np.array(first["rmse"]), np.array(last["rmse"]), floor)
+    whole = [figure(c["relative_error_percent"]) for c in (first, last)]
+    said = said or "No joint's error changed by more than 5 %."
+    return Verdict("", f"{said} All joints together: {whole[0]} % became {whole[1]} %.")
 
 
 LADDER = after_model(

@@ -43,14 +43,12 @@ def _draw(view: View) -> None:
 
 def _verdict(session: Session) -> Verdict | None:
     model = session.current
-    if model.violation["convex"] > 0.0:
-        return Verdict("bad", f"The constraints are {held(model.violation)}: no robot is like this.")
     rows = model.about["rows"]
     seen = sum(row["source"] == "data" for row in rows)
     said = f"Constraints: {held(model.violation)}; the data determine {seen} of {len(rows)} parameters"
     if model.on_bounds:
-        return Verdict("usable", f"{said}; {len(model.on_bounds)} lie on their bounds.")
-    return Verdict("good", f"{said}, the prior the others; torques need no more.")
+        return Verdict("", f"{said}; {len(model.on_bounds)} lie on their bounds.")
+    return Verdict("", f"{said}, the prior the others; torques need no more.")
 
 
 PARAMETERS = after_model("parameters", "Parameters", _draw, _verdict)

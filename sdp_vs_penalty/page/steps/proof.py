@@ -37,13 +37,11 @@ def _draw(view: View) -> None:
 
 def _verdict(session: Session) -> Verdict | None:
     model = session.current
-    if model.violation["convex"] > 0.0:
-        return Verdict("bad", f"The constraints are {held(model.violation)}: no robot is like this.")
     said = f"Constraints: {held(model.violation)}; "
     if model.gap is None:
-        return Verdict("usable", said + "this method has no certified lower bound.")
+        return Verdict("", said + "this method has no certified lower bound.")
     return Verdict(
-        "good", f"{said}nothing under them is better by more than {figure(model.gap, 2)} of the loss."
+        "", f"{said}nothing under them is better by more than {figure(model.gap, 2)} of the loss."
     )
 
 

@@ -31,8 +31,6 @@ def _draw(view: View) -> None:
         for file in view.folder_files(ROBOT_SUFFIXES):
             _tile(view, str(file), file.name, "from your folder", file.name)
     drop("Your robot's URDF", "drop a file here, or choose one", "robot", ROBOT_SUFFIXES, False)
-    with details("Or go on with a saved session", "open-session"):
-        drop("Your session.zip", "drop a file here, or choose one", "session", (".zip",), False)
     if robot is not None and robot["file"]:
         tag("p", f"{robot['file']}: {robot['name']}, {robot['title']}", "chosen")
     if robot is not None:
@@ -86,7 +84,7 @@ def _verdict(session: Session) -> Verdict | None:
     robot = session.robot
     if robot is None:
         return None
-    return Verdict("good", f"{robot['file'] or robot['name']} has {show.count(robot['n'], 'joint')}.")
+    return Verdict("", f"{robot['file'] or robot['name']} has {show.count(robot['n'], 'joint')}.")
 
 
 ROBOT = Step("robot", "Robot", "", lambda session: True, _depends, _draw, _verdict)

@@ -179,15 +179,15 @@ def _verdict(session: Session) -> Verdict | None:
     if not session.runs:
         return None
     if session.meaningless:
-        return Verdict("bad", f"{session.meaningless[0]}.")
+        return Verdict("bad", f"{session.meaningless[0]}.", "Check failed")
     warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
     kept = any(run["use"] in ("test", "split") for run in session.runs)
     if warned or not kept:
         why = [f"the check found {show.words(warned)}"] if warned else []
         why += [] if kept else ["nothing is kept for testing"]
-        return Verdict("usable", f"{'; '.join(why).capitalize()}.")
+        return Verdict("usable", f"{'; '.join(why).capitalize()}.", "Check")
     runs = show.count(len(session.runs), "run")
-    return Verdict("good", f"The check found nothing wrong in {runs}; part is kept for testing.")
+    return Verdict("good", f"Nothing wrong in {runs}; part is kept for testing.", "Check")
 
 
 RUNS = Step(

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from functools import partial
 
+from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page.controls import button, details, tag, text_field
-from sdp_vs_penalty.page.step import after_model
+from sdp_vs_penalty.page.step import after_model, model_verdict
+from sdp_vs_penalty.page.uploads import MOST_FILES
 from sdp_vs_penalty.page.view import View
 
 #: Files and what they are for.
@@ -13,31 +15,27 @@ FILES = {
     "model.json": "for this program",
     "robot.urdf": "for ROS and simulators",
     "robot.xml": "for MuJoCo",
-    "model.py": "a NumPy function",
     "report.html": "HTML report",
 }
-#: Likewise, on demand.
-MORE = {
-    "robot.sdf": "for Gazebo",
-    "robot.usda": "for Isaac Sim (USD)",
-    "robot.drake.urdf": "for Drake, with rotor inertias",
-    "model.h": "a C header",
-    "friction.csv": "friction by velocity",
-}
-#: Of a model with a payload, as the makers' controllers take it.
-LOAD = {"endeffector-config.json": "payload for Franka", "payload.script": "payload for UR"}
+#: Of a model with a payload, as the makers' controllers take it; likewise what else `export` writes.
+_EXPORTS = {home.FILE: home.ABOUT for home in formats().values() if home.FILE not in FILES}
+LOAD = {name: use for name, use in _EXPORTS.items() if use.startswith("payload")}
+MORE = {name: use for name, use in _EXPORTS.items() if name not in LOAD}
 
 #: The optimisation problem, for other solvers; beside each a .json with what it means.
 POSED = {"problem.cbf": "conic benchmark format", "problem.dat-s": "sparse SDPA"}
 #: What else a job may have made to be fetched.
 MADE = (
-    *("trajectory.csv", "session.zip", "proof.json", "fixed.urdf"),
+    *("findings.json", "trajectory.csv", "proof.json", "fixed.urdf"),
+    *(f"run-{k}.csv" for k in range(1, MOST_FILES + 1)),
     *(name for posed in POSED for name in (posed, f"{posed}.json")),
 )
 
 
 def _draw(view: View) -> None:
     session = view.session
+    verdict = model_verdict(session.current)
+    tag("p", f"{verdict.word}. {verdict.text}", f"verdict {verdict.level}")
 
     flange = {"flange": ""}
 
@@ -54,9 +52,13 @@ def _draw(view: View) -> None:
 
     with tag("div", style="tiles", role="group", aria_label="Files to download"):
         tiles(FILES)
-        with button("", lambda: session.save(view.download), "save-session", "tile"):
-            tag("strong", "session.zip")
-            tag("span", "this whole session")
+        if session.findings is not None:
+            tiles({"findings.json": "the diagnosis"})
+        for k, run in enumerate(session.runs):
+            take = partial(session.take_run, k, view.download)
+            with button("", take, f"take-run-{k + 1}.csv", "tile"):
+                tag("strong", f"run-{k + 1}.csv")
+                tag("span", run["name"])
     if "payload" in session.ladder[-1].effects:
         said = "Flange in the last joint's frame [m]: x,y,z"
         text_field(said, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107")

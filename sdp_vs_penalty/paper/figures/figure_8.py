@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators.convex_pieces import solve_pieces
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
 from sdp_vs_penalty.paper.figures.style import BLACK, BLUE, GREEN, GREY, RED, new_figure, title
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.problem.problem import Problem
@@ -36,7 +34,6 @@ def draw(study: Study) -> Any:
         "p_real": (study.experiment.links, {"color": BLACK, "linestyle": "-"}, "o"),
         "p_hat (published)": (published_links(problem, "p_hat"), {"color": RED, "linestyle": "--"}, "s"),
         "lmi-sdp": (study.links("lmi-sdp", study.simulated), {"color": BLUE, "linestyle": "-."}, "^"),
-        "SDP over convex pieces": (_pieces(study), {"color": GREEN, "linestyle": ":"}, "D"),
     }
     for link, (axis, plane) in enumerate(zip(axes[0, 1:], ((0, 1), (0, 2)), strict=True)):
         _section(axis, problem, link, plane)
@@ -53,12 +50,6 @@ def draw(study: Study) -> Any:
         "centres of mass, and uniform ellipsoids with the same mass and inertia (cut off at the frame)",
     )
     return figure
-
-
-def _pieces(study: Study) -> Array:
-    """With the upper bounds on inertias about the centres of mass, which are not convex."""
-    task = study.task(study.simulated)
-    return solve_pieces(task, thickness=DEFAULT_THICKNESS).theta[task.links]
 
 
 def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.export.urdf import make_urdf
+from sdp_vs_penalty.exporters.urdf import make_urdf
 from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed
 
 #: A motor that always reaches its velocity [N m, N].

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.export.urdf import make_urdf
+from sdp_vs_penalty.exporters.urdf import make_urdf
 from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed, module_version
 
 

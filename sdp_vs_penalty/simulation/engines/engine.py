@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError, install_command
-from sdp_vs_penalty.export.content import Content, require_consistent
+from sdp_vs_penalty.exporters.content import Content, require_consistent
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError, install_command
-from sdp_vs_penalty.export.mjcf import make_mjcf
+from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed, module_version
 
 

@@ -154,7 +154,7 @@ def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
 
 #: What shows only against a model that is kept as it is.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
-#: What the challenge meets as a nuisance.
+#: What a diagnosis meets as a nuisance.
 NUISANCE: Mapping[str, Maker] = {"kinematic_error": _misplaced, "stiction": stiction}
 MACHINE: Mapping[str, Maker] = {
     "joint_spring": plain("joint_spring", lambda w, j, m: m.q[:, j]),

@@ -1,0 +1,232 @@
+"""The verb ``challenge``: how often is the diagnosis right?
+
+Every case is simulated by its own seed, diagnosed without sight of the truth, and then compared with
+it. Cases are kept one by one, so that an interrupted challenge goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from challenge.classes import CLASSES, USUAL, CaseClass
+from challenge.report import write_report
+from challenge.truth import energies, judged_curve, true_floor
+from sdp_vs_penalty.data.measurements import concatenate
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.files import alone, write_text
+from sdp_vs_penalty.parallel import Workers, spread
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES, draw_conditions, fair
+from sdp_vs_penalty.simulation.worlds.hidden import Hidden
+from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
+from sdp_vs_penalty.simulation.worlds.runs import Logged, draw_motion, log_run
+from sdp_vs_penalty.simulation.worlds.world import World, draw_world
+
+Record = dict[str, Any]
+_KEPT = ("effect", "joints", "size", "std", "shape", "confidence", "indistinguishable_from", "finer")
+
+
+@dataclass(frozen=True)
+class Case:
+    """kind : of CLASSES; nuisance : of NUISANCES; index : of the case, from 0."""
+
+    kind: str
+    nuisance: str
+    seed: int
+    index: int
+
+    @property
+    def key(self) -> str:
+        return f"{self.kind}/{self.nuisance}/{self.seed}/{self.index}"
+
+    def generator(self) -> np.random.Generator:
+        """Its own stream, whatever other cases there are."""
+        return np.random.default_rng([self.seed, self.index, zlib.crc32(self.key.encode())])
+
+
+@dataclass(frozen=True)
+class Sitting:
+    """A case as it is simulated: the last of the runs is the test run."""
+
+    world: World
+    hidden: Sequence[Hidden]
+    motions: Sequence[TrueMotion]
+    logged: Sequence[Logged]
+    effects: tuple[str, ...]
+    unloaded: Sequence[Logged] = ()
+
+
+def simulate_case(case: Case) -> Sitting:
+    """The world of a case and its runs."""
+    kind, rng = CLASSES[case.kind], case.generator()
+    conditions = kind.conditions(draw_conditions(case.nuisance, rng))
+    names = kind.names(case.seed, case.index, rng)
+    if "warming_friction" in names:
+        conditions = replace(conditions, thermometer=True)
+    world = draw_world(conditions, rng, without=names)
+    motions = [draw_motion(world, k, rng) for k in range(conditions.runs + 1)]
+    hidden = kind.hidden(names, world, motions[:-1], rng)
+    logged = [log_run(world, m, rng, [h.torque(world, m) for h in hidden]) for m in motions]
+    unloaded = []
+    if kind.frozen:  # the model was identified in another sitting, without the load
+        others = [draw_motion(world, k, rng) for k in range(conditions.runs)]
+        unloaded = [log_run(world, m, rng) for m in others]
+    effects = tuple(name for name in USUAL if name not in names)
+    return Sitting(world, hidden, motions, logged, effects, unloaded)
+
+
+def run_case(case: Case) -> tuple[str, Record]:
+    """The case's key and its record, which is plain JSON."""
+    kind, sitting = CLASSES[case.kind], simulate_case(case)
+    allowed, abstains = fair(sitting.world.conditions)
+    first = sitting.motions[0]
+    record: Record = {
+        "class": case.kind,
+        "nuisance": case.nuisance,
+        "conditions": sitting.world.describe(),
+        "truth": [h.to_dict() for h in sitting.hidden],
+        "deviation": [h.deviation(sitting.world, first) for h in sitting.hidden],
+        "fair": sorted(allowed),
+        "abstains": abstains,
+        "found": [],
+        "retuned": [],
+        "events": [],
+        "after": [],
+        "energy": [],
+    }
+    try:
+        record |= _diagnosed(kind, sitting)
+    except InputError as error:
+        record |= {"verdict": "refused", "error": str(error)}
+    return case.key, rounded(record)
+
+
+def _diagnosed(kind: CaseClass, sitting: Sitting) -> Record:
+    """What the diagnosis says, in how many seconds of the processor, and the truth beside it."""
+    data = concatenate([x.run for x in sitting.logged[:-1]])
+    learnt = concatenate([x.run for x in sitting.unloaded]) if kind.frozen else data
+    assert sitting.world.arm.urdf is not None
+    problem = load_problem(sitting.world.arm.urdf)
+    begin = time.process_time()
+    estimate = identify(problem, learnt, "ols", effects=list(sitting.effects))
+    between = time.process_time()
+    diagnosis = diagnose(estimate, data, sitting.logged[-1].run, frozen=kind.frozen)
+    result = diagnosis.to_dict()
+    record: Record = {
+        "verdict": result["verdict"],
+        "found": [{name: f[name] for name in _KEPT} for f in result["effects"]],
+        "retuned": result.get("retuned", []),
+        "events": result["events"],
+        "identify_seconds": between - begin,
+        "seconds": time.process_time() - between,
+        "curves": [{"joint": c.joint, "of": c.of, "formula": c.formula} for c in diagnosis.curves],
+    }
+    if kind.what == "curves":
+        record["curve"] = judged_curve(diagnosis, sitting.hidden[0], sitting.logged, estimate, data)
+    if sitting.hidden:
+        record["energy"] = energies(sitting.logged[:-1], estimate, kind.frozen)
+    if kind.what in ("none", "effects"):
+        test = sitting.logged[-1]
+        settled = replace(estimate, preprocessing=estimate.preprocessing.resolve(test.run))
+        record["after"] = (np.array(result["held_out_rmse"]) / true_floor(test, settled)).tolist()
+    return record
+
+
+def rounded(value: Any) -> Any:
+    """The same with all floats at six digits: thousands of records are kept."""
+    if isinstance(value, float):
+        return float(f"{value:.6g}")
+    if isinstance(value, dict):
+        return {key: rounded(x) for key, x in value.items()}
+    return [rounded(x) for x in value] if isinstance(value, (list, tuple)) else value
+
+
+#: Of the record's format: cases of another version are simulated anew.
+VERSION = 3
+
+
+#: Who simulates, unless it is said.
+TWO = Workers(2)
+
+
+def run_challenge(
+    cases: int,
+    seed: int,
+    out: Path,
+    workers: Workers = TWO,
+    classes: Sequence[str] | None = None,
+    nuisances: Sequence[str] | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> list[Path]:
+    """Run what is missing; write challenge.json, and from all of its cases of this seed challenge.csv
+    and challenge.md.
+
+    cases : of each class; of clean robots, of each nuisance; workers : who simulates. Raises InputError
+    for a class or a nuisance that does not exist.
+    """
+    kinds = _known("class", classes, CLASSES)
+    conditions = _known("nuisance", nuisances, NUISANCES)
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    with alone(out):
+        records = _completed(
+            wanted(cases, seed, kinds, conditions), out / "challenge.json", workers, progress
+        )
+        mine = {k: records[k] for k in sorted(records, key=_order) if k.split("/")[2] == str(seed)}
+        return [out / "challenge.json", *write_report(mine, out, seed)]
+
+
+def _completed(
+    cases: Sequence[Case], store: Path, workers: Workers, progress: Callable[[str], None]
+) -> dict[str, Record]:
+    """Every record of the store, with those of these cases that were missing; kept after each one."""
+    records: dict[str, Record] = {}
+    if store.is_file():
+        kept = json.loads(store.read_text())
+        records = kept["cases"] if kept.get("version") == VERSION else {}
+    todo = [c for c in cases if c.key not in records]
+    found = spread(run_case, todo, workers.scheduler, workers.jobs)
+    for done, (key, record) in enumerate(found, start=1):
+        records[key] = record
+        progress(f"case {done} of {len(todo)}")
+        content = {"version": VERSION, "cases": {k: records[k] for k in sorted(records, key=_order)}}
+        write_text(store, json.dumps(content) + "\n")
+    return records
+
+
+def wanted(cases: int, seed: int, kinds: Sequence[str], conditions: Sequence[str]) -> list[Case]:
+    """Cases, class by class; what hides an effect meets the nuisances at random."""
+    out = []
+    for kind in kinds:
+        if kind == "clean":
+            out += [Case(kind, name, seed, k) for k in range(cases) for name in conditions]
+        else:
+            order = list(CLASSES).index(kind)
+            names = [
+                str(np.random.default_rng([seed, order, k]).choice(conditions)) for k in range(cases)
+            ]
+            out += [Case(kind, name, seed, k) for k, name in enumerate(names)]
+    return out
+
+
+def _known(what: str, names: Sequence[str] | None, known: Mapping[str, Any]) -> list[str]:
+    for name in names or ():
+        if name not in known:
+            raise InputError(f"{what} {name!r} is unknown", f"choose among: {', '.join(known)}")
+    return list(names or known)
+
+
+def _order(key: str) -> tuple[int, int, int, int]:
+    kind, nuisance, seed, index = key.split("/")
+    return list(CLASSES).index(kind), list(NUISANCES).index(nuisance), int(seed), int(index)

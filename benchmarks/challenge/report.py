@@ -1,0 +1,281 @@
+"""The challenge's figures: shares with Wilson's intervals, by class, by nuisance, by effect."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from challenge import judge
+from challenge.judge import Item, Record, counted, wilson
+from sdp_vs_penalty.files import as_csv, write_text
+from sdp_vs_penalty.show import markdown_table
+from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
+
+SINGLE = ("strong", "medium", "weak")
+#: All in which one effect of the library is hidden.
+ONE = (*SINGLE, "new_effects", "wrist")
+HEADINGS = ("class", "counted", "cases", "share", "interval", "to reach")
+
+#: What is counted in which class: (class, what is counted, how, figure to reach).
+MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
+    ("clean", "false claims, all nuisances", judge.false_claim, "<= 1 %"),
+    ("clean", "false events", lambda record: bool(record["events"]), ""),
+    ("clean", "false curves", judge.has_curves, "<= 1 %"),
+    ("strong", "first named effect right", judge.first_right, ">= 99 %"),
+    ("medium", "first named effect right", judge.first_right, ">= 99 %"),
+    ("weak", "first named effect right", judge.first_right, ">= 95 %"),
+    *((name, "truth in the equivalence set", judge.in_set, ">= 99 %") for name in SINGLE),
+    *((name, "nothing named besides", lambda r: not judge.extras(r), "") for name in SINGLE),
+    *((name, "nothing confident besides", judge.nothing_else_confident, ">= 98 %") for name in SINGLE),
+    *((x, "no curve", lambda r: not judge.has_curves(r), ">= 98 %") for x in (*SINGLE, "new_effects")),
+    ("one_run", "first named effect right", judge.first_right, ">= 95 %"),
+    ("pairs", "both named", judge.all_named, ">= 95 %"),
+    ("triples", "all three named", judge.all_named, ">= 90 %"),
+    ("unknown_strong", "abstained", judge.abstained, ">= 97 %"),
+    ("unknown_medium", "abstained", judge.abstained, ">= 97 %"),
+    ("disturbance", "flagged as event or unknown", judge.flagged, ""),
+    ("disturbance", "an event at the right time", judge.found_in_time, ">= 90 %"),
+    ("payload", "payload named first", judge.first_right, ""),
+    ("new_effects", "first named effect right", judge.first_right, ">= 97 %"),
+    ("new_effects", "nothing confident besides", judge.nothing_else_confident, ""),
+    ("wrist", "combination and ratios named first", judge.first_right, ">= 95 %"),
+    ("wrist", "combination and ratios named", judge.all_named, ">= 95 %"),
+    ("unknown", "right variables", judge.right_variables, ">= 90 %"),
+    ("unknown", ">= 80 % of the missing energy removed", judge.mostly_removed, ""),
+)
+
+
+def write_report(records: Mapping[str, Record], out: Path, seed: int) -> list[Path]:
+    """challenge.csv (every case) and challenge.md (the figures)."""
+    table, report = out / "challenge.csv", out / "challenge.md"
+    write_text(table, csv_text(records))
+    write_text(report, report_text(records, seed))
+    return [table, report]
+
+
+def csv_text(records: Mapping[str, Record]) -> str:
+    """One case a row."""
+    names = "case arm truth energy verdict found retuned rivals events seconds"
+    rows = []
+    for key, r in records.items():
+        rivals = r["found"][0]["indistinguishable_from"] if r["found"] else []
+        row = [key, r["conditions"]["arm"], "+".join(map(_label, r["truth"]))]
+        row += [" ".join(f"{e:.4g}" for e in r["energy"]), r["verdict"]]
+        row += ["+".join(map(_label, r["found"])), str(len(r["retuned"])), " ".join(rivals)]
+        rows.append([*row, str(len(r["events"])), f"{r.get('seconds', 0.0):.2f}"])
+    return as_csv(names.split(), rows)
+
+
+def _label(item: Item) -> str:
+    joints = "+".join(str(j) for j in item["joints"])
+    return f"{item['effect']}:{joints}" if joints else str(item["effect"])
+
+
+def share(hits: int, count: int) -> list[str]:
+    """Cases, share and Wilson's interval."""
+    low, high = wilson(hits, count)
+    return [str(count), f"{100 * hits / count:.1f} %", f"{100 * low:.1f} to {100 * high:.1f} %"]
+
+
+def shares(records: Sequence[Record]) -> list[list[str]]:
+    """Rows under HEADINGS; of hidden effects only those that these data show."""
+    rows = []
+    for name, what, test, goal in MEASURES:
+        mine = [r for r in records if r["class"] == name and counted(r)]
+        if mine:
+            rows.append([name, what, *share(sum(map(test, mine)), len(mine)), goal])
+            if test is judge.false_claim:
+                rows += _extreme_nuisances(mine)
+    return rows
+
+
+def _extreme_nuisances(clean: Sequence[Record]) -> list[list[str]]:
+    """False claims in the nuisance with the most, and in the plain class."""
+    by = {name: [r for r in clean if r["nuisance"] == name] for name in NUISANCES}
+    hits = {name: sum(map(judge.false_claim, mine)) for name, mine in by.items() if mine}
+    worst = max(hits, key=lambda name: hits[name] / len(by[name]))
+    rows = [
+        [
+            "clean",
+            f"false claims, worst nuisance ({worst})",
+            *share(hits[worst], len(by[worst])),
+            "<= 3 %",
+        ]
+    ]
+    if "plain" in hits:
+        rows.append(
+            ["clean", "false claims, plain", *share(hits["plain"], len(by["plain"])), "<= 0.3 %"]
+        )
+    return rows
+
+
+def report_text(records: Mapping[str, Record], seed: int) -> str:
+    """The committed report."""
+    every = list(records.values())
+    lines = [
+        "# Challenge: does diagnose name what is hidden, and nothing else?",
+        "",
+        f"`sdp-vs-penalty challenge --seed {seed}`, cases as counted below. Robots, friction, channels "
+        "and hidden effects are simulated by code that shares nothing with the library "
+        "(`sdp_vs_penalty/simulation/worlds`). Thresholds were set on other seeds. Intervals are "
+        "Wilson's, 95 %. What a nuisance makes fair to name is stated in `worlds/conditions.py` and is "
+        "neither right nor false. Hidden effects count where these data show them: energy above 30, "
+        "white and with the model partialled out, and no link moved by more than 0.3 rad.",
+        "",
+        *markdown_table(HEADINGS, shares(every)),
+        "",
+        *_clean(every),
+        *_hidden(every),
+        *_numbers(every),
+        *effect_lines(every),
+        *curve_lines(every),
+        *_false_claims(records),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _clean(records: Sequence[Record]) -> list[str]:
+    mine = [r for r in records if r["class"] == "clean"]
+    if not mine:
+        return []
+    rows = []
+    for name in [x for x in NUISANCES if any(r["nuisance"] == x for r in mine)]:
+        group = [r for r in mine if r["nuisance"] == name]
+        count = Counter(map(judge.outcome, group))
+        cpu = np.mean([r.get("seconds", 0.0) for r in group])
+        rest = [str(count[kind]) for kind in judge.OUTCOMES[1:]]
+        rows.append([name, *share(count["false"], len(group)), *rest, f"{cpu:.1f}"])
+    headings = ["nuisance", "cases", "false", "interval", "named", "abstained", "silent", "CPU s"]
+    note = (
+        "Nothing is hidden. False: an effect that is not fair to name, or an abstention where "
+        "something has a name; named: only what is fair, or a changed shape constant; abstained: where "
+        "that is fair."
+    )
+    return ["## Clean robots, by nuisance", "", note, "", *markdown_table(headings, rows), ""]
+
+
+def _hidden(records: Sequence[Record]) -> list[str]:
+    """One hidden effect, by nuisance."""
+    mine = [r for r in records if r["class"] in SINGLE and counted(r)]
+    rows = []
+    for name in [x for x in NUISANCES if any(r["nuisance"] == x for r in mine)]:
+        group = [r for r in mine if r["nuisance"] == name]
+        right, alone = sum(map(judge.first_right, group)), sum(map(judge.nothing_else_confident, group))
+        rows.append([name, *share(right, len(group)), f"{100 * alone / len(group):.0f} %"])
+    headings = ["nuisance", "cases", "first right", "interval", "nothing confident besides"]
+    return ["## One hidden effect, by nuisance", "", *markdown_table(headings, rows), ""] if mine else []
+
+
+def _numbers(records: Sequence[Record]) -> list[str]:
+    lines = ["## Errors and times", ""]
+    for name in ("clean", *SINGLE):
+        mine = [r for r in records if r["class"] == name and counted(r) and r["after"]]
+        right = [r for r in mine if name == "clean" or judge.all_named(r)]
+        if right:
+            worst = [max(r["after"]) for r in right]
+            lines.append(
+                f"- held-out error with what was found over the true floor, {name} ({len(right)} "
+                f"cases): worst joint {np.median(worst):.3f} in the median (to reach: 1.05), "
+                f"{np.quantile(worst, 0.9):.3f} at 90 %"
+            )
+    cpu = [r["seconds"] for r in records if "seconds" in r]
+    if cpu:
+        lines.append(
+            f"- CPU seconds a diagnosis: median {np.median(cpu):.2f}, mean {np.mean(cpu):.2f}, worst "
+            f"{np.max(cpu):.1f}"
+        )
+    return [*lines, ""]
+
+
+def effect_lines(records: Sequence[Record]) -> list[str]:
+    """By effect: cases, who was taken for whom, and how honest its size is."""
+    mine = [r for r in records if r["class"] in ONE]
+    rows = []
+    for effect in sorted({t["effect"] for r in mine for t in r["truth"]}):
+        group = [r for r in mine if r["truth"][0]["effect"] == effect]
+        shown = [r for r in group if counted(r)]
+        wrong = Counter(_instead(r) for r in shown if not judge.first_right(r))
+        named = [s for r in shown for s in judge.sizes(r)]
+        covered = sum(s[2] <= 1.96 for s in named)
+        cells = [effect, str(len(group) - len(shown)), str(len(shown))]
+        cells += [
+            str(sum(map(judge.first_right, shown))),
+            ", ".join(f"{k} {v}" for k, v in wrong.items()),
+        ]
+        error = f"{100 * np.median([s[1] for s in named]):.1f} %" if named else ""
+        rows.append([*cells, error, f"{covered} of {len(named)}" if named else ""])
+    everything = [s for r in records if counted(r) for s in judge.sizes(r)]
+    if not everything:
+        return []
+    within = sum(s[2] <= 1.96 for s in everything)
+    count, part, interval = share(within, len(everything))
+    note = (
+        "Left out: not shown by these data. Sizes, of those named: the median relative error, and how "
+        f"often the 95 % interval holds the truth. Over all classes: {part} of {count} ({interval}); "
+        "to reach: 90 to 98 % for every effect."
+    )
+    headings = ["hidden", "left out", "cases", "right", "named instead", "size error", "interval holds"]
+    title = "## By effect: all classes that hide one"
+    return [title, "", note, "", *markdown_table(headings, rows), ""]
+
+
+def curve_lines(records: Sequence[Record]) -> list[str]:
+    """Torques without a name, by law: the curve, its band, its formula, and what adding it buys."""
+    mine = [r for r in records if r["class"] == "unknown" and counted(r) and "curve" in r]
+    if not mine:
+        return []
+    rows = []
+    laws = sorted({r["truth"][0]["effect"] for r in mine})
+    every = [(name, [r for r in mine if r["truth"][0]["effect"] == name]) for name in laws]
+    for name, group in [*every, ("all", mine)]:
+        right = [r for r in group if judge.right_variables(r)]
+        known = [r for r in group if r["curve"]["formula"] is not None]
+        named = sum(bool(r["curve"]["formula"]) for r in known)
+        covered = [r["curve"]["covered"] for r in right]
+        cells = [name, str(len(group)), _part(len(right), len(group))]
+        cells += [f"{100 * np.median(covered):.1f} %" if covered else ""]
+        held = sum((share or 0.0) >= 0.93 for share in covered)
+        cells += [_part(held, len(right)), _part(named, len(known))]
+        cells += [f"{100 * np.median([r['curve']['removed'] for r in group]):.1f} %"]
+        rows.append([*cells, f"{np.median([r['curve']['after'] for r in group]):.2f}"])
+    headings = ["torque", "cases", "right variables", "rows in the band", ">= 93 % of them"]
+    headings += ["right formula", "energy removed", "error over floor"]
+    note = (
+        "Counted where these data show the torque. Variables: of the joint's first curve (to reach: "
+        "90 %), |x|, sign(x) and a phase of x counting as x. Band: where the variables are right, the "
+        "share of rows at which it holds the truth, median (to reach: 93 %). Formula: up to 5 % in its "
+        "constants, where the dictionary has it (to reach: 70 %). Energy removed (80 %) and error over "
+        "the floor (1.1): on a motion that nothing was fitted to, with all that was found; medians."
+    )
+    return ["## Torques without a name", "", note, "", *markdown_table(headings, rows), ""]
+
+
+def _part(hits: int, count: int) -> str:
+    """Hits of a count, with Wilson's interval where there are many."""
+    if count < 10:
+        return f"{hits} of {count}" if count else ""
+    cases, part, interval = share(hits, count)
+    return f"{hits} of {cases}: {part} ({interval})"
+
+
+def _instead(record: Record) -> str:
+    named = judge.first(record)
+    if named is None:
+        return "nothing" if record["verdict"] == "nothing_missing" else str(record["verdict"])
+    if any(named["effect"] == t["effect"] for t in record["truth"]):
+        return "another joint"
+    return str(named["effect"])
+
+
+def _false_claims(records: Mapping[str, Record]) -> list[str]:
+    lines = ["## False claims about clean robots", ""]
+    for key, r in records.items():
+        if r["class"] == "clean" and judge.outcome(r) == "false":
+            what = ", ".join(f"{_label(f)} ({f['confidence']})" for f in judge.extras(r))
+            lines.append(
+                f"- {key} on {r['conditions']['arm']}: {r['verdict']}; {what or r.get('error', '')}"
+            )
+    return lines if len(lines) > 2 else []

@@ -1,0 +1,43 @@
+"""A position loop with damping: proportional and derivative gain."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Block, Motion, Parameter
+from sdp_vs_penalty.effects.servo import Servo
+
+
+class ServoPosition(Servo):
+    name = "servo_position"
+    equation = "-kp (q_cmd(t - T) - q) + kd dq"
+    explanation = (
+        "The drive pulls the joint towards its commanded position and damps it. A cascade kv (w e - dq) "
+        "is the same law, with kp = kv w and kd = kv. kd and viscous friction are seen as a sum only: "
+        "beside viscous_friction kd is what remains of it, and which of the two it is no motion tells."
+    )
+    reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.5"
+    one_number = False
+    sized_by = slice(0, 1)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        torque, unit = self.robot.torque_units, self.robot.position_units
+        return tuple(
+            Parameter(
+                f"{symbol}{j + 1}",
+                f"{torque[j].replace(' ', '*')}{per}/{unit[j]}",
+                self.name,
+                j + 1,
+                0.0,
+            )
+            for j in self.joints
+            for symbol, per in (("kp", ""), ("kd", "*s"))
+        )
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        error = motion.told.position(motion.t - self.shape["T"]) - motion.q
+        return [
+            Block(j, np.array([2 * k, 2 * k + 1]), np.column_stack([-error[:, j], motion.dq[:, j]]))
+            for k, j in enumerate(self.joints)
+        ]

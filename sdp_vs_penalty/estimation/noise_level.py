@@ -1,0 +1,53 @@
+"""The noise floor of measurements: theirs, whatever models are compared with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import CurrentModel, Motion
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.excerpt import excerpt
+from sdp_vs_penalty.signals.noise import REPETITION, noise_floor
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
+
+
+def noise_level(
+    problem: Problem, measurements: Measurements, settings: Preprocessing
+) -> tuple[Array | None, str]:
+    """Standard deviation (n,) of the torque noise below the cut-off [N m or N], and its source.
+
+    From repetition: r(t) - r(t + T) of a residual r. The residual is that of unconstrained least squares
+    of the problem's own effects on these measurements, so that the floor does not depend on which models
+    are judged beside it. None and "" where nothing repeats. settings : resolved; of long recordings
+    windows are looked at.
+    """
+    shown = excerpt(measurements, settings)
+    runs = segmented(shown, settings)
+    if not runs.segments:
+        return None, ""
+    model = problem.model().reference_free
+    theta = make_task(problem, model, compress(shown, model, settings), "none").ols
+    floor = noise_floor(with_parameters(runs, model, theta))
+    return floor, "" if floor is None else REPETITION
+
+
+def with_parameters(runs: SegmentedRuns, model: Model, theta: Array) -> SegmentedRuns:
+    """The same runs with a model's parameters as the current model."""
+    links = theta[model.rigid_indices].reshape(-1, 10)
+    if not len(links):
+        links = np.zeros((model.robot.links, 10))
+    current, width = CurrentModel(model.robot, links), model.sign_width
+
+    def attach(motion: Motion) -> Motion:
+        torque = model.torque(theta, motion)
+        return replace(motion, torque=torque, current=current, sign_width=width)
+
+    return replace(runs.with_model(attach), gains=model.gains)

@@ -1,0 +1,155 @@
+"""From data to an optimisation problem: the one place where measurements become what is minimised.
+
+``identify``, ``export-sdp``, proofs, the page and the shootout's instances all ask :func:`pose`, so that
+what one of them proves is what another solves. Gravity, bounds and filters belong to the
+:class:`~sdp_vs_penalty.problem.problem.Problem`, a time window to the measurements
+(:func:`~sdp_vs_penalty.cli.runs.asked` reads both as users write them); everything else is an option.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.plausibility import check_plausible
+from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import other_robot
+from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
+from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
+from sdp_vs_penalty.estimation.shape_profiles import with_shapes
+from sdp_vs_penalty.estimators.estimator import Progress, Task, no_progress
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.black_box import BlackBox, as_black_box, compress_black_box
+from sdp_vs_penalty.regression.regression import Regression, compress
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+
+@dataclass(frozen=True)
+class PoseOptions:
+    """What a user may choose of the posing, as :func:`~sdp_vs_penalty.estimation.identify.identify`
+    takes it: effects, filters (None: the problem's), weighting of the joints ("noise" or "none"), the
+    gains' relative standard deviation (or factor), runs with a known load [kg], and the seed."""
+
+    effects: str | Sequence[str] | Sequence[Effect] | None = None
+    preprocessing: Preprocessing | None = None
+    weighting: str = "noise"
+    gain_uncertainty: float | Array = 0.0
+    known_loads: Sequence[tuple[Source, float]] = ()
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Posed:
+    """An optimisation problem, and what made it.
+
+    problem : with the gains that known loads determined; measurements : as they were read; regression :
+    they in the columns of task.model; task : what every estimator minimises; gain_errors (n, e) : factor
+    of the covariance of the gains' relative errors; details : shapes and gains, plain JSON.
+    """
+
+    problem: Problem
+    measurements: Measurements | BlackBox
+    preprocessing: Preprocessing
+    regression: Regression
+    task: Task
+    weighting: str
+    gain_errors: Array | None = None
+    details: dict[str, Any] = field(default_factory=dict)
+
+
+def pose(
+    problem: str | Path | Problem,
+    measurements: Source | BlackBox,
+    options: PoseOptions | None = None,
+    progress: Progress = no_progress,
+    workers: Workers = ALONE,
+) -> Posed:
+    """The optimisation problem of identifying ``problem`` from ``measurements``.
+
+    Open shape constants are estimated first, then gains from known loads, then the current model
+    that some effects refer to; the rows in these columns are compressed, and weighted by joint. A
+    black box's answers have no friction, filters or noise: one effect, equal weights.
+    Raises InputError for input that cannot be used.
+    """
+    problem = as_problem(problem, "pose(problem=...)")
+    data = readable(problem, measurements, "pose(measurements=...)")
+    options = options or PoseOptions()
+    if isinstance(data, BlackBox):
+        model = problem.model("rigid_body" if options.effects is None else options.effects)
+        progress("compressing the black box's answers")
+        regression = compress_black_box(data, model)
+        task = make_task(problem, model, regression, "none", options.seed, progress)
+        return Posed(problem, data, problem.preprocessing, regression, task, "none")
+    settings = (options.preprocessing or problem.preprocessing).resolve(data)
+    model = problem.model(options.effects)
+    progress("estimating shape constants")
+    shapes = estimate_shapes(model, data, settings, options.weighting, workers=workers)
+    model = replace(model, effects=with_shapes(model.effects, shapes))
+    details: dict[str, Any] = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
+    errors = independent_gains(options.gain_uncertainty, problem.robot.n)
+    if options.known_loads:
+        progress("determining the gains from the known loads")
+        spread = float(np.max(options.gain_uncertainty))
+        found = gains_from_loads(model, data, options.known_loads, settings, spread)
+        problem = replace(problem, gains=tuple(found.gain.tolist()))
+        model, errors = replace(model, gains=problem.gains), found.factor
+        details["gains"] = found.to_dict()
+
+    def compressed(part: Model) -> Regression:
+        return compress(data, part, settings, workers=workers)
+
+    if model.needs_reference:
+        model = with_reference(problem, model, compressed, options.weighting, progress)
+    progress("compressing the measurements")
+    regression = compressed(model)
+    task = make_task(problem, model, regression, options.weighting, options.seed, progress)
+    return Posed(problem, data, settings, regression, task, options.weighting, errors, details)
+
+
+def readable(problem: Problem, measurements: Source | BlackBox, what: str) -> Measurements | BlackBox:
+    """What was given as measurements, read; InputError where it cannot be this robot's."""
+    n, names = problem.robot.n, problem.robot.joint_names
+    if not isinstance(measurements, BlackBox):
+        measurements = as_black_box(measurements, n) or as_measurements(measurements, n, names, what)
+    if measurements.n != n:
+        raise other_robot(measurements.n, n, f"measurements for {problem.name}")
+    if isinstance(measurements, Measurements):
+        check_plausible(problem.robot, measurements)
+    return measurements
+
+
+def with_reference(
+    problem: Problem,
+    model: Model,
+    compressed: Callable[[Model], Regression],
+    weighting: str = "noise",
+    progress: Progress = no_progress,
+    passes: int = 2,
+) -> Model:
+    """The model with the current model that its torque-dependent effects refer to.
+
+    Least squares without those effects, then ``passes - 1`` times with them: the reference is what
+    the other effects are estimated to be when these have taken their share. compressed : the training
+    data in the columns of a model.
+    """
+    reference = np.zeros(len(model.parameters))
+    for k in range(passes):
+        progress(f"the current model, pass {k + 1} of {passes}")
+        part = model.reference_free if k == 0 else replace(model, reference=reference)
+        regression = compressed(part)
+        theta = make_task(problem, part, regression, weighting).ols
+        free = theta if k == 0 else theta[model.reference_free_indices]
+        reference = np.zeros(len(model.parameters))
+        reference[model.reference_free_indices] = free
+    return replace(model, reference=reference)

@@ -1,0 +1,263 @@
+"""One verdict on a model: fit against noise, prediction, what is missing; the weakest first.
+
+Command line, API, page, report, JSON and the headers of exports take it from here, so that no two of
+them grade the same model and measurements differently. What is not known never makes a grade better:
+"good" needs a noise floor that is known, errors within it on motion that is mostly new, and links that
+can exist. A diagnosis names what is missing; the grade is the same with and without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from sdp_vs_penalty import show
+from sdp_vs_penalty.constraints.constraint import BarycentricBound
+from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.robot.arrays import Array
+
+Grade = Literal["good", "usable", "do not use"]
+GRADES: tuple[Grade, ...] = ("do not use", "usable", "good")
+#: A joint's error counts as noise up to so many noise floors (standard deviations): its variance is then
+#: at most four times that of the noise.
+ABOVE_NOISE = 2.0
+#: Relative torque errors beyond the noise [%]. Identified models of real arms reach 0.2 to 9 % (dVRK,
+#: Panda, UR10, TX40, published and ours): up to the first a prediction is good, above the second a model
+#: is not to be used.
+CLOSE, NO_MODEL = 5.0, 15.0
+#: From this share of new motion on, errors are those of unseen motion; below, they show repeatability.
+MOSTLY_NEW = 0.5
+#: Share of rows outside of a measured curve from which on a prediction is not good.
+_OUTSIDE = 0.05
+#: Violations up to this (kg, kg m, kg m^2) are rounding.
+_ROUNDING = 1e-9
+#: No link of an arm weighs less than this share of it; the lightest wrists have a hundredth.
+_LIGHTEST = 1e-3
+#: Share by which a joint's error changes before it is said.
+_CHANGES = 0.05
+FIT, PREDICTION, MISSING = "fit against noise", "prediction", "missing"
+
+
+@dataclass(frozen=True)
+class Line:
+    """One of the three: about FIT, PREDICTION or MISSING, its grade, and why in a sentence."""
+
+    about: str
+    grade: Grade
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.about}: {self.text}"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """lines : the three, weakest first; error_over_noise (n,) : RMSE over the noise floor of each joint,
+    None where it is not known; noise_source : where the floor is from, "" where it is not known;
+    judged_on : the names of the runs; remark : a sentence on windows of a long recording, or ""."""
+
+    lines: tuple[Line, ...]
+    error_over_noise: tuple[float, ...] | None
+    noise_source: str
+    judged_on: tuple[str, ...]
+    remark: str = ""
+
+    @property
+    def grade(self) -> Grade:
+        """That of the weakest line."""
+        return self.lines[0].grade
+
+    @property
+    def headline(self) -> str:
+        """The grade and its reason."""
+        return f"{self.grade[0].upper()}{self.grade[1:]}. {self.lines[0].text}"
+
+    def __str__(self) -> str:
+        said = "\n".join(f"  {line.grade:10}  {line}" for line in self.lines)
+        return f"{self.headline}\n{said}"
+
+    def brief(self) -> str:
+        """One line for the header of a file."""
+        reasons = " ".join(str(line) for line in self.lines)
+        return f"Verdict on {', '.join(self.judged_on)}: {self.grade}. {reasons}"
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"grade": self.grade, "headline": self.headline, **asdict(self)}
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Verdict:
+        """What :meth:`to_dict` wrote; KeyError or TypeError for anything else."""
+        lines = tuple(Line(**line) for line in data["lines"])
+        if not lines or any(line.grade not in GRADES for line in lines):
+            raise ValueError("verdict: a grade is unknown")
+        over = data["error_over_noise"]
+        return cls(
+            lines,
+            None if over is None else tuple(map(float, over)),
+            str(data["noise_source"]),
+            tuple(map(str, data["judged_on"])),
+            str(data["remark"]),
+        )
+
+
+#: What is said of a model without a verdict.
+NOT_JUDGED = "Verdict: not judged on any measurements; `sdp-vs-penalty compare` judges it."
+
+
+@dataclass(frozen=True)
+class Errors:
+    """What a model is judged by: rmse, r2 (n,); floor (n,) or None and its source; relative : error over
+    all joints [%]; new_share : of the rows whose motion is new to the model, None where not recorded;
+    outside : largest share of rows outside of one of its measured curves."""
+
+    rmse: Array
+    r2: Array
+    floor: Array | None
+    source: str
+    relative: float
+    new_share: float | None
+    outside: float = 0.0
+
+    @property
+    def over_noise(self) -> Array | None:
+        """(n,) RMSE over the noise floor; 1 where both are zero."""
+        if self.floor is None:
+            return None
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(self.floor > 0.0, self.rmse / self.floor, np.inf)
+        return np.where((self.floor <= 0.0) & (self.rmse <= 0.0), 1.0, ratio)
+
+    @property
+    def beyond_noise(self) -> float:
+        """Relative error [%] without what the noise explains; all of it where that is not known."""
+        if self.floor is None or not np.isfinite(self.relative) or not np.any(self.rmse > 0.0):
+            return self.relative
+        left = np.maximum(self.rmse**2 - self.floor**2, 0.0).sum()
+        return float(self.relative * np.sqrt(left / np.sum(self.rmse**2)))
+
+
+def judge(
+    errors: Errors,
+    certificate: Certificate,
+    masses: Array,
+    nominal: Array,
+    judged_on: Sequence[str],
+    *,
+    missing: str = "",
+    forward: str = "",
+    remark: str = "",
+) -> Verdict:
+    """The verdict on one model.
+
+    masses, nominal (links,) [kg] : of its links, identified and before; missing : what a diagnosis says,
+    "" where there was none; forward : what a forward simulation says; remark : of long recordings.
+    """
+    fit = _fit(errors)
+    over = errors.over_noise
+    said = missing or _left(fit, over)
+    if impossible := implausible(certificate, masses, nominal):
+        last = Line(MISSING, "do not use", f"{impossible} {said}")
+    else:
+        believed = " The links can exist." if len(masses) else ""
+        last = Line(MISSING, "good" if fit.grade == "good" else "usable", said + believed)
+    lines = [fit, _prediction(errors, forward), last]
+    return Verdict(
+        tuple(sorted(lines, key=lambda line: GRADES.index(line.grade))),
+        None if over is None else tuple(map(float, over)),
+        errors.source if over is not None else "",
+        tuple(judged_on),
+        remark,
+    )
+
+
+def _fit(errors: Errors) -> Line:
+    beyond, over = errors.beyond_noise, errors.over_noise
+    none = np.asarray(errors.r2) < 0.0
+    if over is None:
+        said = f"{errors.relative:.3g} % relative error; the noise floor is unknown: no motion repeats"
+        grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
+    else:
+        none &= over > ABOVE_NOISE
+        above = np.flatnonzero(over > ABOVE_NOISE)
+        grade = "good" if not len(above) else "usable"
+        said = f"Error over noise, joint by joint: {', '.join(f'{x:.2g}' for x in over)}"
+        if not beyond <= NO_MODEL:
+            grade = "do not use"
+            said = f"{beyond:.3g} % relative error beyond the noise; {said[0].lower()}{said[1:]}"
+    if none.any():
+        grade = min(grade, "usable", key=GRADES.index)
+        where = show.joints((np.flatnonzero(none) + 1).tolist())
+        said += f"; no model of {where} (worse than the mean torque)"
+    return Line(FIT, grade, f"{said}.")
+
+
+def _prediction(errors: Errors, forward: str) -> Line:
+    share, beyond = errors.new_share, errors.beyond_noise
+    percent = "not recorded" if share is None else f"{100.0 * share:.0f} %"
+    if share is None or share < MOSTLY_NEW:
+        grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
+        said = f"Not judged on unseen motion (new to the model: {percent}): compare it on another motion"
+    else:
+        far = errors.outside > _OUTSIDE or errors.floor is None
+        grade = "do not use" if not beyond <= NO_MODEL else "usable" if far or beyond > CLOSE else "good"
+        said = f"{errors.relative:.3g} % relative error on motion of which {percent} is new to the model"
+    if errors.outside > 0.0:
+        said += f"; {100.0 * errors.outside:.2g} % of the rows lie outside of a measured curve's table"
+    return Line(PREDICTION, grade, f"{said}.{f' {forward}' if forward else ''}")
+
+
+def _left(fit: Line, over: Array | None) -> str:
+    """What errors alone say of what is missing."""
+    if fit.grade == "good":
+        return "Nothing that these measurements show: every joint's error is noise."
+    if over is None:
+        return "Not known without a noise floor; `diagnose` names causes."
+    above = (np.flatnonzero(over > ABOVE_NOISE) + 1).tolist()
+    where = f" on {show.joints(above)}" if above else ""
+    return f"Torque beyond the noise{where}; `diagnose` names causes."
+
+
+def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
+    """Why the links are not to be believed, in a sentence; "" where they are."""
+    broken = {
+        family: value
+        for family, value in certificate.violations.items()
+        if value > _ROUNDING and family != BarycentricBound.family
+    }
+    if broken:
+        family = max(broken, key=lambda name: broken[name])
+        return f"No robot is like this: constraints are violated ({family} by {broken[family]:.2g})."
+    if certificate.body_share is not None and certificate.body_share > 1.0 + 1e-6:
+        return "A link's mass lies farther out than its body reaches."
+    least = _LIGHTEST * float(np.sum(masses))
+    light = [i + 1 for i, m in enumerate(masses) if m < least < 10.0 * nominal[i]]
+    if light:
+        word = "Links" if len(light) > 1 else "Link"
+        verb = "weigh" if len(light) > 1 else "weighs"
+        each = f"less than a thousandth of the arm ({float(np.sum(masses)):.3g} kg)"
+        return f"{word} {show.words(light)} {verb} {each}."
+    return ""
+
+
+def changes(before: Array, after: Array, floor: Array | None) -> str:
+    """What became of each joint's error (n,), largest fall first, and of every joint that got worse by
+    more than 5 %: in noise floors where they are known, else in N m or N; "" where nothing changed."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(before > 0.0, after / before - 1.0, np.where(after > 0.0, np.inf, 0.0))
+    known = floor is not None and bool(np.all(floor > 0.0))
+    scale = floor if known and floor is not None else np.ones(len(before))
+
+    def said(j: int) -> str:
+        percent = f" ({100.0 * share[j]:+.0f} %)" if np.isfinite(share[j]) else ""
+        return f"{before[j] / scale[j]:.3g} -> {after[j] / scale[j]:.3g}{percent}"
+
+    order = np.argsort(share)
+    better = [f"joint {j + 1}: {said(j)}" for j in order if share[j] < -_CHANGES]
+    worse = [f"joint {j + 1} worse: {said(j)}" for j in order[::-1] if share[j] > _CHANGES]
+    if not better and not worse:
+        return ""
+    unit = "times the noise" if known else "N m or N"
+    return f"{'; '.join([*better, *worse])} {unit}."

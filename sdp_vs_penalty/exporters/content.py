@@ -1,0 +1,163 @@
+"""What of a model a simulator's file can hold: links, damping, dry friction, armature."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Effects with a place in a URDF, and in MJCF; MJCF alone has one for the rotor's inertia.
+_PLACES = {"viscous_friction": "damping", "coulomb_friction": "friction", "rotor_inertia": "armature"}
+
+#: Smallest eigenvalue of a pseudo-inertia, relative to its trace, that still counts as consistent:
+#: what rounding leaves of an exact zero (a rod, a point mass) after a change of frames.
+ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a user wants a file: the arguments of :func:`export`."""
+
+    urdf: str | Path | None = None
+    force: bool = False
+    flange: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Content:
+    """links : (links, 10) standard parameters about each *joint* frame; damping [N m s/rad, N s/m],
+    friction [N m, N], armature [kg m^2, kg]: (n,), zero where the model has none.
+    others : names of the effects that have no place in such a file.
+    """
+
+    links: Array
+    damping: Array
+    friction: Array
+    armature: Array
+    others: tuple[str, ...]
+    #: Of the torque channels, measured over true; () where the model has none.
+    gains: tuple[float, ...] = ()
+
+    @classmethod
+    def plausible(cls, estimate: Estimate, options: Options) -> Self:
+        """:meth:`of`; InputError, too, for a link that lies outside of its body, unless forced."""
+        content = cls.of(estimate)
+        if not options.force:
+            require_plausible(estimate)
+        return content
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> Self:
+        """Raises InputError for an inconsistent link, negative friction or a model without links."""
+        model, robot = estimate.model, estimate.robot
+        if not len(model.rigid_indices):
+            raise InputError(
+                f"model {estimate.problem.name}: the model has no rigid_body effect, so there "
+                "are no inertias to export",
+                "write .json instead",
+            )
+        links = np.stack(
+            [
+                inertia.transform(robot.tree[carrier].link_frame) @ own
+                for carrier, own in zip(robot.link_joints, estimate.links, strict=True)
+            ]
+        )
+        for k, (carrier, link) in enumerate(zip(robot.link_joints, links, strict=True)):
+            require_consistent(link, f"link {k + 1} (on joint {robot.tree[carrier].name!r})")
+        values = {name: np.zeros(robot.n) for name in _PLACES.values()}
+        for parameter, value in zip(model.parameters, estimate.theta, strict=True):
+            place = _PLACES.get(parameter.effect)
+            if place is None:
+                continue
+            if value < 0.0:
+                raise InputError(
+                    f"joint {parameter.joint}: {parameter.effect} is {value:.4g} "
+                    f"{parameter.unit}, and a negative {place} would feed energy into a "
+                    "simulation",
+                    "identify with a method that keeps signs (lmi-sdp, penalty)",
+                )
+            values[place][parameter.joint - 1] += value
+        others = tuple(e.brief for e in model.effects if e.name not in (*_PLACES, "rigid_body"))
+        return cls(links, others=others, gains=model.gains or (), **values)
+
+    def left_out(self, *, armature: bool) -> tuple[str, ...]:
+        """Effects that are lost in a file with, or without, a place for armature."""
+        lost = ("rotor_inertia",) if not armature and np.any(self.armature > 0.0) else ()
+        return (*lost, *self.others)
+
+
+def require_consistent(link: Array, name: str) -> None:
+    """InputError unless some mass distribution has these standard parameters (10,)."""
+    pseudo = inertia.pseudo_inertia(link)
+    smallest = float(np.linalg.eigvalsh(pseudo)[0])
+    if not np.all(np.isfinite(link)) or smallest < -ROUNDING * max(float(np.trace(pseudo)), 0.0):
+        raise InputError(
+            "the inertial is not physically consistent (smallest eigenvalue of its "
+            f"pseudo-inertia {smallest:.3g}), and simulators reject such a body or diverge",
+            "identify with a method that imposes consistency (lmi-sdp, penalty)",
+            name,
+        )
+
+
+def require_plausible(estimate: Estimate) -> None:
+    """InputError for a link that can exist, but not in this arm: its mass lies outside of its body."""
+    gyration = inertia.gyration(estimate.links)
+    for k, body in enumerate(estimate.problem.link_bodies[: len(gyration)]):
+        if gyration[k] > body.reach:
+            raise InputError(
+                f"implausible: radius of gyration {gyration[k]:.3g} m for {estimate.links[k, 0]:.3g} "
+                f"kg, and its body reaches {body.reach:.3g} m (from its {body.source})",
+                "identify with the default method, which keeps every link in its body, or pass --force",
+                f"link {k + 1}",
+            )
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """As URDF and MJCF write it: mass [kg], com (3,) [m], about_com (3, 3) [kg m^2]."""
+
+    mass: float
+    com: Array
+    about_com: Array
+
+    @classmethod
+    def of(cls, link: Array) -> Self:
+        if link[0] == 0.0:  # consistent and massless: nothing at all
+            return cls(0.0, np.zeros(3), np.zeros((3, 3)))
+        parts = inertia.barycentric_from_standard(link)
+        return cls(float(parts[0]), parts[1:4], inertia.inertia_matrix(parts[4:]))
+
+    @property
+    def urdf_attributes(self) -> dict[str, str]:
+        """ixx ... izz as text of full precision."""
+        return {
+            f"i{'xyz'[i]}{'xyz'[j]}": number(self.about_com[i, j]) for i in range(3) for j in range(i, 3)
+        }
+
+
+def number(value: float) -> str:
+    """The shortest text that reads back to the same double."""
+    return repr(float(value) + 0.0)  # + 0.0: no negative zero
+
+
+def numbers(values: Array) -> str:
+    return " ".join(map(number, values))
+
+
+def payload(estimate: Estimate) -> Inertial:
+    """The model's payload in the last link's frame. Raises InputError where it has none."""
+    own = [p.effect == "payload" for p in estimate.model.parameters]
+    if not any(own):
+        raise InputError(
+            "the model has no payload", "add one: `sdp-vs-penalty add model.json payload --frozen`"
+        )
+    load = estimate.theta[np.array(own)]
+    require_consistent(load, "payload")
+    if load[0] <= 0.0:
+        raise InputError("the payload has no mass", "measure with the load on")
+    return Inertial.of(load)

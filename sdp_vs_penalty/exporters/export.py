@@ -1,0 +1,65 @@
+"""Take a model elsewhere: simulators, controllers, tables."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+from sdp_vs_penalty import exporters
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.exporters.content import Options
+from sdp_vs_penalty.exporters.header import with_verdict
+from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.registration import marked
+
+
+@cache
+def formats() -> dict[str, ModuleType]:
+    """The modules that write files, by the ending of these files' names."""
+    return marked(exporters.__name__, exporters.__path__, "ENDING")
+
+
+def format_of(out: str | Path) -> ModuleType:
+    """The module that writes files of this name. Raises InputError where there is none."""
+    found = [ending for ending in formats() if Path(out).name.lower().endswith(ending)]
+    if not found:
+        known = ", ".join(f"{ending} ({home.ABOUT})" for ending, home in formats().items())
+        raise InputError("unknown suffix", f"choose one of {known}", out)
+    return formats()[max(found, key=len)]
+
+
+def export(
+    estimate: Estimate | str | Path,
+    out: str | Path,
+    urdf: str | Path | None = None,
+    *,
+    force: bool = False,
+    flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> tuple[str, ...]:
+    """Write a model in the format that the file's name chooses; `sdp-vs-penalty list exports` names all.
+
+    estimate : the model, or its model.json; out : the file to write.
+    urdf : the user's own URDF file, whose inertials, damping and friction are replaced and whose every
+        other byte is kept; for ``out`` with the suffix .urdf only.
+    flange : where the flange lies in the last joint's frame [m], for a payload.
+    force : a link whose mass lies farther out than its body reaches is exported all the same.
+    Files with comments begin with the model's verdict, .json has it as a field.
+    Returns the effects that the format has no place for (they are in the .json).
+    Raises InputError for another suffix, an inconsistent or implausible inertial, or a URDF of another
+    robot.
+    """
+    estimate = as_estimate(estimate, "export(estimate=...)")
+    out = Path(out)
+    home = format_of(out)
+    if urdf is not None and not getattr(home, "EDITS", False):
+        raise InputError("an edited URDF must end in .urdf", "rename it, or leave the URDF out", out)
+    made: bytes
+    left_out: tuple[str, ...]
+    made, left_out = home.write(estimate, Options(urdf, force, flange))
+    if urdf is None:  # of the user's own file every other byte is kept
+        made = with_verdict(made, out.suffix.lower(), estimate)
+    write_bytes(out, made)
+    return left_out

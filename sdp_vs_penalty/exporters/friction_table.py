@@ -1,0 +1,79 @@
+"""Friction by velocity, joint by joint, for a controller that feeds it forward."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Motion, follows_alone
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters.content import Options
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Velocities on either side of zero, and the highest where a joint states none [rad/s, m/s].
+_POINTS, _FASTEST = 30, 2.0
+
+ENDING, FILE, ABOUT = ".csv", "friction.csv", "friction by velocity"
+
+
+@dataclass(frozen=True)
+class FrictionCurve:
+    """velocity (k,) [rad/s, m/s] of a joint (from 0), torque (k,) [N m, N] of all effects that follow it
+    alone, and its standard deviation (k,) by the parameters' intervals."""
+
+    joint: int
+    velocity: Array
+    torque: Array
+    std: Array
+
+
+def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
+    """CSV with joint, velocity, torque, std: what all effects that follow the velocity alone make.
+
+    torque [N m, N] is to be added to what the links need at this velocity [rad/s, m/s].
+    Returns the text and the written form of the effects that such a table cannot hold.
+    Raises InputError for a model without any that it can.
+    """
+    curves = friction_curves(estimate)
+    if not curves:
+        raise InputError("the model has no friction that follows the velocity alone", "add one")
+    lines = ["joint,velocity,torque,std"]
+    for c in curves:
+        for row in zip(c.velocity, c.torque, c.std, strict=True):
+            lines.append(f"{c.joint + 1}," + ",".join(f"{x:.9g}" for x in row))
+    left = (
+        e.text for e in estimate.model.effects if not follows_alone(e, "dq") and e.name != "rigid_body"
+    )
+    return ("\n".join(lines) + "\n").encode(), tuple(left)
+
+
+def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
+    """One a joint; none without an effect that follows the velocity alone.
+
+    Velocities lie closest where dry friction turns round.
+    """
+    model, robot = estimate.model, estimate.robot
+    own = zip(model.effects, model.indices, strict=True)
+    held = [(e, k) for e, k in own if follows_alone(e, "dq")]
+    curves = []
+    for j, joint in enumerate(robot.joints):
+        fastest = joint.velocity if 0.0 < joint.velocity < np.inf else _FASTEST
+        up = np.geomspace(min(model.sign_width[j], fastest) / 4.0, fastest, _POINTS)
+        speed = np.concatenate([-up[::-1], [0.0], up])
+        still = np.zeros((len(speed), robot.n))
+        dq = still.copy()
+        dq[:, j] = speed
+        motion = Motion(np.zeros(len(speed)), still, dq, still, sign_width=model.sign_width)
+        torque, spread = (
+            np.zeros(len(speed)),
+            np.zeros((len(speed), estimate.uncertainty.factor.shape[1])),
+        )
+        for effect, indices in held:
+            for block in (b for b in effect.blocks(motion) if b.joint == j):
+                at = indices[block.parameters]
+                torque += block.columns @ estimate.theta[at]
+                spread += block.columns @ estimate.uncertainty.factor[at]
+        curves.append(FrictionCurve(j, speed, torque, np.linalg.norm(spread, axis=1)))
+    return curves if held else []

@@ -1,0 +1,68 @@
+"""The model as plain JSON: also the effects that a URDF or MJCF has no place for."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters.content import Options
+from sdp_vs_penalty.exporters.header import verdict_line
+from sdp_vs_penalty.robot import inertia
+
+ENDING, FILE, ABOUT = ".json", "effects.json", "every effect as plain JSON, with its equation"
+
+#: Which effects the other formats hold, for whoever reads a sidecar beside one of them.
+HELD_BY = {
+    "urdf": ("rigid_body", "viscous_friction", "coulomb_friction"),
+    "mjcf": ("rigid_body", "viscous_friction", "coulomb_friction", "rotor_inertia"),
+}
+
+
+def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
+    """Links in readable form, every effect with equation, reference, shape constants and values."""
+    model, robot = estimate.model, estimate.robot
+    links = []
+    if len(model.rigid_indices):
+        parts = inertia.barycentric_from_standard(estimate.links)
+        for k, (carrier, row) in enumerate(zip(robot.link_joints, parts, strict=True)):
+            moments = dict(
+                zip(("ixx", "ixy", "iyy", "ixz", "iyz", "izz"), row[4:].tolist(), strict=True)
+            )
+            links.append(
+                {
+                    "link": k + 1,
+                    "joint": robot.tree[carrier].name,
+                    "mass_kg": float(row[0]),
+                    "centre_of_mass_m": row[1:4].tolist() if row[0] else None,
+                    "inertia_about_centre_of_mass_kg_m2": moments if row[0] else None,
+                }
+            )
+    effects = [_effect(estimate, k) for k in range(len(model.effects))]
+    content = {
+        "robot": robot.to_dict(),
+        "links": links,
+        "effects": effects,
+        "held_by": {
+            form: [e.name for e in model.effects if e.name in names] for form, names in HELD_BY.items()
+        },
+        "method": estimate.method,
+        "verdict": verdict_line(estimate),
+        "provenance": estimate.provenance,
+    }
+    return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode(), ()
+
+
+def _effect(estimate: Estimate, index: int) -> dict[str, Any]:
+    model = estimate.model
+    effect, values = model.effects[index], estimate.theta[model.indices[index]]
+    return {
+        **effect.to_dict(),
+        "equation": effect.equation,
+        "explanation": effect.explanation,
+        "reference": effect.reference,
+        "parameters": [
+            {"name": p.name, "joint": p.joint, "value": float(value), "unit": p.unit}
+            for p, value in zip(effect.parameters, values, strict=True)
+        ],
+    }

@@ -1,0 +1,156 @@
+"""An identification SDP as a file for any solver: sparse SDPA (.dat-s) or conic benchmark format (.cbf).
+
+Both formats hold a linear objective; SDPA's holds matrix inequalities only. The problem is rewritten
+exactly (:mod:`solvers.rewrite`), numbers have 17 digits, so that nothing is lost. Neither format has a
+place for a constant: FILE.json beside the file says how its optimum becomes the loss of identification,
+and between which proved bounds that lies.
+
+Sources: the SDPA format as in Borchers, SDPLIB (Optim. Methods Softw. 1999); H. A. Friberg, CBF
+format reference, version 3.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty.data.sources import Source
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.certify import certify, proved
+from sdp_vs_penalty.estimation.pose import PoseOptions, pose
+from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
+from sdp_vs_penalty.estimators.estimator import Fit, Progress, Task, no_progress
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, essential, interior_point
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.solvers.cbf_file import cbf_text
+from sdp_vs_penalty.solvers.conic import ConicProblem
+from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
+from sdp_vs_penalty.solvers.proof import Proof
+from sdp_vs_penalty.solvers.rewrite import Rewritten, linear_matrix_inequalities, linear_objective
+from sdp_vs_penalty.solvers.sdpa_file import sdpa_text
+
+#: Ending of the sparse SDPA format, and the method that goes into it unless another is named.
+_SDPA, SDPA_METHOD = ".dat-s", "lmi-sdp-thickness"
+#: What the file beside an exported problem says of its numbers.
+MEANING = (
+    "loss = offset + scale * (optimum of the file); lower <= loss <= upper is proved in exact "
+    "arithmetic for the identification problem, whose numbers the file holds rounded to doubles"
+)
+
+
+def rewritten(problem: ConicProblem, path: str | Path) -> tuple[Rewritten, str]:
+    """The problem as the format of the file's ending, .dat-s or .cbf, can hold it, and the text.
+
+    Raises InputError for another ending, or where the format lacks one of the problem's cones.
+    """
+    check_format(path, any(c.kind == "exp" for c in problem.cones))
+    if Path(path).name.endswith(_SDPA):
+        made = linear_matrix_inequalities(problem)
+        return made, sdpa_text(made.problem)
+    made = linear_objective(problem)
+    return made, cbf_text(made.problem)
+
+
+def check_format(path: str | Path, exponential: bool) -> None:
+    """InputError for an ending that is no format's, or whose format lacks the exponential cone."""
+    name = Path(path).name
+    if not name.endswith((_SDPA, ".cbf")):
+        raise InputError(
+            "unknown suffix", "name the file .dat-s (sparse SDPA) or .cbf (conic benchmark format)", path
+        )
+    if exponential and name.endswith(_SDPA):
+        raise InputError(
+            "the SDPA format has no exponential cone, which the entropic regulariser needs",
+            f"write a .cbf file instead, or name a method without one, such as {SDPA_METHOD}",
+            path,
+        )
+
+
+def export_sdp(
+    sdp: SdpProblem,
+    path: str | Path,
+    interval: tuple[str, str] | None,
+    status: str = "optimum proved",
+    **more: Any,
+) -> dict[str, Any]:
+    """Write the problem, and beside it FILE.json with what its optimum means; returns what that holds.
+
+    interval : (lower, upper) bounds of the loss as decimal text, rounded outward; None where none is
+    proved. status : what is proved; more : further entries of the JSON.
+    """
+    made, text = rewritten(sdp.conic, path)
+    write_text(path, text)
+    about = {
+        "file": Path(path).name,
+        "sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "sense": "min",
+        "status": status,
+        "offset": sdp.offset + sdp.loss_scale**2 * made.constant,
+        "scale": sdp.loss_scale**2,
+        "lower": float(interval[0]) if interval else None,
+        "upper": float(interval[1]) if interval else None,
+        "meaning": MEANING,
+        "variables": len(made.problem.q),
+        "rows": len(made.problem.b),
+        "nonzeros": int(made.problem.A.nnz),
+        **more,
+    }
+    write_text(f"{path}.json", json.dumps(about, indent=1, allow_nan=False) + "\n")
+    return about
+
+
+def proof_of(task: Task, fit: Fit, method: str) -> Proof:
+    """The proof of a fit as ``identify --proof`` writes it; "lower" and "upper" are rounded outward.
+
+    Raises ValueError where nothing can be proved.
+    """
+    return proved(task, fit, certify(task, fit)[0], method)
+
+
+def write_posed(
+    problem: str | Path | Problem,
+    measurements: Source,
+    out: str | Path,
+    method: str | None = None,
+    options: PoseOptions | None = None,
+    progress: Progress = no_progress,
+) -> dict[str, Any]:
+    """Write the SDP that ``identify`` solves for the same arguments, centred and scaled, and beside it
+    OUT.json with what it means and the proved interval of the loss; returns what that holds.
+
+    method : None: the default, or for .dat-s, whose format lacks exponential cones, the one of
+    :data:`SDPA_METHOD`. Raises InputError where the method solves no one-step SDP, the input cannot be
+    used, or as :func:`rewritten` does.
+    """
+    method = method or (SDPA_METHOD if Path(out).name.endswith(".dat-s") else DEFAULT_METHOD)
+    estimator = make_estimator(method)
+    if not isinstance(estimator, LmiSdp):
+        raise InputError(
+            f"method {method} is not a single SDP",
+            "choose lmi-sdp, lmi-sdp-thickness, lmi-sdp-plain or lmi-sdp-entropic",
+        )
+    check_format(out, estimator.entropy > 0.0)
+    posed = pose(problem, measurements, options, progress)
+    task = posed.task
+    objective, constraints = estimator.posed(task)
+    progress("proving the optimum")
+    proof = proof_of(task, estimator.fit(task), method)
+    interior, least = interior_point(task, constraints), 1e-6 * objective.least_squares.tau_squared
+    sent = essential(constraints, objective)
+    sdp = least_squares_sdp(objective, sent, interior, task.bound, interior, least_loss=least)
+    return export_sdp(
+        sdp,
+        out,
+        (proof["lower"], proof["upper"]),
+        problem=posed.problem.name,
+        method=method,
+        effects=[effect.text for effect in task.model.effects],
+        gravity=list(posed.problem.robot.gravity),
+        filters=asdict(posed.preprocessing),
+        weighting=posed.weighting,
+        data_hash=posed.measurements.data_hash,
+    )

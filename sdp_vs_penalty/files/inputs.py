@@ -1,0 +1,239 @@
+"""The one bounded reader: every file that a user names is opened here.
+
+A regular file, no device and no pipe; at most so many bytes by its kind; and while a library unpacks
+it, at most so much memory. Whatever a file holds, it costs a bounded amount and ends in one sentence.
+"""
+
+from __future__ import annotations
+
+import csv
+import errno
+import io
+import json
+import os
+import re
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+from sdp_vs_penalty.errors import InputError, unreadable
+
+T = TypeVar("T")
+
+#: Bytes of one file: of a recording (CSV text of 4 GiB of numbers), of a mesh, and of text that is
+#: parsed whole (URDF, TOML, JSON, bounds, proofs: the largest of ours, a proof of 60 links, has 12 MB).
+LARGEST_RUN, LARGEST_MESH, LARGEST_TEXT = 2**34, 2**28, 2**26
+#: Memory that unpacking a file may take: bytes, and bytes a byte of it. Measured channels unpack to 3 to
+#: 20 times their size.
+_ROOM, _PER_BYTE = 384 * 2**20, 25
+#: Brackets within brackets in JSON and TOML; ours nest to 9.
+_DEEPEST = 100
+
+#: Device and inode of every file that the running command was given or has read. None outside of one:
+#: in a notebook a model may be written over the file that it came from.
+_inputs: set[tuple[int, int]] | None = None
+
+
+@contextmanager
+def protecting() -> Iterator[None]:
+    """While this runs, no output may replace a file that :func:`opened` has heard of."""
+    global _inputs
+    before, _inputs = _inputs, set()
+    try:
+        yield
+    finally:
+        _inputs = before
+
+
+def is_input(found: os.stat_result) -> bool:
+    """Whether the running command has read this file, by inode, so that no link hides it."""
+    return _inputs is not None and (found.st_dev, found.st_ino) in _inputs
+
+
+def opened(path: str | Path) -> None:
+    """An argument of the running command is an input; of a folder all files in it."""
+    if _inputs is None:
+        return
+    path = Path(path)
+    try:
+        for file in path.iterdir() if path.is_dir() else [path]:
+            found = file.stat()
+            if stat.S_ISREG(found.st_mode):
+                _inputs.add((found.st_dev, found.st_ino))
+    except (OSError, ValueError):  # no such file, or no name of one: whoever reads it says so
+        return
+
+
+def _regular(path: Path, found: os.stat_result, largest: int) -> None:
+    """InputError unless it is a file that may be read whole."""
+    if stat.S_ISDIR(found.st_mode):
+        raise InputError("is a folder", "name a file", path)
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError("is no regular file (a device, a pipe or a socket)", "save it to a file", path)
+    if found.st_size > largest:
+        raise too_large(path, largest)
+
+
+def too_large(path: Path, largest: int) -> InputError:
+    """The error of a file of more bytes than its kind has."""
+    return InputError(f"larger than {largest // 2**20} MiB", "name a smaller file, or cut it", path)
+
+
+@contextmanager
+def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
+    """The path, for a library that opens it; while it reads, memory is limited (on Linux).
+
+    path : a regular file of at most ``largest`` bytes, or a folder of such.
+    Raises InputError for anything else, and where the file unpacks to more than its size allows.
+    """
+    path = Path(path)
+    try:
+        files = [f for f in path.iterdir() if not f.is_dir()] if path.is_dir() else [path]
+        states = [file.stat() for file in files]
+    except (OSError, ValueError) as error:
+        raise unreadable(error, path) from error
+    for file, found in zip(files, states, strict=True):
+        _regular(file, found, largest)
+    opened(path)
+    room = _ROOM + _PER_BYTE * sum(found.st_size for found in states)
+    try:
+        with _memory(room):
+            yield path
+    except (MemoryError, OSError) as error:
+        if isinstance(error, OSError) and error.errno != errno.EFBIG:
+            raise unreadable(error, path) from error
+        raise InputError(
+            f"unpacks to more than {room // 2**20} MiB, unlike a file of its size",
+            "split it, or save it without compression",
+            path,
+        ) from error
+
+
+@contextmanager
+def _memory(room: int) -> Iterator[None]:
+    """While this runs, this process may take so many bytes of memory more (files that are mapped do not
+    count), and write no file that is larger. Nothing where the system has no such limits."""
+    used = _data_segment()
+    if used is None:
+        yield
+        return
+    import resource
+
+    before = {}
+    for kind, most in ((resource.RLIMIT_DATA, used + room), (resource.RLIMIT_FSIZE, room)):
+        soft, hard = before[kind] = resource.getrlimit(kind)
+        limits = [x for x in (most, soft, hard) if x != resource.RLIM_INFINITY]
+        resource.setrlimit(kind, (min(limits), hard))
+    try:
+        yield
+    finally:
+        for kind, limits_before in before.items():
+            resource.setrlimit(kind, limits_before)
+
+
+def _data_segment() -> int | None:
+    """Bytes of private memory of this process, as Linux counts them for RLIMIT_DATA; None elsewhere."""
+    try:
+        with open("/proc/self/status", encoding="ascii") as file:
+            found = re.search(r"VmData:\s+(\d+) kB", file.read())
+    except OSError:
+        return None
+    return None if found is None else 1024 * int(found[1])
+
+
+def read_bytes(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
+    """A whole file. Raises InputError for what is no regular file, too large, or cannot be read."""
+    path = Path(path)
+    try:
+        # Opened before it is looked at, so that it cannot change in between; a pipe does not wait.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        try:
+            _regular(path, os.fstat(handle), largest)
+            with open(handle, "rb", closefd=False) as file:
+                content = file.read(largest + 1)  # some files of the system state no size
+        finally:
+            os.close(handle)
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise unreadable(error, path) from error
+    if len(content) > largest:
+        raise too_large(path, largest)
+    opened(path)
+    return content
+
+
+def read_text(path: str | Path, largest: int = LARGEST_TEXT) -> str:
+    """A whole file of UTF-8 text; errors as of :func:`read_bytes`."""
+    try:
+        return read_bytes(path, largest).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"not UTF-8 text ({error})", "save it as UTF-8", Path(path)) from error
+
+
+def read_table(path: str | Path) -> list[dict[str, str]]:
+    """The rows of a CSV table, as text by heading."""
+    try:
+        return [dict(row) for row in csv.DictReader(io.StringIO(read_text(path), newline=""))]
+    except csv.Error as error:
+        raise InputError(f"not a CSV table ({error})", "write it anew as UTF-8 text", path) from error
+
+
+def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str, Any]], T]) -> T:
+    """What ``build`` makes of the JSON object at ``path``; every ``kind`` of file has a field ``mark``.
+
+    Raises InputError naming the file and what is wrong with it, whatever build raises on bad content.
+    """
+
+    def checked(data: Any) -> T:
+        if not isinstance(data, dict) or mark not in data:
+            raise InputError(f"not a {kind} of this program (no field {mark!r})", f"name a {kind}")
+        return build(data)
+
+    return _built(Path(path), "JSON", json.loads, checked, "write the file anew")
+
+
+def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
+    """What ``build`` makes of the TOML file at ``path``; errors as of :func:`read_json`."""
+    import tomllib
+
+    return _built(path, "TOML", tomllib.loads, build, "compare the file with a built-in one")
+
+
+def _built(
+    path: Path, kind: str, parse: Callable[[str], Any], build: Callable[[Any], T], remedy: str
+) -> T:
+    text = read_text(path)
+    try:
+        data = parse(text)
+        _require_shallow(data)
+    except (ValueError, RecursionError) as error:
+        what = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise InputError(f"not a {kind} file ({what})", "correct it, or name another", path) from error
+    try:
+        return build(data)
+    except InputError as error:
+        # One that names a file of its own, which this one mentions, stays as it is.
+        raise error if isinstance(error.where, Path) else error.within(path) from error
+    except KeyError as error:
+        raise InputError(f"the field {error.args[0]!r} is missing", remedy, path) from error
+    except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        raise InputError(f"a field has the wrong content ({error})", remedy, path) from error
+
+
+def _require_shallow(data: Any) -> None:
+    """RecursionError for containers nested deeper than any of ours, which others copy recursively."""
+    level = [data]
+    for _ in range(_DEEPEST):
+        level = [
+            child
+            for part in level
+            if isinstance(part, dict | list)
+            for child in (part.values() if isinstance(part, dict) else part)
+            if isinstance(child, dict | list)
+        ]
+        if not level:
+            return
+    raise RecursionError

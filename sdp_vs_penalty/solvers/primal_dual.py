@@ -1,0 +1,247 @@
+"""The default solver of identification SDPs: a primal-dual interior-point method in NumPy.
+
+    minimise |R theta - rho|^2 + l^T theta - sum_b w_b log det F_b(theta)
+    subject to F_b(theta) >= 0 (matrices of order at most four), A theta + c >= 0
+
+It follows the central path S Z = max(w, mu) 1 of slacks S = F(theta) and multipliers Z in the HKM
+direction (Helmberg, Rendl, Vanderbei, Wolkowicz, SIAM J. Optim. 1996) with Mehrotra's predictor and
+corrector (SIAM J. Optim. 1992). A matrix with a log det is a cone whose complementarity goes to w
+instead of 0. theta stays inside of all cones; only the slope R^T(...) - F*(Z) starts above zero. A step
+is one Cholesky factor of 2 R^T R + sum F_i^* (S^-1 . Z) F_j (p, p); all small cones are worked on at
+once, as arrays (blocks, 4, 4). What it returns is certified by others (:mod:`certificate`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs
+
+from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.solvers.small_cones import KRONECKER, ORDER, SmallCones
+
+#: Most steps: twice what the slowest of the shootout's instances needs.
+_STEPS = 60
+#: Complementarity of a cold start as a share of its objective. 1 to 1e-4 differ by two steps of ten.
+_COLD = 1e-3
+#: A start for similar data: the last iterate whose relative gap was above this.
+_CENTRAL = 1e-2
+#: A step goes this share of the way to the boundary, more where the predictor came near the optimum.
+_SHARE, _MORE = 0.9, 0.099
+#: Relative change of H's diagonal: what rounding in H may cost its positive definiteness.
+_RIDGE = 1e-14
+#: A shorter step cannot be told from rounding.
+_SHORTEST = 1e-10
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """theta (p,) strictly inside, multipliers (rows + 16 blocks,) strictly inside of their cones."""
+
+    theta: Array
+    multipliers: Array
+
+
+@dataclass(frozen=True)
+class Optimum(Iterate):
+    """error : gap and leftover slope as the method itself sees them, relative to the loss; central : an
+    iterate from which to start for similar data."""
+
+    iterations: int
+    error: float
+    central: Iterate
+
+    @property
+    def said(self) -> str:
+        return f"relative gap {self.error:.1e} ({self.iterations})"
+
+
+def minimise(
+    cones: SmallCones, data: LeastSquares, starts: Sequence[Array | Iterate], accuracy: float
+) -> Optimum | None:
+    """From the first of the starts that lies inside, until gap and leftover slope cost no more than
+    ``accuracy`` of the loss, or no step helps any more; None where nothing could be factorised."""
+    for start in starts:
+        with np.errstate(all="ignore"):
+            path = _Path.begin(cones, data, start)
+            if path is not None:
+                return path.followed(accuracy)
+    return None
+
+
+class _Path:
+    """The iterate on its way, and what one step needs of it. Array (2, rows + 16 blocks) ``both``:
+    slacks S and multipliers Z; ``mats`` (2, blocks, 4, 4) and ``rows`` (2, rows) are views of it."""
+
+    def __init__(self, cones: SmallCones, data: LeastSquares, theta: Array) -> None:
+        self.cones, self.data, self.theta = cones, data, theta
+        self.both = np.empty((2, len(cones.constant)))
+        self.rows, self.mats = self._views(self.both)
+        self.ahead = np.empty_like(self.both)
+        self.ahead_rows, self.ahead_mats = self._views(self.ahead)
+        self.target = np.empty(self.both.shape[1])
+        self.target_rows, self.target_mats = (view[0] for view in self._views(self.target[None]))
+        self.weight = cones.weight[:, None, None]
+        self.logs = float(cones.weight @ np.log(np.where(cones.weight > 0.0, cones.weight, 1.0)))
+        self.gram = 2.0 * (data.R.T @ data.R)
+        count = cones.rows + len(cones.weight) * KRONECKER
+        self.products = np.empty(count)
+        self.kronecker = self.products[cones.rows :].reshape(-1, *(ORDER,) * 4)
+
+    def _views(self, flat: Array) -> tuple[Array, Array]:
+        split = self.cones.rows
+        return flat[:, :split], flat[:, split:].reshape(len(flat), -1, ORDER, ORDER)
+
+    @classmethod
+    def begin(cls, cones: SmallCones, data: LeastSquares, start: Array | Iterate) -> _Path | None:
+        """None where the start is not strictly inside."""
+        path = cls(cones, data, start.theta if isinstance(start, Iterate) else start)
+        path.both[0] = cones.slacks(path.theta)
+        if not np.all(path.rows[0] > 0.0):
+            return None
+        try:
+            np.linalg.cholesky(path.mats[0])
+        except np.linalg.LinAlgError:
+            return None
+        if isinstance(start, Iterate):
+            path.both[1] = start.multipliers
+        else:
+            path.evaluate()
+            mu = _COLD * abs(path.value) / max(cones.degree, 1) + 1e-300
+            path.rows[1] = mu / path.rows[0]
+            path.mats[1] = np.maximum(path.weight, mu) * np.linalg.inv(path.mats[0])
+        return path if np.all(np.isfinite(path.both)) else None
+
+    def evaluate(self) -> None:
+        """Loss, value and slope of the part without logarithms."""
+        data, linear = self.data, self.cones.linear
+        residual = data.R @ self.theta - data.rho
+        self.loss = float(residual @ residual) + data.residual_norm**2
+        self.value = self.loss + float(linear @ self.theta)
+        self.gradient = 2.0 * (residual @ data.R) + linear
+
+    def followed(self, accuracy: float) -> Optimum | None:
+        best: Optimum | None = None
+        central = self.here()
+        for k in range(_STEPS):
+            try:
+                error = self.prepare()
+            except np.linalg.LinAlgError:
+                break
+            here = self.here()
+            if error > _CENTRAL:
+                central = here
+            if best is None or error < best.error:
+                found = here if error > accuracy else self.polished()
+                best = Optimum(found.theta, found.multipliers, k, error, central)
+            if error <= accuracy or not self.advance():
+                break
+        return best
+
+    def here(self) -> Iterate:
+        return Iterate(self.theta, self.both[1].copy())
+
+    def prepare(self) -> float:
+        """Factors of S, Z and H; returns what gap and leftover slope cost, relative to the loss."""
+        cones = self.cones
+        self.factors = np.linalg.cholesky(self.mats)
+        self.roots = np.linalg.inv(self.factors)
+        self.turned = np.swapaxes(self.roots, -1, -2)
+        self.inverse = self.turned[0] @ self.roots[0]
+        self.evaluate()
+        np.divide(self.rows[1], self.rows[0], out=self.products[: cones.rows])
+        inverse, Z = self.inverse[:, :, :, None, None], self.mats[1][:, None, None]
+        np.multiply(inverse, Z, out=self.kronecker)
+        H = self.gram.copy()
+        flat = H.ravel()
+        flat[cones.places] += cones.curvature @ self.products
+        flat[:: len(H) + 1] *= 1.0 + _RIDGE
+        self.cholesky, failed = dpotrf(H.T, lower=1, overwrite_a=1, clean=0)
+        if failed:
+            raise np.linalg.LinAlgError
+        # Predictor and what the leftover slope asks for, by one pair of triangular solves.
+        self.leftover = self.gradient - cones.adjoint @ self.both[1]
+        self.aim(0.0)
+        right = np.column_stack([cones.adjoint @ self.target - self.gradient, self.leftover])
+        self.step, self.correction = self.solved(right).T
+        gap = float(self.both[0] @ self.both[1]) - ORDER * float(cones.weight.sum())
+        logs = np.log(np.diagonal(self.factors, axis1=-2, axis2=-1)).sum(axis=(0, 2))
+        gap -= 2.0 * float(cones.weight @ logs) - ORDER * self.logs
+        # Half the square of Newton's decrement: what the leftover slope costs.
+        cost = 0.5 * float(self.leftover @ self.correction)
+        scale = max(self.loss, 1e-12 * self.data.tau_squared, 1e-300)
+        error = float((max(gap, 0.0) + max(cost, 0.0)) / scale)
+        return error if math.isfinite(error) else math.inf
+
+    def solved(self, right: Array) -> Array:
+        return np.asarray(dpotrs(self.cholesky, right, lower=1)[0])
+
+    def aim(self, mu: float) -> None:
+        """target : max(w, mu) S^-1, to which Z is to move."""
+        np.divide(mu, self.rows[0], out=self.target_rows)
+        np.multiply(np.maximum(self.weight, mu), self.inverse, out=self.target_mats)
+
+    def scaled(self, change: Array, by: Array, mats: Array, row: Array) -> Array:
+        """sym(S^-1 . change . by) of the matrices and change * by / s of the rows."""
+        out = np.empty_like(self.target)
+        rows, blocks = (view[0] for view in self._views(out[None]))
+        np.divide(change * row, self.rows[0], out=rows)
+        product = self.inverse @ mats @ by
+        np.add(product, np.swapaxes(product, -1, -2), out=blocks)
+        blocks *= 0.5
+        return out
+
+    def direction(self, step: Array, second: Array | float) -> float:
+        """ahead : changes of S and Z for a step (p,) of theta; returns how far they stay inside."""
+        self.ahead[0] = self.cones.slack_map @ step
+        Z, dS = self.mats[1], self.ahead_mats[0]
+        self.ahead[1] = self.target - self.both[1] - second
+        self.ahead[1] -= self.scaled(self.ahead_rows[0], Z, dS, self.rows[1])
+        inward = float(np.min(self.ahead_rows / self.rows, initial=-1e-12))
+        if len(Z):
+            turned = self.roots @ self.ahead_mats @ self.turned
+            inward = min(inward, float(np.linalg.eigvalsh(turned)[..., 0].min()))
+        return -1.0 / inward
+
+    def complementarity(self, both: Array) -> float:
+        rows, mats = self._views(both)
+        each = np.einsum("bij,bij->b", mats[0], mats[1]) - ORDER * self.cones.weight
+        return float(rows[0] @ rows[1] + np.abs(each).sum())
+
+    def advance(self) -> bool:
+        """One predictor and corrector; False where hardly a step is possible."""
+        cones = self.cones
+        reach = min(1.0, 0.999 * self.direction(self.step, 0.0))
+        now = self.complementarity(self.both)
+        left = self.complementarity(self.both + reach * self.ahead) / max(now, 1e-300)
+        centring = min(max(left ** max(1.0, 3.0 * reach**2), 1e-7), 1.0)
+        second = self.scaled(
+            self.ahead_rows[0], self.ahead_mats[1], self.ahead_mats[0], self.ahead_rows[1]
+        )
+        self.aim(centring * now / max(cones.degree, 1))
+        step = self.solved(cones.adjoint @ (self.target - second) - self.gradient)
+        longest = self.direction(step, second)
+        share = min(1.0, (_SHARE + _MORE * reach**2) * longest)
+        if not share > _SHORTEST:
+            return False
+        self.theta = self.theta + share * step
+        self.both[1] += share * self.ahead[1]
+        self.both[0] = cones.slacks(self.theta)
+        return bool(np.all(self.rows[0] > 0.0))
+
+    def polished(self) -> Iterate:
+        """After a Newton step that leaves no slope, where that stays inside."""
+        change = self.cones.slack_map @ -self.correction
+        rows, mats = (view[0] for view in self._views(change[None]))
+        multipliers = self.both[1] - self.scaled(rows, self.mats[1], mats, self.rows[1])
+        moved = np.array([self.both[0] + change, multipliers])
+        inside = bool(np.all(moved[:, : self.cones.rows] > 0.0))
+        try:
+            np.linalg.cholesky(self._views(moved)[1])
+        except np.linalg.LinAlgError:
+            inside = False
+        return Iterate(self.theta - self.correction, multipliers) if inside else self.here()

@@ -1,0 +1,97 @@
+"""Ten models, one grade each: command line, Python, page, report, JSON and exports."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from random_robots import repeating_run as run_of
+
+from sdp_vs_penalty.cli.main import main
+from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data.measurements import Runs
+from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.exporters.export import export
+from sdp_vs_penalty.page.summary import summary
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.report import report
+
+#: Method, effects, and the run it is judged on; the usual effects where there are none.
+MODELS = [
+    ("lmi-sdp", "", "same"),
+    ("lmi-sdp", "", "other"),
+    ("lmi-sdp", "rigid_body", "same"),
+    ("lmi-sdp", "rigid_body", "other"),
+    ("lmi-sdp", "rigid_body,viscous_friction", "once"),
+    ("ols", "", "same"),
+    ("ols", "rigid_body", "other"),
+    ("penalty", "", "once"),
+    ("lmi-sdp", "viscous_friction", "same"),
+    ("lmi-sdp-plain", "rigid_body", "loud"),
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, two_link: Problem) -> Path:
+    """The run to identify from, the same motion again, another one, a part without repetition, noise."""
+    out = tmp_path_factory.mktemp("runs")
+    save(run_of(two_link, 0), out / "train.csv")
+    save(run_of(two_link, 1), out / "same.csv")
+    save(run_of(two_link, 2, motion_seed=11), out / "other.csv")
+    save(run_of(two_link, 3).window(0.0, 9.0), out / "once.csv")
+    save(run_of(two_link, 4, noise=40.0), out / "loud.csv")
+    return out
+
+
+@pytest.mark.parametrize(("method", "effects", "judged"), MODELS)
+def test_one_grade_everywhere(
+    folder: Path,
+    method: str,
+    effects: str,
+    judged: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    model, figures = tmp_path / "model.json", tmp_path / "figures.json"
+    how = ["--method", method, *(["--effects", effects] if effects else [])]
+    for words in (
+        ["identify", "two_link", "--data", str(folder / "train.csv"), *how, "--out", str(model)],
+        ["compare", str(model), "--data", str(folder / f"{judged}.csv"), "--json", str(figures)],
+    ):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            main(words)
+        shown = capsys.readouterr()
+        assert stop.value.code == 0, shown.err
+    run, estimate = load_measurements(folder / f"{judged}.csv"), load_estimate(model)
+    found = compare({"model": estimate}, run)[0].verdict
+    assert found.headline.split(".")[0] in shown.out
+    said = json.loads(figures.read_text())["models"][0]["verdict"]
+    assert said["grade"] == found.grade
+    # Several models side by side: the noise is the run's, not theirs.
+    beside = compare({"model": estimate, "first": load_estimate(model)}, run)
+    assert [c.verdict for c in beside] == [found, found]
+    page = summary(estimate, Runs(run, None, run), tmp_path / "page.json", 0.0, lambda text: None)
+    assert page.comparison["verdict"]["headline"] == found.headline
+    report({"model": estimate}, run, tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    assert f'<p class="verdict {found.grade.replace(" ", "-")}">' in text
+    export(tmp_path / "page.json", tmp_path / "effects.json")
+    exported = json.loads((tmp_path / "effects.json").read_text())["verdict"]
+    assert f": {found.grade}. " in exported
+
+
+def test_the_grades_are_not_all_the_same(folder: Path, two_link: Problem) -> None:
+    from sdp_vs_penalty.estimation.identify import identify
+
+    train, other = (load_measurements(folder / f"{name}.csv") for name in ("train", "other"))
+    good = identify(two_link, train)
+    assert compare(good, other)[0].verdict.grade == "good"
+    assert compare(good, train)[0].verdict.grade == "usable"  # not judged on unseen motion
+    friction = identify(two_link, train, effects="viscous_friction")
+    assert compare(friction, other)[0].verdict.grade == "do not use"
+    turned = other.__class__(other.t, other.q + np.array([0.0, np.pi / 2]), other.tau)
+    assert compare(good, turned)[0].verdict.grade == "do not use"

@@ -1,0 +1,116 @@
+"""One posing: the file that `export-sdp` writes holds the problem that `identify` solves."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.pose import PoseOptions, pose
+from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
+from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.shootout.regular import measurements
+from sdp_vs_penalty.simulation.experiment import experiment
+
+#: Programs that read a .dat-s file, and where they print the optimum.
+_PROGRAMS = {
+    "csdp": (["csdp", "a.dat-s"], r"Dual objective value: (\S+)"),
+    "sdpa": (["sdpa", "-ds", "a.dat-s", "-o", "answer", "-numThreads", "1"], r"objValPrimal = (\S+)"),
+}
+_FRICTION = ["rigid_body", "viscous_friction", "coulomb_friction"]
+_REAL = ("panda", "ur10e", "tx40", "emps", "ur10")
+
+
+def _arm(name: str, folder: Path) -> tuple[Problem, Measurements, list[str] | None]:
+    if name == "ur10":
+        problem = load_problem(folder / "ur10_salerno" / "robot.urdf")
+        names = problem.robot.joint_names
+        run = load_measurements(folder / "ur10_salerno" / "train.csv", joints=6, names=names)
+        return problem, run, None
+    problem = load_problem(name)
+    return problem, measurements(problem), None
+
+
+def _optima(file: Path) -> list[float]:
+    """What each installed program says is the optimum of a.dat-s."""
+    found = []
+    for program, (command, printed) in _PROGRAMS.items():
+        if shutil.which(program) is not None:
+            done = subprocess.run(command, cwd=file.parent, capture_output=True, text=True, check=False)
+            text = done.stdout + "".join(p.read_text() for p in file.parent.glob("answer"))
+            found.append(float(re.findall(printed, text)[-1]))
+    if not found:
+        pytest.skip("neither csdp nor sdpa is installed")
+    return found
+
+
+def _nearest(about: dict[str, Any], optima: list[float], lower: float, upper: float) -> float:
+    """The least distance, relative to the loss, of an optimum from the interval."""
+    losses = [about["offset"] + about["scale"] * x for x in optima]
+    return min(max(lower - x, x - upper, 0.0) for x in losses) / upper
+
+
+def _same(
+    problem: Problem, run: Measurements, tmp_path: Path, options: PoseOptions, **told: Any
+) -> dict[str, Any]:
+    file = tmp_path / "a.dat-s"
+    about = write_posed(problem, run, file, options=options)
+    estimate = identify(problem, run, SDPA_METHOD, **told)
+    lower, upper = estimate.certificate.lower, estimate.certificate.upper
+    assert lower is not None
+    assert upper is not None
+    assert about["method"] == SDPA_METHOD
+    assert about["effects"] == [effect.text for effect in estimate.model.effects]
+    np.testing.assert_allclose((about["lower"], about["upper"]), (lower, upper), rtol=1e-7)
+    assert _nearest(about, _optima(file), lower, upper) <= 1e-6
+    return json.loads((tmp_path / "a.dat-s.json").read_text())
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("name", _REAL)
+def test_the_file_holds_the_problem_that_identify_solves(
+    name: str, data_folder: Path, tmp_path: Path
+) -> None:
+    problem, run, _ = _arm(name, data_folder)
+    _same(problem, run, tmp_path, PoseOptions())
+
+
+def test_of_a_simulated_arm_with_friction_under_every_option(tmp_path: Path) -> None:
+    two_link = load_problem("two_link")
+    run = experiment(two_link).training_run(seed=2).window(0.0, 8.0)
+    problem = with_filters(with_bounds(two_link.with_gravity((0.0, -9.7, 1.0)), "m2=0.1:9"), "4,6")
+    told: dict[str, Any] = {"effects": _FRICTION, "weighting": "none"}
+    about = _same(problem, run, tmp_path, PoseOptions(**told), **told)
+    assert about["gravity"] == [0.0, -9.7, 1.0]
+    assert about["filters"]["state_cutoff"] == 4.0
+    assert any("@v_s=" in effect for effect in about["effects"])
+
+
+def test_a_default_file_for_cbf_is_the_default_method(tmp_path: Path) -> None:
+    problem = load_problem("two_link")
+    run = experiment(problem).training_run(seed=2).window(0.0, 8.0)
+    about = write_posed(problem, run, tmp_path / "a.cbf")
+    assert about["method"] == "lmi-sdp"
+    estimate = identify(problem, run)
+    found = (estimate.certificate.lower, estimate.certificate.upper)
+    np.testing.assert_allclose((about["lower"], about["upper"]), found, rtol=1e-7)
+
+
+def test_what_was_posed_says_what_made_it() -> None:
+    problem = load_problem("two_link")
+    run = experiment(problem).training_run(seed=2).window(0.0, 8.0)
+    posed = pose(problem, run, PoseOptions(_FRICTION, gain_uncertainty=0.01))
+    assert posed.measurements is run
+    assert posed.task.model.effects[2].given
+    assert posed.gain_errors is not None
+    assert [shape["effect"] for shape in posed.details["shapes"]]

@@ -1,0 +1,94 @@
+"""The one verdict: what it takes to be good, and that knowing less never makes it better."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation.verdict import GRADES, MISSING, Errors, Verdict, changes, judge
+
+RMSE, R2 = np.array([0.1, 0.2]), np.array([0.99, 0.98])
+MASSES = np.array([3.0, 1.0])
+SOUND = Certificate({"pseudo-inertia": 0.0}, 1.0)
+
+
+def errors(**known: Any) -> Errors:
+    found = {"floor": RMSE / 1.5, "source": "repetition", "relative": 1.2, "new_share": 0.9}
+    return Errors(RMSE, known.pop("r2", R2), **{**found, **known})
+
+
+def verdict(certificate: Certificate = SOUND, masses: np.ndarray = MASSES, **known: Any) -> Verdict:
+    return judge(errors(**known), certificate, masses, MASSES, ("test.csv",))
+
+
+def test_good_takes_a_known_floor_unseen_motion_and_links_that_exist() -> None:
+    good = verdict()
+    assert good.grade == "good"
+    assert all(line.grade == "good" for line in good.lines)
+    assert good.error_over_noise == pytest.approx((1.5, 1.5))
+
+
+@pytest.mark.parametrize("less", [{"floor": None}, {"new_share": None}, {"new_share": 0.2}])
+@pytest.mark.parametrize("relative", [1.2, 12.0, 48.5])
+@pytest.mark.parametrize("times", [1.5, 1.9, 13.0])
+def test_knowing_less_is_never_better(less: dict[str, Any], relative: float, times: float) -> None:
+    known = verdict(relative=relative, floor=RMSE / times)
+    ignorant = verdict(**{"relative": relative, "floor": RMSE / times, **less})
+    assert GRADES.index(ignorant.grade) <= GRADES.index("usable")
+    if known.grade != "do not use":
+        assert GRADES.index(ignorant.grade) <= GRADES.index(known.grade)
+
+
+def test_half_the_torque_unexplained_is_no_model() -> None:
+    bad = verdict(relative=48.5, floor=None)
+    assert bad.grade == "do not use"
+    assert bad.headline.startswith("Do not use. 48.5 % relative error; the noise floor is unknown")
+    # What is noise is not the model's fault.
+    assert verdict(relative=20.0, floor=RMSE / 1.01).grade == "good"
+
+
+def test_links_that_cannot_be_are_not_to_be_used() -> None:
+    broken = verdict(Certificate({"pseudo-inertia": 0.04}, 1.0))
+    assert broken.grade == "do not use"
+    assert broken.lines[0].about == MISSING
+    assert "No robot is like this" in broken.headline
+    assert verdict(Certificate({}, 1.0, body_share=1.3)).grade == "do not use"
+    assert "Link 2 weighs less than a thousandth" in verdict(masses=np.array([30.0, 0.01])).headline
+    # An upper bound on an inertia about the centre of mass is not convex, and rounding is none.
+    assert verdict(Certificate({"pseudo-inertia": 1e-12}, 1.0)).grade == "good"
+
+
+def test_a_joint_without_a_model_is_named() -> None:
+    """A small error of the whole arm does not hide a joint whose mean torque does better."""
+    found = verdict(r2=np.array([0.99, -5.7]), floor=RMSE / 3.0)
+    assert found.grade == "usable"
+    assert "no model of joint 2 (worse than the mean torque)" in str(found)
+    # A joint that is held still: its error is noise, and so is its torque.
+    assert verdict(r2=np.array([0.99, -5.7])).grade == "good"
+
+
+def test_a_diagnosis_and_a_simulation_change_the_words_alone() -> None:
+    plain = judge(errors(), SOUND, MASSES, MASSES, ())
+    told = judge(errors(), SOUND, MASSES, MASSES, (), missing="Found: a spring.", forward="0.1 s ahead.")
+    assert plain.grade == told.grade
+    assert "Found: a spring." in str(told)
+    assert "0.1 s ahead." in str(told)
+
+
+def test_it_survives_json() -> None:
+    found = verdict()
+    assert Verdict.from_dict(found.to_dict()) == found
+    with pytest.raises(ValueError, match="grade"):
+        Verdict.from_dict({**found.to_dict(), "lines": [{"about": "fit", "grade": "fine", "text": ""}]})
+
+
+def test_every_joint_that_fell_or_rose_is_said() -> None:
+    before, after = np.array([0.8, 0.78, 1.25]), np.array([0.81, 0.85, 0.46])
+    floor = np.array([0.1, 0.1, 0.1])
+    said = changes(before, after, floor)
+    assert said == "joint 3: 12.5 -> 4.6 (-63 %); joint 2 worse: 7.8 -> 8.5 (+9 %) times the noise."
+    assert changes(before, before, None) == ""
+    assert changes(before, after, None).endswith("N m or N.")

@@ -1,0 +1,687 @@
+"""What leaves for a simulator makes the same torques there; nothing else of a user's file changes."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import re
+import shutil
+import subprocess
+import tempfile
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import random_robots
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from sdp_vs_penalty.check.urdf import check_urdf, massless_links, nearest_inertia
+from sdp_vs_penalty.cli import main as cli
+from sdp_vs_penalty.cli.main import main
+from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.uncertainty import Uncertainty
+from sdp_vs_penalty.exporters.content import Inertial, Options, number
+from sdp_vs_penalty.exporters.export import export, formats
+from sdp_vs_penalty.exporters.mjcf import quaternion
+from sdp_vs_penalty.exporters.urdf import rpy_of
+from sdp_vs_penalty.page import jobs
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+PARITY = 1e-9  # N m
+
+TREE = """<?xml version='1.0' encoding="UTF-8"?>
+<!-- a tree with fixed joints, odd spacing and unknown attributes -->
+<robot name="tree" xmlns:xacro="http://ros.org/wiki/xacro">\r
+  <link name='base'><inertial><mass value="5"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <link   name="upper" secret="1 > 0">
+    <inertial extra="kept">
+      <!-- inside -->
+      <origin xyz="0 0 0.1" rpy="0.1 0 0"   unknown='yes'/>
+      <mass value='2.0' />
+      <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"/>
+    </inertial>
+    <visual><geometry><mesh filename="package://x/a.dae" scale="1 1 1"/></geometry></visual>
+  </link>
+  <link name="plate"><inertial><origin xyz="0.1 0 0"/><mass value="0.5"/><inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial></link>
+  <link name="bare"/>
+  <link name="slider">
+  </link>
+  <link name="tip"><inertial><mass value="0.1"/></inertial></link>
+  <link name="shelf"><inertial><mass value="3"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="upper"/><origin xyz="0 0 0.3" rpy="0 1.5707963267948966 0"/><axis xyz="0 1 0"/><dynamics damping="0.0" friction="0.0"/></joint>
+  <joint name="weld" type="fixed"><parent link="upper"/><child link="plate"/><origin xyz="0.2 0 0" rpy="0 0 0.4"/></joint>
+  <joint name="swing" type="revolute"><parent link="plate"/><child link="bare"/><origin xyz="0.1 0.2 0" rpy="0.3 0.2 0.1"/><axis xyz="1 1 0"/><limit lower="-1" upper="2" effort="10" velocity="3"/></joint>
+  <joint name="slide" type="prismatic"><parent link="upper"/><child link="slider"/><origin xyz="0 0.3 0"/><axis xyz="0 0 1"/><limit lower="-0.5" upper="0.5" effort="10" velocity="3"/></joint>
+  <joint name="weld2" type="fixed"><parent link="slider"/><child link="tip"/><origin xyz="0 0 0.1"/></joint>
+  <joint name="weld3" type="fixed"><parent link="base"/><child link="shelf"/></joint>
+  <gazebo reference="upper"><mu1>0.2</mu1></gazebo>
+</robot>
+"""  # noqa: E501
+
+
+def estimate_of(robot: Robot, effects: str, seed: int, links: np.ndarray | None = None) -> Estimate:
+    """An estimate with random consistent links and random positive other parameters."""
+    rng = np.random.default_rng(seed)
+    model = Model(robot, parse_effects(effects, robot))
+    theta = rng.uniform(0.05, 2.0, len(model.parameters))
+    if links is None:
+        links = np.array([random_robots.link_parameters(rng, 0.4) for _ in range(robot.n)])
+    theta[model.rigid_indices] = links.ravel()[: len(model.rigid_indices)]
+    if model.needs_reference:
+        model = Model(robot, model.effects, theta)
+    certificate = Certificate({}, 0.0, None, None, None, None, None)
+    return Estimate(
+        random_robots.bare(robot),
+        model,
+        theta,
+        Uncertainty.unknown(model, theta),
+        "by hand",
+        certificate,
+        Preprocessing(),
+        {},
+        {},
+        {},
+    )
+
+
+def emps() -> Robot:
+    """One prismatic axis, like the EMPS."""
+    axis = np.array([1.0, 0.0, 0.0])
+    joint = random_robots.Joint("axis", "prismatic", -1, np.eye(4), axis, np.eye(4), -0.3, 0.3)
+    return Robot("emps", (joint,))
+
+
+def robots(tmp_path: Path, data_folder: Path | None = None) -> dict[str, Robot]:
+    tree = tmp_path / "tree.urdf"
+    tree.write_bytes(TREE.encode())
+    found = {
+        "panda": load_problem("panda").robot,
+        "two_link": load_problem("two_link").robot,
+        "emps": emps(),
+        "tree": load_urdf(tree)[0],
+        "random": random_robots.tree(np.random.default_rng(5), 6, link_frames=True),
+    }
+    if data_folder is not None:
+        found = {"ur10e": load_urdf(data_folder / "ur10e" / "ur10e.urdf")[0]}
+    return found
+
+
+NAMES = ["panda", "two_link", "emps", "tree", "random"]
+FULL = "rigid_body,viscous_friction,coulomb_friction,rotor_inertia"
+
+
+def states(robot: Robot, seed: int = 1, count: int = 30) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    dq, ddq = np.random.default_rng(seed).normal(size=(2, count, robot.n)) * 2.0
+    return robot.random_configurations(count, seed), dq, ddq
+
+
+def urdf_torques(path: Path, robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+    """By Pinocchio's own URDF reader (urdfdom), not ours; joints matched by name."""
+    model = pin.buildModelFromUrdf(str(path))
+    model.gravity = pin.Motion(np.array(robot.gravity), np.zeros(3))
+    data = model.createData()
+    out = np.empty_like(q)
+    for k in range(len(q)):
+        configuration, v, a = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
+        for i, joint in enumerate(robot.joints):
+            theirs = model.joints[model.getJointId(joint.name)]
+            angle = [q[k, i]] if theirs.nq == 1 else [np.cos(q[k, i]), np.sin(q[k, i])]
+            configuration[theirs.idx_q : theirs.idx_q + theirs.nq] = angle
+            v[theirs.idx_v], a[theirs.idx_v] = dq[k, i], ddq[k, i]
+        tau = pin.rnea(model, data, configuration, v, a)
+        out[k] = [tau[model.joints[model.getJointId(j.name)].idx_v] for j in robot.joints]
+    return out
+
+
+def dynamics_of(path: Path, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    from lxml import etree
+
+    joints = {
+        j.get("name"): j.find("dynamics") for j in etree.parse(str(path)).getroot().findall("joint")
+    }
+    rows = [[float(joints[j.name].get(key)) for key in ("damping", "friction")] for j in robot.joints]
+    return np.array(rows).T[0], np.array(rows).T[1]
+
+
+def check_urdf_parity(path: Path, estimate: Estimate) -> None:
+    """Torques of the reloaded file, by urdfdom and by our reader, against the model's."""
+    robot = estimate.robot
+    q, dq, ddq = states(robot)
+    damping, friction = dynamics_of(path, robot)
+    added = damping * dq + friction * np.tanh(dq / 0.01)
+    expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
+    for p, value in zip(estimate.model.parameters, estimate.theta, strict=True):
+        if p.effect == "rotor_inertia":
+            expected[:, p.joint - 1] -= value * ddq[:, p.joint - 1]
+    by_urdfdom = urdf_torques(path, robot, q, dq, ddq) + added
+    assert np.abs(by_urdfdom - expected).max() <= PARITY
+    ours, links = load_urdf(path, robot.gravity)
+    order = [[j.name for j in ours.joints].index(j.name) for j in robot.joints]
+    back = np.argsort(order)
+    mine = ours.inverse_dynamics(links.ravel(), q[:, back], dq[:, back], ddq[:, back])
+    assert np.abs(mine[:, order] + added - expected).max() <= PARITY
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_urdf_made_from_a_model(name: str, tmp_path: Path) -> None:
+    estimate = estimate_of(robots(tmp_path)[name], FULL, 3)
+    out = tmp_path / "out.urdf"
+    assert export(estimate, out) == ("rotor_inertia",)
+    check_urdf_parity(out, estimate)
+
+
+@pytest.mark.real_data
+def test_urdf_of_the_ur10e(data_folder: Path, tmp_path: Path) -> None:
+    estimate = estimate_of(robots(tmp_path, data_folder)["ur10e"], FULL, 3)
+    made, edited = tmp_path / "made.urdf", tmp_path / "edited.urdf"
+    export(estimate, made)
+    check_urdf_parity(made, estimate)
+    original = data_folder / "ur10e" / "ur10e.urdf"
+    export(estimate, edited, urdf=original)
+    check_urdf_parity(edited, estimate)
+    only_numbers_of_inertials_changed(original.read_bytes(), edited.read_bytes())
+    check_mjcf_parity(estimate, tmp_path)
+
+
+def only_numbers_of_inertials_changed(before: bytes, after: bytes) -> None:
+    """Cut the inertials and dynamics elements out of both: the rest is the same to the byte."""
+    import re
+
+    def rest(text: bytes) -> bytes:
+        text = re.sub(rb"\s*<inertial.*?</inertial>\s*", b"", text, flags=re.S)
+        text = re.sub(rb"\s*<dynamics[^>]*/>\s*", b"", text)
+        # What <link name="x"/> becomes when it gets its first inertial.
+        return re.sub(rb"<link name=\"bare\">\s*</link>", b'<link name="bare"/>', text)
+
+    def tight(text: bytes) -> bytes:
+        return re.sub(rb">\s+<", b"><", rest(text))
+
+    assert tight(before) == tight(after)
+    for kept in (rb"<!--.*?-->", rb"<\?xml.*?\?>", rb"<(?:mesh|visual|gazebo|mu1)[^>]*>"):
+        assert re.findall(kept, before, re.S) == re.findall(kept, after, re.S)
+
+
+def test_a_users_urdf_is_edited_byte_for_byte(tmp_path: Path) -> None:
+    original, out = tmp_path / "tree.urdf", tmp_path / "out.urdf"
+    estimate = estimate_of(robots(tmp_path)["tree"], FULL, 3)
+    export(estimate, out, urdf=original)
+    check_urdf_parity(out, estimate)
+    before, after = original.read_bytes(), out.read_bytes()
+    only_numbers_of_inertials_changed(before, after)
+    # Where bytes differ, only inside inertials and dynamics; odd quotes and spaces stay.
+    for text in (
+        '<inertial extra="kept">',
+        "unknown='yes'/>",
+        "<!-- inside -->",
+        'secret="1 > 0"',
+        '">\r\n',
+    ):
+        assert text.encode() in after
+    # The base keeps its inertial, and so does what is fixed to it.
+    assert before.count(b'<mass value="5"/>') == after.count(b'<mass value="5"/>') == 1
+    assert after.count(b'<mass value="3"/>') == 1
+    reloaded, _ = load_urdf(out)
+    assert reloaded.n == 3
+    by_link = {check.link: check for check in check_urdf(out)}
+    assert by_link["plate"].mass == by_link["tip"].mass == 0.0
+    assert by_link["bare"].mass == pytest.approx(estimate.links[1, 0], abs=0)
+    # A second export over the result changes nothing at all.
+    again = tmp_path / "again.urdf"
+    export(estimate, again, urdf=out)
+    assert again.read_bytes() == after
+
+
+def test_unchanged_values_leave_the_file_as_it_is(tmp_path: Path) -> None:
+    """A model with exactly the numbers of the file: the same bytes come back."""
+    path, out = tmp_path / "one.urdf", tmp_path / "out.urdf"
+    path.write_text(
+        "<robot name='r'><link name='b'/><link name='a'><inertial><origin rpy='0 0 0.0' xyz='0 0 0'/>"
+        "<mass value='2'/><inertia ixx='.5' ixy='0' ixz='0' iyy='5e-1' iyz='0' izz='0.50'/></inertial>"
+        "</link><joint name='j' type='continuous'><parent link='b'/><child link='a'/></joint></robot>"
+    )
+    robot, nominal = load_urdf(path)
+    export(estimate_of(robot, "rigid_body", 0, nominal), out, urdf=path)
+    assert out.read_bytes() == path.read_bytes()
+
+
+def test_a_model_from_dh_goes_into_a_urdf_with_other_frames(tmp_path: Path) -> None:
+    """The same two-link arm with frames elsewhere on the joint axes, as a vendor would draw it."""
+    robot = load_problem("two_link").robot
+    estimate = estimate_of(robot, "rigid_body", 4)
+    theirs, out = tmp_path / "vendor.urdf", tmp_path / "out.urdf"
+    theirs.write_text(
+        '<robot name="vendor"><link name="floor"/><link name="post"/><link name="arm"/>'
+        '<joint name="first" type="continuous"><parent link="floor"/><child link="post"/>'
+        '<origin xyz="0 0 0.7" rpy="0 0 0.3"/><axis xyz="0 0 1"/></joint>'
+        '<joint name="second" type="continuous"><parent link="post"/><child link="arm"/>'
+        '<origin xyz="0 0 0.8" rpy="1.5707963267948966 0 -0.3"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    export(estimate, out, urdf=theirs)
+    q, dq, ddq = states(robot)
+    vendor, links = load_urdf(out, robot.gravity)
+    expected = robot.inverse_dynamics(estimate.links.ravel(), q, dq, ddq)
+    assert np.abs(vendor.inverse_dynamics(links.ravel(), q, dq, ddq) - expected).max() <= PARITY
+    text = theirs.read_text()
+    theirs.write_text(text.replace(" -0.3", " 0"))
+    with pytest.raises(InputError, match="second"):
+        export(estimate, out, urdf=theirs)
+    theirs.write_text(text.replace('xyz="0 0 0.8"', 'xyz="0.01 0 0.8"'))
+    with pytest.raises(InputError, match="mm away from that of joint"):
+        export(estimate, out, urdf=theirs)
+    theirs.write_text(TREE)
+    with pytest.raises(InputError, match="3 moving joint"):
+        export(estimate, out, urdf=theirs)
+
+
+def check_mjcf_parity(estimate: Estimate, folder: Path) -> None:
+    """MuJoCo's own inverse dynamics of the reloaded file: links, armature and damping."""
+    mujoco = pytest.importorskip("mujoco", minversion="3.0")
+    out = folder / "out.xml"
+    assert export(estimate, out) == ()
+    model = mujoco.MjModel.from_xml_path(str(out))
+    robot = estimate.robot
+    friction = np.array([estimate.theta[k] for k, p in enumerate(estimate.model.parameters)
+                         if p.effect == "coulomb_friction"])  # fmt: skip
+    at = [model.joint(j.name).dofadr[0] for j in robot.joints]
+    assert np.array_equal(model.dof_frictionloss[at], friction)
+    # Dry friction is a soft constraint there; the rest is exact.
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    data = mujoco.MjData(model)
+    q, dq, ddq = states(robot)
+    made = np.empty_like(q)
+    for k in range(len(q)):
+        data.qpos[at], data.qvel[at], data.qacc[at] = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        made[k] = data.qfrc_inverse[at]
+    expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq)) - friction * np.tanh(dq / 0.01)
+    assert np.abs(made - expected).max() <= PARITY
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_mjcf_makes_the_same_torques(name: str, tmp_path: Path) -> None:
+    check_mjcf_parity(estimate_of(robots(tmp_path)[name], FULL, 3), tmp_path)
+
+
+def test_a_payload_for_the_makers_controllers(tmp_path: Path) -> None:
+    """Mass, centre from the flange, inertia about the centre: the body's own, whoever writes it."""
+    robot = load_problem("panda").robot
+    mass, com, tensor = 1.3, np.array([0.01, -0.02, 0.15]), np.diag([0.004, 0.005, 0.003])
+    moments = tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    estimate = estimate_of(robot, "rigid_body,payload", 3)
+    theta = estimate.theta.copy()
+    theta[-10:] = inertia.standard_from_barycentric([mass, *com, *moments])
+    estimate = replace(estimate, theta=theta)
+    export(estimate, tmp_path / "endeffector-config.json", flange=(0.0, 0.0, 0.107))
+    told = json.loads((tmp_path / "endeffector-config.json").read_text())
+    assert told["mass"] == pytest.approx(mass)
+    assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.107]).tolist())
+    assert told["inertia"] == pytest.approx(tensor.ravel().tolist(), abs=1e-12)
+    estimate.save(tmp_path / "model.json")
+    request = {"model": str(tmp_path / "model.json"), "folder": str(tmp_path), "flange": "0,0,0.05"}
+    jobs.take({**request, "name": "endeffector-config.json"}, lambda _: None)  # as the page asks for it
+    told = json.loads((tmp_path / "endeffector-config.json").read_text())
+    assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.05]).tolist())
+    export(estimate, tmp_path / "load.script")
+    line = (tmp_path / "load.script").read_text().splitlines()[1]
+    figures = [float(x) for x in re.findall(r"-?[0-9.]+(?:e-?[0-9]+)?", line)]
+    assert figures == pytest.approx([mass, *com, *np.diag(tensor), 0.0, 0.0, 0.0], abs=1e-12)
+    with pytest.raises(InputError, match="no payload"):
+        export(estimate_of(robot, FULL, 3), tmp_path / "load.script")
+
+
+def test_sdf_and_drakes_urdf_hold_links_and_rotors(tmp_path: Path) -> None:
+    estimate = estimate_of(load_problem("panda").robot, FULL, 3)
+    assert export(estimate, tmp_path / "robot.sdf") == ("rotor_inertia",)
+    root = ElementTree.parse(tmp_path / "robot.sdf").getroot()
+    masses = [float(str(mass.text)) for mass in root.iter("mass")]
+    assert masses == pytest.approx(estimate.links[:, 0].tolist())
+    assert [j.get("name") for j in root.iter("joint")][1:] == list(estimate.robot.joint_names)
+    assert export(estimate, tmp_path / "robot.drake.urdf") == ()
+    rotors = ElementTree.parse(tmp_path / "robot.drake.urdf").iter("{http://drake.mit.edu}rotor_inertia")
+    own = [
+        x
+        for p, x in zip(estimate.model.parameters, estimate.theta, strict=True)
+        if p.effect == "rotor_inertia"
+    ]
+    assert [float(str(r.get("value"))) for r in rotors] == pytest.approx(own)
+    robot, links = load_urdf(tmp_path / "robot.drake.urdf", (0.0, 0.0, -9.81))
+    q, dq, ddq = states(robot)
+    wanted = estimate.robot.inverse_dynamics(estimate.links.ravel(), q, dq, ddq)
+    np.testing.assert_allclose(robot.inverse_dynamics(links.ravel(), q, dq, ddq), wanted, atol=PARITY)
+
+
+def test_sidecar_holds_what_a_urdf_cannot(tmp_path: Path) -> None:
+    robot = load_problem("two_link").robot
+    estimate = estimate_of(robot, f"{FULL},presliding_hysteresis:2@d=0.004", 3)
+    assert "presliding_hysteresis" in " ".join(export(estimate, tmp_path / "m.urdf"))
+    export(estimate, tmp_path / "m.json")
+    data = json.loads((tmp_path / "m.json").read_text())
+    by_name = {e["effect"]: e for e in data["effects"]}
+    assert by_name["presliding_hysteresis"]["joints"] == [2]
+    assert by_name["presliding_hysteresis"]["shape"] == {"d": 0.004}
+    values = {p["name"]: p["value"] for e in data["effects"] for p in e["parameters"]}
+    assert values == {p.name: v for p, v in zip(estimate.model.parameters, estimate.theta, strict=True)}
+    link = data["links"][1]
+    moments = [
+        link["inertia_about_centre_of_mass_kg_m2"][k] for k in ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
+    ]
+    parts = [link["mass_kg"], *link["centre_of_mass_m"], *moments]
+    assert inertia.standard_from_barycentric(parts) == pytest.approx(estimate.links[1], rel=1e-12)
+    assert data["held_by"]["mjcf"] == FULL.split(",")
+
+
+@pytest.mark.parametrize("suffix", [".urdf", ".xml"])
+def test_inconsistent_inertials_are_refused(suffix: str, tmp_path: Path) -> None:
+    robot = load_problem("two_link").robot
+    rng = np.random.default_rng(0)
+    links = np.array([random_robots.link_parameters(rng, 0.4) for _ in range(2)])
+    links[1, 4] += 10.0  # Ixx > Iyy + Izz
+    out = tmp_path / f"out{suffix}"
+    with pytest.raises(InputError, match="link 2"):
+        export(estimate_of(robot, "rigid_body", 0, links), out)
+    assert not out.exists()
+    estimate = estimate_of(robot, FULL, 1)
+    estimate.theta[[p.name for p in estimate.model.parameters].index("f_c2")] = -0.1
+    with pytest.raises(InputError, match="coulomb_friction"):
+        export(estimate, out)
+    rod = np.tile([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0], (2, 1))
+    estimate = estimate_of(robot, "rigid_body", 0, rod)
+    if suffix == ".xml":
+        with pytest.raises(InputError, match="moment of inertia"):
+            export(estimate, out)
+    else:
+        export(estimate, out)  # a rod is a possible body
+
+
+def test_other_refusals(tmp_path: Path) -> None:
+    estimate = estimate_of(emps(), "viscous_friction", 0)
+    with pytest.raises(InputError, match="suffix"):
+        export(estimate, tmp_path / "out.stl")
+    with pytest.raises(InputError, match="rigid_body"):
+        export(estimate, tmp_path / "out.urdf")
+    with pytest.raises(InputError, match=r"\.urdf"):
+        export(estimate, tmp_path / "out.xml", urdf=tmp_path / "x.urdf")
+    path = tmp_path / "dtd.urdf"
+    path.write_text('<!DOCTYPE robot [<!ENTITY a "b">]>' + TREE.split("?>", 1)[1])
+    full = estimate_of(robots(tmp_path)["tree"], "rigid_body", 0)
+    with pytest.raises(InputError, match="DOCTYPE"):
+        export(full, tmp_path / "out.urdf", urdf=path)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.tuples(*[st.floats(-4.0, 4.0)] * 3),
+    st.sampled_from([0.0, 1e-17, 1e-12, 1e-9, 1e-6, 1e-3]),
+    st.booleans(),
+)
+def test_orientations_survive_as_angles_and_as_quaternions(
+    angles: tuple[float, float, float], near: float, vertical: bool
+) -> None:
+    from sdp_vs_penalty.robot.urdf import _rotation_rpy
+
+    roll, pitch, yaw = angles
+    rotation = _rotation_rpy(roll, np.pi / 2 - near if vertical else pitch, yaw)
+    assert np.abs(_rotation_rpy(*rpy_of(rotation)) - rotation).max() < 1e-15 * 8
+    w, x, y, z = quaternion(rotation)
+    back = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    assert np.abs(back - rotation).max() < 1e-14
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10_000))
+def test_nearest_inertia_is_nearest(seed: int) -> None:
+    """Consistent, and no consistent inertia of many is nearer; a consistent one stays."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(3, 3))
+    given_inertia = root + root.T
+    nearest = nearest_inertia(given_inertia)
+    moments = np.linalg.eigvalsh(nearest)
+    assert moments[0] + moments[1] - moments[2] >= 0.0
+    assert moments[0] >= 0.0
+    # The projection's variational inequality, against random consistent inertias.
+    for _ in range(20):
+        half = rng.normal(size=(3, 3))
+        second = half @ half.T * rng.uniform(0.0, 2.0)
+        other = np.trace(second) * np.eye(3) - second
+        assert np.sum((given_inertia - nearest) * (other - nearest)) <= 1e-9
+    assert np.abs(nearest_inertia(nearest) - nearest).max() <= 1e-9
+
+
+def test_check_urdf_names_the_link_and_mends_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, fixed = tmp_path / "bad.urdf", tmp_path / "fixed.urdf"
+    path.write_bytes(
+        TREE.replace('izz="0.01"/>\n    </inertial>', 'izz="0.05"/>\n    </inertial>').encode()
+    )
+    checks = {c.link: c for c in check_urdf(path)}
+    assert not checks["upper"].consistent
+    assert checks["upper"].triangle_margin == pytest.approx(0.02 + 0.02 - 0.05)
+    assert checks["upper"].nearest is not None
+    # Moments (0.02, 0.02, 0.05): the nearest with D1 + D2 = D3 moves each by 0.01 / 3.
+    assert checks["upper"].distance == pytest.approx(0.01 / np.sqrt(3.0))
+    assert all(c.consistent for name, c in checks.items() if name not in ("upper",))
+    with pytest.raises(SystemExit) as exit_code:
+        cli.main(["check-urdf", str(path), "--json", str(tmp_path / "c.json"), "--fix", str(fixed)])
+    assert exit_code.value.code == 1
+    shown = capsys.readouterr().out
+    assert "upper" in shown
+    assert "Frobenius" in shown
+    assert max(map(len, shown.splitlines())) <= 100
+    links = json.loads((tmp_path / "c.json").read_text())["links"]
+    assert [x["link"] for x in links if not x["consistent"]] == ["upper"]
+    assert all(c.consistent for c in check_urdf(fixed))
+    only_numbers_of_inertials_changed(path.read_bytes(), fixed.read_bytes())
+    with pytest.raises(SystemExit) as exit_code:
+        cli.main(["check-urdf", str(fixed)])
+    assert exit_code.value.code == 0
+    path.write_bytes(TREE.replace("<mass value='2.0' />", "<mass value='-2.0' />").encode())
+    with pytest.raises(SystemExit) as exit_code:
+        cli.main(["check-urdf", str(path), "--fix", str(fixed)])
+    assert exit_code.value.code == 2
+
+
+def test_check_urdf_says_what_can_exist_but_not_in_an_arm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inertia = 'ixx="0.3" ixy="0" ixz="0" iyy="0.3" iyz="0" izz="0.3"'
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm"><link name="base"/>'
+        f'<link name="light"><inertial><mass value="1e-6"/><inertia {inertia}/></inertial></link>'
+        f'<link name="usual"><inertial><mass value="5"/><inertia {inertia}/></inertial></link>'
+        '<joint name="a" type="continuous"><parent link="base"/><child link="light"/></joint>'
+        '<joint name="b" type="continuous"><parent link="light"/><child link="usual"/></joint></robot>'
+    )
+    light, usual = check_urdf(tmp_path / "arm.urdf")
+    assert light.consistent
+    assert light.unlikely
+    assert light.gyration == pytest.approx(np.sqrt(0.9 / 2e-6))
+    assert not usual.unlikely
+    with pytest.raises(SystemExit) as end:
+        main(["check-urdf", str(tmp_path / "arm.urdf")])
+    assert not end.value.code
+    said = " ".join(capsys.readouterr().out.split())
+    assert "light: consistent but implausible: radius of gyration 671 m for 1e-06 kg" in said
+
+
+def test_check_urdf_names_moving_links_without_inertial(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Unless something with an inertial is fixed to them; the base and fixed links need none."""
+    path = tmp_path / "bare.urdf"
+    joint = '<joint name="{0}" type="{2}"><parent link="{1}"/><child link="{0}"/></joint>'
+    tensor = " ".join(f'{k}="{v}"' for k, v in zip(("ixx", "iyy", "izz"), "111", strict=True))
+    body = f'<inertial><mass value="1"/><inertia {tensor}/></inertial>'
+    path.write_text(
+        '<robot name="r"><link name="base"/><link name="bare"/><link name="hand"/><link name="tip"/>'
+        f'<link name="tool">{body}</link>'
+        + joint.format("bare", "base", "continuous")
+        + joint.format("hand", "bare", "continuous")
+        + joint.format("tool", "hand", "fixed")
+        + joint.format("tip", "base", "fixed")
+        + "</robot>"
+    )
+    assert massless_links(path) == ["bare"]
+    with pytest.raises(SystemExit) as exit_code:
+        cli.main(["check-urdf", str(path), "--json", str(tmp_path / "c.json")])
+    assert exit_code.value.code == 0
+    assert "Moving links without an inertial: bare. " in capsys.readouterr().out
+    assert json.loads((tmp_path / "c.json").read_text())["moving_links_without_inertial"] == ["bare"]
+
+
+def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    estimate = estimate_of(load_problem("two_link").robot, f"{FULL},torque_offset", 3)
+    model, out = tmp_path / "model.json", tmp_path / "out.urdf"
+    estimate.save(model)
+    with pytest.raises(SystemExit) as exit_code:
+        cli.main(["export", str(model), "--out", str(out)])
+    assert exit_code.value.code == 0
+    shown = capsys.readouterr()
+    assert "rotor_inertia" in shown.err
+    assert "torque_offset" in shown.err
+    assert "link1, link2" in shown.err
+    assert "--urdf" in shown.err
+    reloaded, links = load_urdf(out)
+    frames = [inertia.transform(j.link_frame) for j in estimate.robot.joints]
+    assert links == pytest.approx(np.einsum("kab,kb->ka", frames, estimate.links), abs=1e-12)
+    assert reloaded.n == 2
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(seed=st.integers(0, 10_000), joints=st.integers(1, 7), frames=st.booleans(), turned=st.booleans())
+def test_any_tree_survives_being_written_and_edited(
+    tmp_path: Path, seed: int, joints: int, frames: bool, turned: bool
+) -> None:
+    """A random tree of revolute and prismatic joints: made, reloaded, edited with another model.
+
+    turned : the user's file names the joints in the opposite order.
+    """
+    rng = np.random.default_rng(seed)
+    robot = random_robots.tree(rng, joints, link_frames=frames)
+    made, edited = tmp_path / "made.urdf", tmp_path / "edited.urdf"
+    export(estimate_of(robot, "rigid_body,viscous_friction,coulomb_friction", seed), made)
+    other = estimate_of(robot, "rigid_body,viscous_friction,coulomb_friction", seed + 1)
+    if turned:
+        root = ElementTree.parse(made).getroot()
+        root[:] = reversed(root)
+        made.write_bytes(ElementTree.tostring(root))
+    export(other, edited, urdf=made)
+    check_urdf_parity(edited, other)
+    assert all(check.consistent for check in check_urdf(edited))
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(place=st.integers(0, 10_000), noise=st.binary(min_size=1, max_size=12), cut=st.booleans())
+def test_a_damaged_urdf_is_refused_in_a_sentence(
+    tmp_path: Path, place: int, noise: bytes, cut: bool
+) -> None:
+    good = TREE.encode()
+    at = place % len(good)
+    path = tmp_path / "bad.urdf"
+    path.write_bytes(good[:at] + noise + (b"" if cut else good[at + len(noise) :]))
+    message = ""
+    try:
+        check_urdf(path)
+        export(estimate_of(robots_tree(), "rigid_body", 0), tmp_path / "out.urdf", urdf=path)
+    except InputError as error:
+        message = str(error)
+    assert message == "" or (message.startswith(str(path)) and "\n" not in message)
+
+
+@cache
+def robots_tree() -> Robot:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "tree.urdf"
+        path.write_bytes(TREE.encode())
+        return load_urdf(path)[0]
+
+
+def test_nothing_weighs_nothing_and_zero_has_no_sign() -> None:
+    body = Inertial.of(np.zeros(10))
+    assert body.mass == 0.0
+    assert body.com.shape == (3,)
+    np.testing.assert_array_equal(body.about_com, np.zeros((3, 3)))
+    assert number(-0.0) == "0.0"
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@pytest.mark.parametrize("name", [*NAMES])
+def test_c_header_makes_the_same_torques(name: str, tmp_path: Path) -> None:
+    effects = f"{FULL},torque_offset"
+    estimate = estimate_of(robots(tmp_path)[name], effects, 3)
+    robot, header, source = estimate.robot, tmp_path / "arm.h", tmp_path / "arm.c"
+    assert export(estimate, header) == ()
+    (function,) = re.findall(r"static inline void (\w+_torque)\(", header.read_text())
+    assert function == f"{re.sub(r'[^a-zA-Z0-9]', '_', robot.name)}_torque"
+    source.write_text(
+        '#include "arm.h"\nvoid torque(double *q, double *v, double *a, double *t) '
+        f"{{ {function}(q, v, a, t); }}"
+    )
+    library = tmp_path / "arm.so"
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O2", "-shared", "-fPIC"]
+    subprocess.run(["cc", *strict, str(source), "-o", str(library), "-lm"], check=True)
+    q, dq, ddq = states(robot)
+    expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
+    loaded = ctypes.CDLL(str(library))
+    for k in range(len(q)):
+        out = np.zeros(robot.n)
+        rows = [np.ascontiguousarray(x[k]) for x in (q, dq, ddq)]
+        loaded.torque(*(x.ctypes.data_as(ctypes.c_void_p) for x in (*rows, out)))
+        assert np.abs(out - expected[k]).max() <= PARITY
+
+
+def test_friction_table_holds_what_follows_the_velocity(tmp_path: Path) -> None:
+    robot = load_problem("two_link").robot
+    effects = (
+        "rigid_body,viscous_friction,coulomb_friction,stribeck_friction,torque_offset,joint_spring:1"
+    )
+    estimate = estimate_of(robot, effects, 3)
+    assert export(estimate, tmp_path / "friction.csv") == ("joint_spring:1",)
+    joint, v, torque, _ = np.loadtxt(tmp_path / "friction.csv", delimiter=",", skiprows=1).T
+    value = {p.name: x for p, x in zip(estimate.model.parameters, estimate.theta, strict=True)}
+    for j in (1, 2):
+        expected = value[f"f_v{j}"] * v + value[f"f_o{j}"]
+        turned = value[f"f_c{j}"] + value[f"f_st{j}"] * np.exp(-((v / 0.1) ** 2))
+        at = joint == j
+        np.testing.assert_allclose(torque[at], (expected + turned * np.tanh(v / 0.01))[at], rtol=1e-4)
+
+
+@pytest.mark.parametrize("ending", formats())
+def test_every_export_keeps_the_contract(ending: str, tmp_path: Path) -> None:
+    """A file that reads back the same numbers, twice the same bytes, and says what it leaves out."""
+    effects = f"{FULL},torque_offset,presliding_hysteresis,payload"
+    estimate = estimate_of(load_problem("two_link").robot, effects, 3)
+    theta = estimate.theta.copy()
+    theta[-10:] = inertia.standard_from_barycentric([1.3, 0.01, 0.02, 0.1, 4e-3, 0, 5e-3, 0, 0, 3e-3])
+    estimate = replace(estimate, theta=theta)
+    home = formats()[ending]
+    assert home.FILE.endswith(ending)
+    assert home.ABOUT
+    left_out = export(estimate, tmp_path / home.FILE)
+    made = (tmp_path / home.FILE).read_bytes()
+    assert made == home.write(estimate, Options())[0]
+    assert home.ABOUT.startswith("payload") or ending == ".json" or "presliding" in " ".join(left_out)
+    if home.FILE.endswith((".urdf", ".xml", ".sdf")):
+        ElementTree.fromstring(made)
+    elif ending.endswith("json"):
+        json.loads(made)
