@@ -1,8 +1,8 @@
 """Are these measurements any good? Issues with what, where, how sure and what to do.
 
-:func:`check` is the verb. Rules about rows and clock come first (one table); then one likelihood of the arm's
-dynamics judges compositions of transformations of the log (transformations/), and what is reported is the net
-repair, each number once. Several runs are compared with each other at last.
+:func:`check` is the verb. Rules about rows and clock come first (one table); then one likelihood of
+the arm's dynamics judges compositions of transformations of the log (transformations/), and what is
+reported is the net repair, each number once. Several runs are compared with each other at last.
 """
 
 from __future__ import annotations
@@ -128,9 +128,9 @@ def check(
 
 
 def of_one_arm(reports: Sequence[Report]) -> list[Report]:
-    """Runs of one arm share its mounting, its zeros, its gains and its load: where one run's differ, it is
-    named; what is only likely to be wrong with the arm is a warning where at least as many runs, checked
-    to their end, do not show it."""
+    """Runs of one arm share its mounting, its zeros, its gains and its load: where one run's differ,
+    it is named; what is only likely to be wrong with the arm is a warning where at least as many runs,
+    checked to their end, do not show it."""
     found = [{(f.kind, f.where) for f in r.problems} for r in reports]
     without = contradicted(found, [r.unexplained is not None for r in reports])
 

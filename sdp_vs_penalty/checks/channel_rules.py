@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from sdp_vs_penalty.checks.glance import Glance, constant_parts, lattice_step
 from sdp_vs_penalty.checks.issue import Issue, joints_text
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import beside_range, check_plausible, extremes, far_outside
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
@@ -20,7 +22,8 @@ from sdp_vs_penalty.signals.spectrum import highest_harmonic
 _READ = "certain: read from the file"
 #: Noise of quantisation above this share of the signal is worth a warning.
 _COARSE = 0.05
-#: A clipped channel stays at its end for so many samples, and so many times longer than at any other value.
+#: A clipped channel stays at its end for so many samples, and so many times longer than at any other
+#: value.
 _CLIP, _TIMES = 10, 3.0
 #: The filters need so many samples a period of the fastest motion.
 _SAMPLES = 30.0
@@ -34,7 +37,8 @@ def idle(g: Glance) -> Iterator[Issue]:
         joints = np.flatnonzero(still)
         yield Issue(
             "idle joints", "warning", joints_text(joints),
-            f"{joints_text(joints)} never {'moves' if len(joints) == 1 else 'move'}: friction and inertia "
+            f"{joints_text(joints)} never {'moves' if len(joints) == 1 else 'move'}: friction and "
+            f"inertia "
             "about that axis are not identifiable, and the torque there is stiction.",
             "certain: the positions change by noise only", "move every joint, or add a run that does",
             None, {"joints": (joints + 1).tolist()},
@@ -56,7 +60,8 @@ def dead(g: Glance) -> Iterator[Issue]:
     tau, units = g.run.tau, g.robot.torque_units
     for j in np.flatnonzero(np.ptp(tau, axis=0) == 0.0).tolist():
         yield Issue(
-            "dead channel", "error", f"tau{j + 1}", f"tau{j + 1} is {tau[0, j]:g} {units[j]} in every row.",
+            "dead channel", "error", f"tau{j + 1}", f"tau{j + 1} is {tau[0, j]:g} {units[j]} in "
+            f"every row.",
             _READ, "find out why the logger wrote a constant", None,
             {"joint": j + 1, "value": float(tau[0, j])},
         )  # fmt: skip
@@ -67,7 +72,8 @@ def dead(g: Glance) -> Iterator[Issue]:
         named = ", ".join(f"tau{j + 1}" for j in joints)
         yield Issue(
             "torque magnitude", "error", named,
-            f"{named} never {'changes' if len(joints) == 1 else 'change'} sign: the logger wrote magnitudes.",
+            f"{named} never {'changes' if len(joints) == 1 else 'change'} sign: the logger wrote "
+            f"magnitudes.",
             "likely: a torque passes through zero, and does not turn round there",
             "log the torque with its sign", None, {"joints": [j + 1 for j in joints]},
         )  # fmt: skip
@@ -105,7 +111,8 @@ def clipped(g: Glance) -> Iterator[Issue]:
             yield Issue(
                 "saturation", "warning", f"tau{j + 1}, rows {start + 2} to {start + 1 + longest}"
                 + (f" and {count - longest} more rows" if count > longest else ""),
-                f"tau{j + 1} is stuck at its {side} value, {limit:.6g} {g.robot.torque_units[j]}, for up to "
+                f"tau{j + 1} is stuck at its {side} value, {limit:.6g} {g.robot.torque_units[j]}, "
+                f"for up to "
                 f"{longest} consecutive samples ({count} in total): the channel is clipped.",
                 f"likely: elsewhere it is never constant for more than {elsewhere} samples",
                 "record again with a larger range, or slower; delete those rows until then", None,
@@ -189,10 +196,13 @@ def velocity(g: Glance, settings: Preprocessing) -> Iterator[Issue]:
             "position.",
             "certain: both were compared over the whole run" if known else "likely: they do not agree",
             "rescale the channel" if known else "delete the dq columns; identification differentiates q",
-            (lambda r, s=scale: replace(r, dq=None if r.dq is None else r.dq * s)) if known
-            else (lambda r: replace(r, dq=None)),
+            partial(_rescaled, scale=scale if known else None),
             {"joints": [j + 1 for j in joints], "factors": scale[joints].tolist()},
         )  # fmt: skip
+
+
+def _rescaled(run: Measurements, scale: Array | None) -> Measurements:
+    return replace(run, dq=None if run.dq is None or scale is None else run.dq * scale)
 
 
 def implausible(g: Glance) -> Iterator[Issue]:

@@ -202,8 +202,10 @@ def late_packet(g: Glance) -> Issue | None:
 
     return Issue(
         "burst stamps", "warning", rows_text(parts[0][0] + 2, rows),
-        f"{rows} rows carry one time, {show.count(len(parts), 'time')}, and a pause follows that makes up for "
-        "them: they were stamped when their packet came.", _READ, "space these time stamps evenly", repair,
+        f"{rows} rows carry one time, {show.count(len(parts), 'time')}, and a pause follows that "
+        f"makes up for "
+        "them: they were stamped when their packet came.", _READ, "space these time stamps "
+        "evenly", repair,
         {"rows": rows},
     )  # fmt: skip
 
@@ -223,7 +225,8 @@ def clock_step(g: Glance) -> Issue | None:
     wrong = np.isin(np.arange(len(g.steps)), jumps)
     return Issue(
         "clock step", "warning", f"t = {g.run.t[jumps[0]]:.4g} s, {rows_text(jumps[0] + 3, len(jumps))}",
-        f"the clock jumps ahead by up to {g.steps[jumps].max():.3g} s while the moving arm does not: the "
+        f"the clock jumps ahead by up to {g.steps[jumps].max():.3g} s while the moving arm does not: "
+        f"the "
         "clock was set, and no sample is missing.",
         "likely: the distance travelled is that of one usual step",
         "continue the time at the usual step there",
@@ -249,8 +252,10 @@ def gap(g: Glance) -> Issue | None:
         return None
     steps = g.steps[long]
     return Issue(
-        "gap in time", "warning", f"t = {g.run.t[long[0]]:.4g} s, {rows_text(int(long[0]) + 3, len(long))}",
-        f"{show.count(len(long), 'gap')} of up to {steps.max():.3g} s (the usual step is {g.step:.3g} s); "
+        "gap in time", "warning", f"t = {g.run.t[long[0]]:.4g} s, "
+        f"{rows_text(int(long[0]) + 3, len(long))}",
+        f"{show.count(len(long), 'gap')} of up to {steps.max():.3g} s (the usual step is "
+        f"{g.step:.3g} s); "
         f"in all {steps.sum():.3g} s are missing.", _READ,
         "no action needed: the run is split there, and the filters lose a second on either side",
         None, {"rows": (long[:100] + 3).tolist(), "seconds": steps[:100].tolist()},
@@ -274,7 +279,8 @@ def jitter(g: Glance) -> Issue | None:
         return None
     return Issue(
         "jittered time stamps", "warning", "column t",
-        f"the time steps vary by {100.0 * spread:.0f} %, but the positions are {ratio:.0f} times smoother "
+        f"the time steps vary by {100.0 * spread:.0f} %, but the positions are {ratio:.0f} times "
+        f"smoother "
         "over the row number than over these times: the samples are evenly spaced, the time stamps are "
         "not.",
         "likely: if the sampling itself jittered, the motion would be smoother over the recorded times",

@@ -1,8 +1,8 @@
 """The columns of an arm's torque: those that joints share, and those of each joint's own motion.
 
-Own columns are what friction, a rotor and an offset may look like. Beside the model's they hold laws that
-the model may lack (a rotor, sharper and rounder Coulomb friction, bristles that bend before they slide,
-Dahl 1968): what they explain is the model's matter, and no fault of the log.
+Own columns are what friction, a rotor and an offset may look like. Beside the model's they hold laws
+that the model may lack (a rotor, sharper and rounder Coulomb friction, bristles that bend before they
+slide, Dahl 1968): what they explain is the model's matter, and no fault of the log.
 """
 
 from __future__ import annotations

@@ -24,8 +24,9 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 _TRIED, _JUDGED = 240, 480
 #: Independent samples for each parameter, below which a good fit says nothing.
 _SPARE = 1.5
-#: What is this much likelier than without it (natural logarithm) is certain, where it explains nine tenths
-#: of what a joint's torque leaves over, or half as much again (a factor of ten in odds for each doubling).
+#: What is this much likelier than without it (natural logarithm) is certain, where it explains nine
+#: tenths of what a joint's torque leaves over, or half as much again (a factor of ten in odds for each
+#: doubling).
 _CERTAIN, _TENFOLD = 30.0, 10.0
 #: A joint whose position never changes leaves less than this share of its torque unexplained.
 _HELD = 0.15
@@ -33,8 +34,9 @@ _HELD = 0.15
 
 @dataclass(frozen=True)
 class Content:
-    """issues; scene and net ``repair``; ``certain`` the part of it without doubt; unexplained : share of the
-    torques' energy that is left; settled : whether there were samples to spare for the parameters."""
+    """issues; scene and net ``repair``; ``certain`` the part of it without doubt; unexplained : share
+    of the torques' energy that is left; settled : whether there were samples to spare for the
+    parameters."""
 
     issues: list[Issue]
     scene: Scene | None
@@ -46,7 +48,8 @@ class Content:
     def mend(self, run: Measurements, certain: bool) -> Measurements:
         """A run with the net repair, or its certain part, and what other issues mend."""
         repair = self.certain if certain else self.repair
-        run = run if self.scene is None or repair == self.scene.none else repair.apply(run)
+        if not repair.leaves_log:
+            run = repair.apply(run)
         for issue in self.issues:
             if issue.repair is not None and "net" not in issue.figures and (issue.mends or not certain):
                 run = issue.repair(run)
@@ -67,7 +70,9 @@ def content(
     data = RegressionData.of(problem, run, settings, _JUDGED)
     scene = Scene(problem, Likelihood(data.few(_TRIED)), Likelihood(data))
     first = [*_frozen(scene, glance), *channel_rules.dead(glance)]
-    if any(i.kind in ("frozen position", "torque magnitude") for i in first):  # nothing else can be asked of such a motion
+    if any(
+        i.kind in ("frozen position", "torque magnitude") for i in first
+    ):  # nothing else can be asked of such a motion
         return Content(first, scene, none, none, None, False)
     found = Search(scene).run()
     score = found.after
@@ -75,24 +80,31 @@ def content(
     issues = [*first, *_stated(scene, found)]
     if float(np.mean(score.shares[scene.moving])) > residual.UNRELATED:  # no cause that leaves most dark
         issues = first
-    issues += size.find(scene, found.repair)
+    sizes = list(size.find(scene, found.repair))
+    issues += sizes
     if any(i.kind == "torque channel kind" for i in issues):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
     issues += residual.find(scene, score, settled)
     issues += residual.two_parts(scene, found.repair, score) if settled else ()
     issues += channel_rules.idle(glance)
-    issues += channel_rules.velocity(glance, settings)
+    velocity = list(channel_rules.velocity(glance, settings))
+    issues += velocity
     issues += channel_rules.clipped(glance)
     issues += channel_rules.quantised(glance, settings)
     issues += channel_rules.sample_rate(glance)
-    if not any(e.kind in ("encoder offset", "positions in degrees", "position unit") for e in found.elements):
-        issues += channel_rules.implausible(glance)
+    if not any(
+        e.kind in ("encoder offset", "positions in degrees", "position unit") for e in found.elements
+    ):
+        for issue in velocity:
+            run = issue.repair(run) if issue.repair is not None else run
+        issues += channel_rules.implausible(replace(glance, run=run))
     if thorough:
-        issues += excitation.find(problem, run, settings)
+        for issue in sizes:
+            run = issue.repair(run) if issue.repair is not None else run
+        run = run if found.repair.leaves_log else found.repair.apply(run)
+        issues += excitation.find(problem.with_gravity(found.repair.gravity), run, settings)
         issues += excitation.hidden_errors(scene, found.repair)
-    return Content(
-        issues, scene, found.repair, _certain(scene, found), residual.overall(score), settled
-    )
+    return Content(issues, scene, found.repair, _certain(scene, found), residual.overall(score), settled)
 
 
 def _certain(scene: Scene, found: Found) -> Repair:
@@ -135,7 +147,8 @@ def _frozen(scene: Scene, glance: Glance) -> Iterator[Issue]:
         if left > _HELD:
             yield Issue(
                 "frozen position", "error", f"q{j + 1}",
-                f"q{j + 1} is {run.q[0, j]:g} in every row, yet {100.0 * left:.0f} % of that joint's torque "
+                f"q{j + 1} is {run.q[0, j]:g} in every row, yet {100.0 * left:.0f} % of that joint's "
+                f"torque "
                 "is not that of a joint at rest: the position channel is frozen.",
                 "likely: the torque of a joint that is held follows from the motion of the others",
                 "record again with that channel; leave the run out until then", None,
@@ -154,7 +167,8 @@ def _stated(scene: Scene, found: Found) -> list[Issue]:
         word = "certain" if sure else "likely"
         text = (
             f"{word}: what the arm's dynamics leave unexplained of joint {j + 1}'s torque falls from "
-            f"{100.0 * np.sqrt(without.shares[j]):.3g} % to {100.0 * np.sqrt(found.after.shares[j]):.3g} %"
+            f"{100.0 * np.sqrt(without.shares[j]):.3g} % to "
+            f"{100.0 * np.sqrt(found.after.shares[j]):.3g} %"
         )
         if change[j] < 0.05:  # the fit is the same: physics alone tells
             text = f"{word}: as recorded, friction would drive the motion, or inertia be negative"
@@ -165,7 +179,9 @@ def _stated(scene: Scene, found: Found) -> list[Issue]:
             figures["interval"] = [low, high]
             what = f"{what.rstrip('.')} (95 %: {e.number.text(low)} to {e.number.text(high)})."
         mend = found.repair.apply if e.mends else None
-        out.append(Issue(e.kind, e.severity, e.where, what, text, e.remedy, mend, figures, _gravity(e, found)))
+        out.append(
+            Issue(e.kind, e.severity, e.where, what, text, e.remedy, mend, figures, _gravity(e, found))
+        )
     return out
 
 

@@ -53,7 +53,9 @@ class Glance:
 
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
-        """(N,) rows in which the arm moves, half a second off every start and stop: drives click there."""
+        """(N,) rows in which the arm moves, half a second off every start and stop: drives click
+        there.
+        """
         m, t = self.movement, self.run.t
         return np.asarray(m.at(t - 0.5) & m.moves & m.at(t + 0.5))
 

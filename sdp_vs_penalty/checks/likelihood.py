@@ -1,13 +1,13 @@
 """How well one arm explains a repaired log: the one score by which all hypotheses are compared.
 
-With S_j the squared residual of joint j's torque under one theta for all joints, each joint with noise of
-its own, the Gaussian log-likelihood is, up to constants,
+With S_j the squared residual of joint j's torque under one theta for all joints, each joint with noise
+of its own, the Gaussian log-likelihood is, up to constants,
 
     L = -M/2 sum_j log(S_j / |tau_j|^2),
 
-M the number of independent samples. It is free of units and gains. Own columns (friction, rotor, offset) are
-projected out of each joint's rows once; what is left couples the joints. Physics adds what L cannot know: the
-probability that inertia is positive and that friction takes power,
+M the number of independent samples. It is free of units and gains. Own columns (friction, rotor,
+offset) are projected out of each joint's rows once; what is left couples the joints. Physics adds what
+L cannot know: the probability that inertia is positive and that friction takes power,
 
     sum log Phi(z),   z = estimate / standard deviation,
 
@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,8 @@ _LOUDEST = 60.0
 class Joint:
     """One joint's rows: basis (M, k) of its own columns; columns (M, s) of shared parameters with the
     own ones projected out; drag (M,), whose product with the torque less the links' is the mean power
-    that friction takes [W]; spin (M,) likewise ddq^T J ddq of the rotor; raw (M, s) before projection."""
+    that friction takes [W]; spin (M,) likewise ddq^T J ddq of the rotor; raw (M, s) before the
+    projection."""
 
     basis: Array
     columns: Array
@@ -104,7 +106,7 @@ class Likelihood:
 
     def joints(self, repair: Repair) -> list[Joint]:
         """The joints' rows under a repair of the motion."""
-        key = repair.motion_key, repair.events
+        key = repair.motion_key, repair.events, repair.reversed
         if key not in self._joints:
             heard, made = self._heard(repair), []
             columns = self._shared(repair)
@@ -154,7 +156,10 @@ class Likelihood:
         if key not in self._bases:
             data, heard = self.data, self.data.heard[:, k]
             t = data.motion.t
-            more = [(t - t[0]) / max(t[-1] - t[0], 1e-300) if e.at is None else (t > e.at) * 1.0 for e in events]
+            more = [
+                (t - t[0]) / max(t[-1] - t[0], 1e-300) if e.at is None else (t > e.at) * 1.0
+                for e in events
+            ]
             columns = heard[:, None] * np.column_stack([data.own[k], *more])
             sizes = np.linalg.norm(columns, axis=0)
             columns = columns / np.where(sizes > 0.0, sizes, 1.0)
@@ -186,7 +191,7 @@ class Likelihood:
         """One arm fitted to each; those of one motion side by side."""
         groups: dict[object, list[int]] = {}
         for i, r in enumerate(repairs):
-            groups.setdefault((r.motion_key, r.events), []).append(i)
+            groups.setdefault((r.motion_key, r.events, r.reversed), []).append(i)
         out: dict[int, Score] = {}
         for places in groups.values():
             joints = self.joints(repairs[places[0]])
@@ -210,10 +215,7 @@ class Likelihood:
         energy = np.maximum(np.einsum("kjm,kjm->kj", rest, rest), 0.0)
         heard = np.where(self.data.moving, 1.0, 0.0)
         theta, left = minimised(gram, cross, energy, whole, heard)
-        return [
-            Score(self, joints, gram, *parts)
-            for parts in zip(y, theta, left, whole, strict=True)
-        ]
+        return [Score(self, joints, gram, *parts) for parts in zip(y, theta, left, whole, strict=True)]
 
     def left_out(self, repair: Repair) -> Array:
         """(PARTS, n) share of each part's energy that the arm of all other parts leaves of it."""
@@ -226,7 +228,12 @@ class Likelihood:
         score = self.scores([repair])[0]
         weights = np.where(self.data.moving, 1.0 / np.maximum(score.left, FLOOR * score.whole), 0.0)
         for k in range(PARTS):
-            theta, own = _joint_fit([g.sum(axis=0) - g[k] for g, *_ in grams], [c.sum(axis=0) - c[k] for _, c, _ in grams], widths, weights)
+            theta, own = _joint_fit(
+                [g.sum(axis=0) - g[k] for g, *_ in grams],
+                [c.sum(axis=0) - c[k] for _, c, _ in grams],
+                widths,
+                weights,
+            )
             for j, (g, c, e) in enumerate(grams):
                 x = np.concatenate([own[j], theta])
                 left = e[k] - 2.0 * c[k] @ x + x @ g[k] @ x
@@ -235,7 +242,9 @@ class Likelihood:
 
 
 def left_out_alone(score: Score) -> Array:
-    """(n,) share of each channel that its joint's own model leaves of parts that it was not fitted to."""
+    """(n,) share of each channel that its joint's own model leaves of parts that it was not fitted
+    to.
+    """
     data, out = score.of.data, np.ones(len(score.joints))
     edges = np.linspace(0, data.count, PARTS + 1).astype(int)
     for j, x in enumerate(score.joints):
@@ -258,7 +267,7 @@ def _keep(kept: dict[Any, Any], key: object, value: object, most: int = 6) -> No
 
 def _by_part(columns: Array, y: Array, edges: Array) -> tuple[Array, Array, Array]:
     """Normal equations of each part of the rows."""
-    parts = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    parts = [slice(a, b) for a, b in pairwise(edges.tolist())]
     gram = np.stack([columns[p].T @ columns[p] for p in parts])
     cross = np.stack([columns[p].T @ y[p] for p in parts])
     return gram, cross, np.array([y[p] @ y[p] for p in parts])
@@ -297,8 +306,8 @@ def minimised(
 ) -> tuple[Array, Array]:
     """theta (K, s) and squared residuals (K, n) at the maximum of L, by reweighting each joint.
 
-    gram (n, s, s) of all, cross (K, n, s), energy (K, n) with the own columns projected out, whole (K, n)
-    before; heard (n,) 0 for joints that are not asked.
+    gram (n, s, s) of all, cross (K, n, s), energy (K, n) with the own columns projected out, whole (K,
+    n) before; heard (n,) 0 for joints that are not asked.
     """
     k, n, s = cross.shape
     theta, left = np.zeros((k, s)), energy.copy()
@@ -446,32 +455,29 @@ def independent_samples(residual: Array, heard: Iterable[bool]) -> float:
     return count * (1.0 - r) / (1.0 + r)
 
 
-def deviation(
-    of: Likelihood, at: Callable[[float], Repair], value: float, usual: float
-) -> float:
+def deviation(of: Likelihood, at: Callable[[float], Repair], value: float, usual: float) -> float:
     """Standard deviation of a number, by leaving out parts of the log.
 
-    What the model lacks makes a number wrong by as much as it varies from part to part; noise alone would
-    make it look exact. To first order the number is one column more beside the arm's, d(y - Y theta)/dx;
-    leaving out parts in turn (a delete-a-group jackknife) moves its size.
+    What the model lacks makes a number wrong by as much as it varies from part to part; noise alone
+    would make it look exact. To first order the number is one column more beside the arm's, d(y - Y
+    theta)/dx; leaving out parts in turn (a delete-a-group jackknife) moves its size.
     """
     here = at(value)
     (score,) = of.scores([here])
     slope = of.slope(at, value, 0.3 * usual, score.theta)
-    scale = float(np.linalg.norm(slope) / max(np.linalg.norm(of.joints(here)[0].raw), 1e-300))
+    scale = float(np.linalg.norm(slope)) / max(float(np.linalg.norm(of.joints(here)[0].raw)), 1e-300)
     if scale == 0.0:
         return np.inf
     slope = slope / scale
     joints, residual = of.joints(here), score.channels
     edges = np.linspace(0, of.data.count, PARTS + 1).astype(int)
-    columns = [
-        np.hstack([x.basis, x.raw, -slope[:, j : j + 1]]) for j, x in enumerate(joints)
-    ]
+    columns = [np.hstack([x.basis, x.raw, -slope[:, j : j + 1]]) for j, x in enumerate(joints)]
     grams = [_by_part(c, residual[:, j], edges) for j, c in enumerate(columns)]
     widths = np.array([x.basis.shape[1] for x in joints])
     found = []
     for k in range(PARTS):
         some = [(g.sum(axis=0) - g[k], c.sum(axis=0) - c[k]) for g, c, _ in grams]
-        found.append(_joint_fit(*(list(x) for x in zip(*some, strict=True)), widths, score._weights)[0][-1])
+        left, right = [g for g, _ in some], [c for _, c in some]
+        found.append(float(_joint_fit(left, right, widths, score._weights)[0][-1]))
     spread = np.array(found)
     return float(np.sqrt((PARTS - 1) / PARTS * np.sum((spread - spread.mean()) ** 2))) / scale

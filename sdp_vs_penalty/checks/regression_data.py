@@ -30,8 +30,8 @@ class RegressionData:
     """At M instants of one log at which the arm moves.
 
     motion : (M, n) low-passed states; torque, rate : (K, M, n) low-passed channels and their time
-    derivatives, each LEADS[k] later than the motion; own : (n, M, k) columns that each joint's own motion
-    makes; heard : (M, n) 1 where a joint slides, 0 where its torque is not asked; moving : (n,);
+    derivatives, each LEADS[k] later than the motion; own : (n, M, k) columns that each joint's own
+    motion makes; heard : (M, n) 1 where a joint slides, 0 where its torque is not asked; moving : (n,);
     shared : the effects whose columns joints share, ``independent`` of their parameters stand for all.
     """
 
@@ -94,24 +94,18 @@ class RegressionData:
             if len(at):
                 pieces.append(_piece(filters, part, at, model))
         t, q, dq, ddq = (np.concatenate(x) for x in list(zip(*pieces, strict=True))[:4])
-        torque, rate, own = (
-            np.concatenate(x, axis=1) for x in list(zip(*pieces, strict=True))[4:]
-        )
+        torque, rate, own = (np.concatenate(x, axis=1) for x in list(zip(*pieces, strict=True))[4:])
         shared = shared_model(model)
         kept = np.zeros(0, bool) if shared is None else independent_columns(shared)
         moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)  # and its channel is not dead
         usual = np.sqrt(np.mean(dq**2, axis=0))
         slides = np.abs(dq) > SLIDES * usual
-        made = cls(
-            shared, kept, Motion(t, q, dq, ddq), torque, rate, own, slides.astype(float), moving
-        )
+        made = cls(shared, kept, Motion(t, q, dq, ddq), torque, rate, own, slides.astype(float), moving)
         # Where all have stopped nothing is asked of any joint.
         return made.part(np.flatnonzero(np.any(slides[:, moving], axis=1)))
 
 
-def _piece(
-    filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Model
-) -> tuple[Array, ...]:
+def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Model) -> tuple[Array, ...]:
     """t, q, dq, ddq, torque and rate at all leads, and own columns of one stretch."""
     coarse = filters.coarse
     reach = filters.stride * coarse.half

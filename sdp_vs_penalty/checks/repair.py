@@ -62,7 +62,8 @@ class Repair:
         """One joint's entry of one of the tuples."""
         values = list(getattr(self, name))
         values[joint] = value
-        return replace(self, **{name: tuple(values)})
+        changed: dict[str, Any] = {name: tuple(values)}
+        return replace(self, **changed)
 
     def with_swap(self, a: int, b: int, positions: bool, torques: bool) -> Repair:
         """The channels that joints a and b take, exchanged."""
@@ -71,13 +72,20 @@ class Repair:
             if asked:
                 values = list(getattr(out, name))
                 values[a], values[b] = values[b], values[a]
-                out = replace(out, **{name: tuple(values)})
+                changed: dict[str, Any] = {name: tuple(values)}
+                out = replace(out, **changed)
         return out
 
     @property
     def motion_key(self) -> tuple[Any, ...]:
         """What the links' regressor depends on."""
         return self.order, self.scale, self.zero, self.rate, self.gravity, self.weight
+
+    @property
+    def leaves_log(self) -> bool:
+        """Whether only what a model assumes is changed."""
+        none = Repair.none(self.n, self.gravity)
+        return replace(self, weight=none.weight, events=()) == none
 
     def positions(self, q: Array) -> Array:
         """(N, n) true positions from those of the log."""

@@ -1,13 +1,13 @@
 """What the repaired log leaves over: is it what such arms leave, everywhere and all the time?
 
-Two witnesses for each joint: how much one arm leaves of its torque, and how much more that is than a model
-of this joint alone would leave. Friction, however odd, is in both.
+Two witnesses for each joint: how much one arm leaves of its torque, and how much more that is than a
+model of this joint alone would leave. Friction, however odd, is in both.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,9 +15,11 @@ from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import FLOOR, Score, left_out_alone, minimised
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformations import Scene
+from sdp_vs_penalty.data.measurements import Measurements
 
-#: What an arm leaves of its torques (root mean square, all joints together): with joint torque sensors, and
-#: with torques from motor currents, whose friction is part of them. So many times as much is a warning.
+#: What an arm leaves of its torques (root mean square, all joints together): with joint torque
+#: sensors, and with torques from motor currents, whose friction is part of them. So many times as much
+#: is a warning.
 _TYPICAL, _TIMES = {"link": 0.05, "motor": 0.1}, 2.0
 #: Above this share of the energy, half of the torque, the arm's dynamics do not make it.
 UNRELATED = 0.25
@@ -47,8 +49,10 @@ def find(scene: Scene, score: Score, settled: bool) -> Iterator[Issue]:
         yield Issue(
             "torque not explained", "error", "all torque channels",
             f"No inertia and friction of this arm explain {percent:.0f} % of the torque energy.",
-            "certain: none of the tried signs, orders, units, zeros, delays and directions of gravity helps",
-            "check that this is the right robot, that the columns are joint torques, and that positions and "
+            "certain: none of the tried signs, orders, units, zeros, delays and directions of "
+            "gravity helps",
+            "check that this is the right robot, that the columns are joint torques, and that "
+            "positions and "
             "torques come from the same recording", None, {"unexplained_percent": percent},
         )  # fmt: skip
         return
@@ -66,7 +70,8 @@ def _unexplained(scene: Scene, score: Score) -> Iterator[Issue]:
     listed = ", ".join(f"{100.0 * x:.2g}" for x in np.sqrt(shares))
     figures = {"percent": (100.0 * np.sqrt(shares)).round(2).tolist(), "overall_percent": 100.0 * total}
     sure = (
-        "certain: by the best fit of this arm; signs, orders, gains, zeros, delays, units and gravity were "
+        "certain: by the best fit of this arm; signs, orders, gains, zeros, delays, units and "
+        "gravity were "
         "tried, and none of them explains it"
     )
     for joints, what in (
@@ -86,9 +91,11 @@ def _unexplained(scene: Scene, score: Score) -> Iterator[Issue]:
         worst = int(np.argmax(np.where(moving, score.left, 0.0)))
         yield Issue(
             "unexplained torque", "warning", joints_text([worst]),
-            f"{100.0 * total:.2g} % of the torque stays unexplained, {total / usual:.1f} times what arms "
+            f"{100.0 * total:.2g} % of the torque stays unexplained, {total / usual:.1f} times what "
+            f"arms "
             f"with torque on the {scene.problem.torque_side} side usually leave (by joint: {listed} %).",
-            sure, "check that robot, mounting and torque side are those of the problem; `diagnose` looks for "
+            sure, "check that robot, mounting and torque side are those of the problem; `diagnose` "
+                "looks for "
             "effects that the model is missing", None, {**figures, "joints": [worst + 1]},
         )  # fmt: skip
 
@@ -100,18 +107,24 @@ def _knock(scene: Scene, score: Score) -> Iterator[Issue]:
         error = np.abs(score.residual[:, j])
         k = int(np.argmax(error))
         elsewhere = error[np.abs(t - t[k]) > _WIDTH]
-        if min(t[k] - t[0], t[-1] - t[k]) < 0.5 * _WIDTH or not len(elsewhere):
+        if min(t[k] - t[0], t[-1] - t[k]) < 3.0 * _WIDTH or not len(elsewhere):
             continue  # the arm starts or comes to rest there: stiction
         if error[k] > _PEAK * elsewhere.max():
             at, unit = float(t[k]), scene.problem.robot.torque_units[j]
             yield Issue(
                 "one-off event", "warning", f"t = {at:.3g} s, {joints_text([j])}",
-                f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error there is "
-                f"{error[k]:.3g} {unit} in joint {j + 1}, over {_PEAK:g} times that at any other moment.",
+                f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error "
+                f"there is "
+                f"{error[k]:.3g} {unit} in joint {j + 1}, over {_PEAK:g} times that at any other "
+                f"moment.",
                 "likely: an effect of the arm itself would recur", f"exclude {_WIDTH:g} s around it",
-                lambda r, at=at: r.rows(np.abs(r.t - at) > 0.5 * _WIDTH), {"t": at, "joints": [j + 1]},
+                partial(_cut, at=at), {"t": at, "joints": [j + 1]},
             )  # fmt: skip
             return
+
+
+def _cut(run: Measurements, at: float) -> Measurements:
+    return run.rows(np.abs(run.t - at) > 0.5 * _WIDTH)
 
 
 def two_parts(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
@@ -125,17 +138,24 @@ def two_parts(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
 
     def left(rows: np.ndarray) -> np.ndarray:
         """(n,) what one arm of these rows leaves of them, each joint's own model from all rows."""
-        y = np.column_stack([c - x.basis @ (x.basis.T @ c) for c, x in zip(score.channels.T, joints, strict=True)])
+        y = np.column_stack(
+            [c - x.basis @ (x.basis.T @ c) for c, x in zip(score.channels.T, joints, strict=True)]
+        )
         gram = np.stack([x.columns[rows].T @ x.columns[rows] for x in joints])
         cross = np.stack([x.columns[rows].T @ y[rows, j] for j, x in enumerate(joints)])[None]
         energy = np.sum(y[rows] ** 2, axis=0)[None]
         weight = moving / np.maximum(score.left, FLOOR * score.whole)
-        return minimised(gram, cross, energy, 1.0 / np.maximum(weight, 1e-300)[None], moving * 1.0)[1][0]
+        return minimised(
+            gram, cross, energy, 1.0 / np.maximum(weight, 1e-300)[None], np.asarray(moving, float)
+        )[1][0]
 
     odd = (np.arange(count) * _STRIPES // count) % 2 == 1
     stripes = left(odd) + left(~odd)
     halves = [left(u <= c) + left(u > c) for c in _CUTS]
-    gains = [np.log(np.maximum(stripes, FLOOR * score.whole) / np.maximum(h, FLOOR * score.whole)) for h in halves]
+    gains = [
+        np.log(np.maximum(stripes, FLOOR * score.whole) / np.maximum(h, FLOOR * score.whole))
+        for h in halves
+    ]
     each = [float(np.median(g[moving])) for g in gains]
     best = int(np.argmax(each))
     if each[best] < _TWO or best in (0, len(_CUTS) - 1) or repair.events:
@@ -144,10 +164,9 @@ def two_parts(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
     one, two = (100.0 * np.sqrt(np.mean(x / score.whole)) for x in (score.left, halves[best]))
     yield Issue(
         "two arms", "error" if one > 3.0 * two else "warning", f"t = {t:.4g} s",
-        f"before and after t = {t:.4g} s these are not the torques of one arm: it picked up or put down a "
+        f"before and after t = {t:.4g} s these are not the torques of one arm: it picked up or put "
+        f"down a "
         "load, or two logs are in one file.",
         f"likely: two arms leave {two:.3g} % of the torques unexplained, one leaves {one:.3g} %",
         "cut the run there and use each part by itself (--window)", None, {"t": t},
     )  # fmt: skip
-
-

@@ -22,8 +22,8 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.runs import spans
 
 _READ = "certain: read from the file"
-#: A frozen channel or packet stays for so long [s], so many rows, and this many times longer than it keeps
-#: its value elsewhere; the rows before, over which a joint that comes to rest has slowed down.
+#: A frozen channel or packet stays for so long [s], so many rows, and this many times longer than it
+#: keeps its value elsewhere; the rows before, over which a joint that comes to rest has slowed down.
 _STUCK_SECONDS, _STUCK_ROWS, _STUCK_TIMES, _SLOWING = 0.1, 10, 3.0, 10
 #: More freezes than this are a coarse sensor.
 _FREEZES = 20
@@ -81,7 +81,9 @@ def repeated_run(g: Glance) -> Issue | None:
         return None
     most = int(lags[np.argmax(counts)])
     again = lag == most
-    share = float(np.ptp(g.run.q[again], axis=0).max()) / max(float(np.ptp(g.run.q, axis=0).max()), 1e-300)
+    share = float(np.ptp(g.run.q[again], axis=0).max()) / max(
+        float(np.ptp(g.run.q, axis=0).max()), 1e-300
+    )
     if share < 0.05:
         return None  # one pose held, by a simulator without noise
     rows = np.flatnonzero(again)
@@ -112,15 +114,16 @@ def frozen_packets(g: Glance) -> Issue | None:
     return Issue(
         "frozen packets", "error", f"rows {rows[0] + 2} to {spans(gone)[0][1] + 1}"
         + (f" and {found - 1} more parts" if found > 1 else ""),
-        f"all channels repeat one row for up to {longest:.3g} s, {show.count(found, 'time')}, while the arm "
+        f"all channels repeat one row for up to {longest:.3g} s, {show.count(found, 'time')}, while "
+        f"the arm "
         "moves on: no packets came.", _READ, "delete these rows",
         lambda r: r.rows(~gone), {"rows": int(gone.sum()), "parts": found},
     )  # fmt: skip
 
 
 def _leaps(g: Glance, a: int, b: int) -> bool:
-    """Whether some joint, still from row a to row b, has then come farther than in its usual step, and had
-    not slowed down before."""
+    """Whether some joint, still from row a to row b, has then come farther than in its usual step, and
+    had not slowed down before."""
     q, after = g.run.q, min(b + 1, len(g.run.t) - 1)
     usual = np.median(np.abs(np.diff(q, axis=0)), axis=0) + 1e-12
     jump = np.abs(q[after] - q[b])
@@ -131,7 +134,9 @@ def _leaps(g: Glance, a: int, b: int) -> bool:
 def doubled(g: Glance) -> Issue | None:
     """Rows that are copies of the one before while the arm moves, under an even clock."""
     if not g.step or np.ptp(g.steps) > 1e-3 * g.step:
-        return None  # a recorder's own stamps: a logger a little faster than its source holds samples, too
+        return (
+            None  # a recorder's own stamps: a logger a little faster than its source holds samples, too
+        )
     same = g.held & g.movement.moves
     span, share = 20, float(same.mean())
     at = np.flatnonzero(same[span:-span]) + span if len(same) > 2 * span else np.zeros(0, int)
@@ -148,7 +153,8 @@ def doubled(g: Glance) -> Issue | None:
     if np.median(speed(1) / np.maximum(speed(span), 1e-300)) <= _SLOWER:
         return Issue(
             "doubled rows", "error", where,
-            f"{show.count(count, 'row')} are copies of the row before, and the motion does not skip ahead "
+            f"{show.count(count, 'row')} are copies of the row before, and the motion does not skip "
+            f"ahead "
             "after them: rows were doubled and the clock was made again.", _READ,
             "delete the copies and their time",
             lambda r: with_steps(r, np.where(same[1:], 0.0, np.diff(r.t))).rows(~same), {"rows": count},
@@ -157,7 +163,8 @@ def doubled(g: Glance) -> Issue | None:
         return None
     return Issue(
         "repeated packets", "warning", where,
-        f"{100.0 * share:.0f} % of the rows repeat the one before, and the motion skips ahead after them: "
+        f"{100.0 * share:.0f} % of the rows repeat the one before, and the motion skips ahead after "
+        f"them: "
         "packets were lost, and the logger wrote the last one again.", _READ, "delete the copies",
         lambda r: r.rows(~same), {"rows": count, "share": share},
     )  # fmt: skip
@@ -188,7 +195,8 @@ def interpolated_rows(g: Glance) -> Issue | None:
     return Issue(
         "interpolated rows", "error",
         f"rows {a + 2} to {b + 1}" + (f" and {len(parts) - 1} more parts" if len(parts) > 1 else ""),
-        f"{int(gone.sum())} rows lie on straight lines in every channel: a gap was filled by interpolation.",
+        f"{int(gone.sum())} rows lie on straight lines in every channel: a gap was filled by "
+        f"interpolation.",
         _READ, "delete these rows; the run is split there",
         lambda r: r.rows(~gone), {"rows": int(gone.sum())},
     )  # fmt: skip
@@ -212,7 +220,8 @@ def zeros(g: Glance) -> Issue | None:
     named, be = ", ".join(found), "is" if len(found) == 1 else "are"
     return Issue(
         "zeros", "error", f"{named}, {rows_text(int(rows[0]) + 2, len(rows))}",
-        f"{named} {be} exactly zero in {show.count(len(rows), 'row')}, and jumps there and back: nothing "
+        f"{named} {be} exactly zero in {show.count(len(rows), 'row')}, and jumps there and back: "
+        f"nothing "
         "was measured.", "certain: the channel hardly ever takes any other value near zero",
         "replace single rows by interpolation, delete longer parts",
         lambda r: interpolated(r, found).rows(~long),
@@ -224,8 +233,8 @@ def _filled(x: Array) -> NDArray[np.bool_]:
     """(N,) which samples of a channel are zeros that it does not pass through.
 
     A channel in steps of d passes through zero about as often as through any other level near it. A zero
-    between a sample below and one above it is a passage, however coarse the steps; a fill leaves one side
-    and comes back to it.
+    between a sample below and one above it is a passage, however coarse the steps; a fill leaves one
+    side and comes back to it.
     """
     zero, bad = np.abs(x) < 1e-300, np.zeros(len(x), bool)
     parts, other = spans(zero), np.flatnonzero(~zero)
@@ -264,7 +273,10 @@ def spikes(g: Glance) -> Issue | None:
             found[name] = bad
     if not found:
         return None
-    count, first = sum(int(b.sum()) for b in found.values()), min(int(np.argmax(b)) for b in found.values())
+    count, first = (
+        sum(int(b.sum()) for b in found.values()),
+        min(int(np.argmax(b)) for b in found.values()),
+    )
     return Issue(
         "spikes", "error", f"{', '.join(found)}, {rows_text(first + 2, count)}",
         f"{show.count(count, 'sample')} of {', '.join(found)} lie far from the samples on both sides.",
@@ -341,7 +353,8 @@ def _frozen(g: Glance, word: str, channels: list[tuple[str, int, Array]]) -> Iss
     return Issue(
         f"frozen {word}", "error", f"{', '.join(found)}, rows {parts[0][0] + 2} to {parts[0][1] + 1}"
         + (f" and {len(parts) - 1} more parts" if len(parts) > 1 else ""),
-        f"the {word} of {joints_text(joints)} repeats one value for {seconds:.3g} s{times} while the arm "
+        f"the {word} of {joints_text(joints)} repeats one value for {seconds:.3g} s{times} while the "
+        f"arm "
         "moves: the channel was frozen.", "certain: elsewhere it never repeats for nearly as long",
         "delete these rows", lambda r: r.rows(~gone),
         {"joints": [j + 1 for j in joints], "seconds": seconds},

@@ -16,12 +16,14 @@ _FEWEST, _MOTION = 3, 30
 def mended(
     run: Measurements, robot: Robot, standstill: float
 ) -> tuple[list[Issue], Measurements, Measurements]:
-    """The issues of a run's rows and clock; the run with all of them mended, and with the certain ones."""
+    """The issues of a run's rows and clock; the run with all of them mended, and with the certain
+    ones.
+    """
     issues: list[Issue] = []
     fixed, glance = run, Glance(run, robot, standstill)
     for rule in (*CLOCK_RULES, *ROW_RULES):
         rows = len(glance.run.t)
-        if rule is not missing and (rows < _FEWEST or rule in ROW_RULES and rows < _MOTION):
+        if rule is not missing and (rows < _FEWEST or (rule in ROW_RULES and rows < _MOTION)):
             break
         if rule in ROW_RULES and not glance.moving.any():
             break

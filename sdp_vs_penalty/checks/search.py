@@ -1,15 +1,14 @@
 """The search over compositions of transformations: add the best, refine its numbers, drop, exchange.
 
-What is maximised is one posterior, L + log p(physics) - cost of the repair (see likelihood.py). A repair that
-is added has to predict parts of the log that the arm was not fitted to, and its number has to lie beyond what
-arms and loggers differ by themselves, with its interval.
+What is maximised is one posterior, L + log p(physics) - cost of the repair (see likelihood.py). A
+repair that is added has to predict parts of the log that the arm was not fitted to, and its number has
+to lie beyond what arms and loggers differ by themselves, with its interval.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -24,7 +23,8 @@ from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS, Element, Scene
 from sdp_vs_penalty.checks.transformations.transformation import ODDS
 
-#: A repair is believed from these odds on, whatever it costs (natural logarithm): one in a thousand by chance.
+#: A repair is believed from these odds on, whatever it costs (natural logarithm): one in a thousand by
+#: chance.
 MIN_GAIN = 7.0
 #: What the arm leaves of parts that it was not fitted to has to fall by so many standard errors.
 _SIGNIFICANT = 2.5
@@ -34,7 +34,8 @@ _SIGMAS = 3.0
 _CLOSED = 2.0
 #: Signs that leave the torque as well explained by so much are told by physics: so many are looked at.
 _LOUD, _TIED = 30.0, 8
-#: Pairs are tried where one arm leaves this natural logarithm more of each joint's energy than joints alone.
+#: Pairs are tried where one arm leaves this natural logarithm more of each joint's energy than joints
+#: alone.
 _CONTRADICTS = 1.0
 #: Tolerances within which a round number is tried beside all others.
 _NEARLY = 7.0
@@ -99,20 +100,21 @@ class Search:
         self._posteriors.clear()
 
     def _contradicts(self, now: Repair) -> bool:
-        """Whether joints by themselves explain far more than one arm does: two things may be wrong at once
-        of which neither explains anything alone."""
+        """Whether joints by themselves explain far more than one arm does: two things may be wrong at
+        once of which neither explains anything alone."""
         (score,) = self.scene.tried.scores([now])
         return bool(np.log(score.shares / score.alone)[self.scene.moving].mean() > _CONTRADICTS)
 
     def proposals(self, now: Repair, last: bool = False) -> list[tuple[float, Repair]]:
         """One more thing, the best first; those that only physics can tell are always looked at."""
         (score,) = self.scene.tried.scores([now])
-        made = (t.pairs(self.scene, now) if last else t.proposals(self.scene, now, score) for t in TRANSFORMATIONS)
+        made = (
+            t.pairs(self.scene, now) if last else t.proposals(self.scene, now, score)
+            for t in TRANSFORMATIONS
+        )
         asked = [r for some in made for r in some if r != now]
         asked = list(dict.fromkeys(asked))
-        values = [
-            self.likelihood(s, r) for s, r in zip(self._scored(asked), asked, strict=True)
-        ]
+        values = [self.likelihood(s, r) for s, r in zip(self._scored(asked), asked, strict=True)]
         found = sorted(zip(values, asked, strict=True), key=lambda f: -f[0])
         level = self.likelihood(score, now)
         tied = [f for f in found if f[0] > level - 2.0 * _LOUD and _same_fit(f[1], now)][:_TIED]
@@ -124,9 +126,15 @@ class Search:
     def added(self, now: Repair, last: bool = False) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
         level = self.posterior(now)
-        close = [(self.posterior(r), r) for value, r in self.proposals(now, last) if value > level - 40.0]
+        close = [
+            (self.posterior(r), r) for value, r in self.proposals(now, last) if value > level - 40.0
+        ]
         # Rough numbers first: a coarse grid may miss most of what its best value explains.
-        close = [(self.posterior(f), f) for _, r in sorted(close, key=lambda c: -c[0])[:4] for f in [self.refined(r, now)]]
+        best: dict[frozenset[object], Repair] = {}
+        for _, r in sorted(close, key=lambda c: -c[0]):
+            best.setdefault(frozenset((e.kind, e.joints) for e in self.elements(r)), r)
+        refined = [self.refined(r, now) for r in list(best.values())[:_CLOSELY]]
+        close = [(self.posterior(r), r) for r in refined]
         for value, repair in sorted(close, key=lambda c: -c[0]):
             if value < level + MIN_GAIN:
                 break
@@ -135,7 +143,9 @@ class Search:
         return None
 
     def believed(self, repair: Repair, now: Repair) -> bool:
-        """Whether it predicts what the arm was not fitted to, and its numbers are beyond what is usual."""
+        """Whether it predicts what the arm was not fitted to, and its numbers are beyond what is
+        usual.
+        """
         known = {(e.kind, e.joints): e for e in self.elements(now)}
         new = [e for e in self.elements(repair) if (e.kind, e.joints) not in known]
         judged = self.scene.judged
@@ -145,7 +155,7 @@ class Search:
         change = np.log(judged.left_out(now) / judged.left_out(repair))[:, self.scene.moving].sum(axis=1)
         error = float(np.std(change)) / np.sqrt(PARTS)
         if _same_fit(repair, now):  # physics alone may tell
-            return bool(np.mean(change) > -_SIGNIFICANT * error)
+            return bool(np.mean(change) >= -_SIGNIFICANT * error)
         return bool(np.mean(change) > _SIGNIFICANT * error and np.median(change) > 0.0)
 
     def _determined(self, e: Element) -> bool:
@@ -173,7 +183,12 @@ class Search:
                 return self.scene.tried.scores([at(float(x))])[0].misfit
 
             ends = number.value - number.reach, number.value + number.reach
-            best = minimize_scalar(left, bounds=ends, method="bounded", options={"xatol": 0.05 * number.tolerance, "maxiter": 14})
+            best = minimize_scalar(
+                left,
+                bounds=ends,
+                method="bounded",
+                options={"xatol": 0.05 * number.tolerance, "maxiter": 14},
+            )
             near = [x for x in number.snaps if abs(x - best.x) < number.tolerance]
             tried = [number.at(x) for x in near] or [repair, number.at(float(best.x))]
             repair = max(tried, key=self.posterior)

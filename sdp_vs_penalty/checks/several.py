@@ -1,8 +1,9 @@
 """Several runs of one arm: is it the same arm in each?
 
-All runs are fitted by one arm, and each by itself; what each joint's own motion makes (friction, which warms
-up, and zeros of torque) is a run's own. Where one run does not belong to the others' arm, the same question is
-asked as within a log: which change of that run makes it theirs, a gain, a zero, or a load on the last link.
+All runs are fitted by one arm, and each by itself; what each joint's own motion makes (friction, which
+warms up, and zeros of torque) is a run's own. Where one run does not belong to the others' arm, the same
+question is asked as within a log: which change of that run makes it theirs, a gain, a zero, or a load
+on the last link.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from sdp_vs_penalty.checks.transformations import Scene
 from sdp_vs_penalty.checks.transformations.transformation import ODD_NUMBER, choices
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Runs are set apart by so much (natural logarithm of the odds): friction, which is a run's own, is never
-#: quite the same again.
+#: Runs are set apart by so much (natural logarithm of the odds): friction, which is a run's own, is
+#: never quite the same again.
 _APART = 20.0
 #: A cause explains at least half of what sets the runs apart.
 _HALF = 0.5
@@ -31,8 +32,8 @@ _ZEROS = tuple(s * x for x in np.radians((2.0, 3.0, 6.0, 12.0, 25.0)).tolist() f
 
 @dataclass(frozen=True)
 class Normal:
-    """One run's normal equations with own columns projected out: gram (n, s, s), cross (n, s), energy and
-    whole (n,); ``samples`` for each of its rows."""
+    """One run's normal equations with own columns projected out: gram (n, s, s), cross (n, s), energy
+    and whole (n,); ``samples`` for each of its rows."""
 
     gram: Array
     cross: Array
@@ -53,7 +54,7 @@ def normal(scene: Scene, repair: Repair, load: bool = False) -> Normal:
         np.stack([x.columns.T @ r for x, r in zip(joints, rest, strict=True)]),
         np.array([r @ r for r in rest]),
         np.maximum(np.sum(y**2, axis=0), 1e-280),
-        scene.moving * 1.0,
+        np.asarray(scene.moving, float),
     )
 
 
@@ -67,7 +68,9 @@ def together(runs: Sequence[Normal]) -> Array:
     return np.maximum(left, FLOOR * whole).reshape(len(runs), -1)
 
 
-def compare(scenes: Sequence[Scene], repairs: Sequence[Repair], names: Sequence[str]) -> list[tuple[int, Issue]]:
+def compare(
+    scenes: Sequence[Scene], repairs: Sequence[Repair], names: Sequence[str]
+) -> list[tuple[int, Issue]]:
     """(run, issue) where a run's arm is not that of the others; none for a single run."""
     if len(scenes) < 2:
         return []
@@ -93,6 +96,7 @@ def _cause(
     names: Sequence[str], samples: float,
 ) -> Issue | None:  # fmt: skip
     scene, repair = scenes[odd], repairs[odd]
+
     def gain(changed: Normal, cost: float) -> float:
         left = together([changed if k == odd else r for k, r in enumerate(runs)])
         return 0.5 * samples / len(runs) * float(np.log(one / left).sum()) - cost
@@ -104,9 +108,20 @@ def _cause(
             other = repair.with_entry("gain", j, repair.gain[j] * float(np.exp(x)))
             found.append((gain(normal(scene, other), known), "torque gain", j, x))
         for x in _ZEROS if scene.revolute(j) else ():
-            found.append((gain(normal(scene, repair.with_entry("zero", j, repair.zero[j] + x)), known), "encoder offset", j, x))
+            found.append(
+                (
+                    gain(normal(scene, repair.with_entry("zero", j, repair.zero[j] + x)), known),
+                    "encoder offset",
+                    j,
+                    x,
+                )
+            )
     loaded = together(_with_load(runs, scene, repair, odd))
-    tool = 0.5 * samples / len(runs) * float(np.log(one / loaded).sum()) - choices(1) - 5.0 * np.log(samples)
+    tool = (
+        0.5 * samples / len(runs) * float(np.log(one / loaded).sum())
+        - choices(1)
+        - 5.0 * np.log(samples)
+    )
     found.append((tool, "another load", scene.n - 1, 0.0))
     alone = np.array([together([r])[0] for r in runs])
     most = 0.5 * samples / len(runs) * float(np.log(one / alone).sum())
@@ -117,22 +132,34 @@ def _cause(
         return None
     if value < _HALF * another:
         kind, where, what, remedy = (
-            "another arm", "the run", f"{names[odd]} is not of the same arm {beside}: no gain, zero or load of "
+            "another arm", "the run", f"{names[odd]} is not of the same arm {beside}: no gain, zero "
+            f"or load of "
             "one run explains the difference.", "identify from one run at a time",
         )  # fmt: skip
     elif kind == "another load":
         where, remedy = joints_text([j]), "identify the runs apart, or log with the same tool"
         what = f"{names[odd]} carries another load on its last link {beside}."
     elif kind == "torque gain":
-        where, remedy = joints_text([j]), f"multiply tau{j + 1} of this run by {np.exp(x):.3g}, or of the others"
-        what = f"the torque of joint {j + 1} is {np.exp(-x):.3g} times as large in {names[odd]} {beside}."
+        where, remedy = (
+            joints_text([j]),
+            f"multiply tau{j + 1} of this run by {np.exp(x):.3g}, or of the others",
+        )
+        what = (
+            f"the torque of joint {j + 1} is {np.exp(-x):.3g} times as large in {names[odd]} {beside}."
+        )
     else:
-        where, remedy = joints_text([j]), f"add {x:+.3g} rad to q{j + 1} of this run, or calibrate its zero"
-        what = f"the zero of joint {j + 1} is {np.degrees(-x):.2g} degrees away in {names[odd]} {beside}."
+        where, remedy = (
+            joints_text([j]),
+            f"add {x:+.3g} rad to q{j + 1} of this run, or calibrate its zero",
+        )
+        what = (
+            f"the zero of joint {j + 1} is {np.degrees(-x):.2g} degrees away in {names[odd]} {beside}."
+        )
     percent = [100.0 * float(np.sqrt(np.mean(e[odd] / runs[odd].whole))) for e in (one, alone)]
     return Issue(
         kind, "warning", where, what,
-        f"likely: one arm for all runs leaves {percent[0]:.3g} % of its torque, one of its own {percent[1]:.3g} %",
+        f"likely: one arm for all runs leaves {percent[0]:.3g} % of its torque, one of its own "
+        f"{percent[1]:.3g} %",
         remedy, None, {"joints": [j + 1] if kind != "another arm" else [], "run": names[odd], "size": x},
     )  # fmt: skip
 
@@ -142,7 +169,11 @@ def _with_load(runs: list[Normal], scene: Scene, repair: Repair, odd: int) -> li
     own = normal(scene, repair, load=True)
     more = own.gram.shape[1] - runs[odd].gram.shape[1]
     wide = [
-        replace(r, gram=np.pad(r.gram, ((0, 0), (0, more), (0, more))), cross=np.pad(r.cross, ((0, 0), (0, more))))
+        replace(
+            r,
+            gram=np.pad(r.gram, ((0, 0), (0, more), (0, more))),
+            cross=np.pad(r.cross, ((0, 0), (0, more))),
+        )
         for r in runs
     ]
     wide[odd] = own

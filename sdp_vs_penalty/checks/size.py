@@ -1,7 +1,7 @@
 """Torques of an impossible size: another unit, motor currents, the motor's side of the gear.
 
-What joints share tells the channels' ratios, never their common size. Two witnesses do: the joints' effort
-limits, and what an arm of the problem's masses needs on the same motion, where these are known.
+What joints share tells the channels' ratios, never their common size. Two witnesses do: the joints'
+effort limits, and what an arm of the problem's masses needs on the same motion, where these are known.
 """
 
 from __future__ import annotations
@@ -17,18 +17,20 @@ from sdp_vs_penalty.checks.transformations import Scene
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 
-#: How far torques may be from those of a nominal arm, beside what its masses allow: friction, another place
-#: of the masses, a gear that was left out.
+#: How far torques may be from those of a nominal arm, beside what its masses allow: friction, another
+#: place of the masses, a gear that was left out.
 _SLACK = 4.0
-#: Torques above so many times the effort limits are no torques of these joints; those that use at least the
-#: second share have the right unit: a current is an order of magnitude smaller.
+#: Torques above so many times the effort limits are no torques of these joints; those that use at
+#: least the second share have the right unit: a current is an order of magnitude smaller.
 _FAR_OVER, _USED = 3.0, 0.2
 #: A channel so many times larger against the nominal arm than the others are has another unit.
 _ALONE = 40.0
 
 
 def possible(problem: Problem) -> tuple[float, float] | None:
-    """Least and largest ratio of measured to nominal torque; None where nothing is known of the masses."""
+    """Least and largest ratio of measured to nominal torque; None where nothing is known of the
+    masses.
+    """
     masses = float(problem.nominal_links[:, 0].sum())
     low, high = problem.total_mass
     if np.all(problem.guessed_links) or masses <= 0.0:
@@ -86,7 +88,8 @@ def _common(
             f"the torques are too large, {told}: "
             f"{'their unit is not N m' if unit is None else f'they are in {unit[1]}'}.",
             "likely: judged by size alone",
-            "convert them to N m (N for a prismatic joint)" if factor is None else f"multiply by {factor:g}",
+            "convert them to N m (N for a prismatic joint)" if factor is None else f"multiply by "
+            f"{factor:g}",
             None if factor is None else lambda r: replace(r, tau=r.tau * factor), figures,
         )  # fmt: skip
         return
@@ -96,26 +99,31 @@ def _common(
     if over is not None and _USED <= over <= _FAR_OVER:
         yield Issue(
             "masses of the problem", "error", "the problem",
-            f"the torques are {size} an arm of {masses} needs, yet they reach {100.0 * over:.0f} % of the "
+            f"the torques are {size} an arm of {masses} needs, yet they reach {100.0 * over:.0f} % "
+            f"of the "
             "joints' effort limits, as torques do: the problem's masses are wrong.",
-            "likely: judged by size alone", "correct total_mass in problem.toml (the inertials of a URDF)",
+            "likely: judged by size alone", "correct total_mass in problem.toml (the inertials of a "
+            "URDF)",
             None, figures,
         )  # fmt: skip
     elif large:
         yield Issue(
             "torque unit", "error", "all torque channels",
             f"the torques are too large, {size} an arm of {masses} needs: their unit is not N m.",
-            "likely: judged by size alone", "convert them to N m (N for a prismatic joint); if the torques "
+            "likely: judged by size alone", "convert them to N m (N for a prismatic joint); if the "
+            "torques "
             "are right, correct the problem's masses", None, figures,
         )  # fmt: skip
     else:
         yield Issue(
             "torque channel kind", "warning", "all torque channels",
             f"the torques are {1.0 / ratio:.3g} times too small for an arm of {masses}: they are motor "
-            "currents, or torques on the motor side of the gear. A model of them is unscaled: its ratios "
+            "currents, or torques on the motor side of the gear. A model of them is unscaled: its "
+            "ratios "
             "are right, its kilograms are not.",
             "likely: judged by size alone",
-            "multiply each channel by its drive gain (N m per A, gear ratio included); if the torques are "
+            "multiply each channel by its drive gain (N m per A, gear ratio included); if the "
+            "torques are "
             "right, correct the problem's masses", None, figures,
         )  # fmt: skip
 

@@ -100,7 +100,7 @@ def refuse_meaningless(
     Raises InputError where that work would be meaningless.
     """
     from sdp_vs_penalty import show
-    from sdp_vs_penalty.check import check
+    from sdp_vs_penalty.checks import check
 
     reports = check(problem, measurements, thorough=False)
     found = [(r.run, f) for r in reports for f in r.problems if not (gains and f.kind == "torque gain")]

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.check.urdf import check_urdf
+from sdp_vs_penalty.checks.urdf import check_urdf
 from sdp_vs_penalty.cli.verbs import identify as identify_verb
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.diagnosis.curves.curve import Curve

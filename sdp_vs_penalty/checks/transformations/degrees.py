@@ -46,7 +46,11 @@ class Degrees(Transformation):
         scale = tuple(s / DEGREE if j in joints else s for j, s in enumerate(repair.scale))
         without = replace(repair, scale=scale)
         reach = np.abs(scene.reach(without)).max(axis=0)[joints].max()
-        named = ("q1" if scene.n == 1 else f"q1 to q{scene.n}") if every else ", ".join(f"q{j + 1}" for j in joints)
+        named = (
+            ("q1" if scene.n == 1 else f"q1 to q{scene.n}")
+            if every
+            else ", ".join(f"q{j + 1}" for j in joints)
+        )
         what = "the positions are" if every else f"the position of {joints_text(joints)} is"
         yield Element(
             "positions in degrees" if every else "position unit", "error", tuple(joints),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,8 @@ class Delay(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         for name, steps in (("lead", _LATE), ("lag", _SLOW)):
             for x in steps:
-                yield replace(now, **{name: (x,) * scene.n})
+                every: dict[str, Any] = {name: (x,) * scene.n}
+                yield replace(now, **every)
                 if len(scene.joints) > 1:
                     for j in scene.joints:
                         yield now.with_entry(name, j, x)
@@ -54,7 +56,10 @@ class Delay(Transformation):
 
         def at(x: float) -> Repair:
             values = getattr(repair, name)
-            return replace(repair, **{name: tuple(x if j in joints else v for j, v in enumerate(values))})
+            changed: dict[str, Any] = {
+                name: tuple(x if j in joints else v for j, v in enumerate(values))
+            }
+            return replace(repair, **changed)
 
         x = getattr(repair, name)[joints[0]]
         where = "all torque channels" if every else joints_text(joints)

@@ -71,7 +71,8 @@ class Change(Transformation):
                 name if drift else f"{name}, t = {t} s", what,
                 "let the sensor warm up and set its zero before the run, or identify from parts of it"
                 if drift else "cut the run there, or find out what touched the arm",
-                replace(repair, events=others), choices(scene.n * (1 if drift else len(_STEPS))) + _SLOW, mends=False,
+                replace(repair, events=others), choices(scene.n * (1 if drift else len(_STEPS))) +
+                _SLOW, mends=False,
                 figures={"joints": [j + 1], "size": size} | ({} if drift else {"t": event.at}),
             )  # fmt: skip
 

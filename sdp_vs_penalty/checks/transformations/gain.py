@@ -19,7 +19,26 @@ from sdp_vs_penalty.checks.transformations.transformation import (
 )
 
 #: Factors that are tried.
-_GAINS = (1e-3, 1e-2, 0.1, 0.3, 0.5, 0.63, 0.77, 0.87, 0.94, 1.06, 1.14, 1.3, 1.6, 2.0, 3.0, 10.0, 100.0, 1e3)
+_GAINS = (
+    1e-3,
+    1e-2,
+    0.1,
+    0.3,
+    0.5,
+    0.63,
+    0.77,
+    0.87,
+    0.94,
+    1.06,
+    1.14,
+    1.3,
+    1.6,
+    2.0,
+    3.0,
+    10.0,
+    100.0,
+    1e3,
+)
 #: Drives are calibrated to so much (natural logarithm); a model of channels that differ by more than the
 #: second is wrong, not only worse.
 _CALIBRATED, _MEANINGLESS = 0.1, 0.5
@@ -28,7 +47,9 @@ UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
 
 
 class Gain(Transformation):
-    """What one channel has to be multiplied by. The common factor of all is not seen here: see scale.py."""
+    """What one channel has to be multiplied by. The common factor of all is not seen here: see
+    scale.py.
+    """
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         if len(scene.joints) < 2:

@@ -45,7 +45,9 @@ class Mounting(Transformation):
             yield replace(now, gravity=_vector(size * axis))
         for across in np.linalg.svd(given[None, :])[2][1:] if size else ():
             for angle in (-0.3, 0.3):
-                turned = np.cos(angle) * given / max(np.linalg.norm(given), 1e-300) + np.sin(angle) * across
+                turned = (
+                    np.cos(angle) * given / max(np.linalg.norm(given), 1e-300) + np.sin(angle) * across
+                )
                 yield replace(now, gravity=_vector(size * turned))
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
@@ -75,7 +77,8 @@ class Mounting(Transformation):
             kind, "warning" if earthly and angle < _MEANINGLESS else "error", (), "the base", what,
             remedy, without, ODDS + (1.0 if straight else ODD_NUMBER), mends=False,
             number=None if straight or not earthly else Number(
-                angle, _turned(repair, assumed, g, size), float(_LEVEL), 0.5, lambda v: f"{np.degrees(v):.3g} degrees",
+                angle, _turned(repair, assumed, g, size), float(_LEVEL), 0.5,
+                lambda v: f"{np.degrees(v):.3g} degrees",
             ),
             figures={"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]},
         )  # fmt: skip
@@ -104,7 +107,9 @@ class Weight(Transformation):
         if all(w == 1.0 for w in values):
             return
         every = len(set(values)) == 1
-        for joints in [tuple(range(scene.n))] if every else [(j,) for j, w in enumerate(values) if w != 1.0]:
+        for joints in (
+            [tuple(range(scene.n))] if every else [(j,) for j, w in enumerate(values) if w != 1.0]
+        ):
 
             def at(x: float, joints: tuple[int, ...] = joints) -> Repair:
                 kept = (1.0 + x if j in joints else w for j, w in enumerate(values))

@@ -58,7 +58,9 @@ class Exchange(Transformation):
             what = f"{joints} are swapped, {word}." if both else f"{word}{joints} are swapped."
         else:
             named = ", ".join(f"column {order[j] + 1} is joint {j + 1}'s" for j in changed)
-            what = f"{'the channels' if both else word.removesuffix(' of ')} are in another order: {named}."
+            what = (
+                f"{'the channels' if both else word.removesuffix(' of ')} are in another order: {named}."
+            )
         return Element(
             kind, "error", changed, joints, what, f"rename the columns of {names}", without,
             (len(changed) - 1) * choices(count),

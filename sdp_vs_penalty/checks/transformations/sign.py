@@ -44,7 +44,7 @@ class Sign(Transformation):
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         q, tau = np.array(repair.scale) < 0.0, np.array(repair.gain) < 0.0
-        for j in np.flatnonzero(q):
+        for j in np.flatnonzero(q).tolist():
             both = bool(tau[j])
             without = repair.with_entry("scale", j, -repair.scale[j])
             if both:

@@ -19,8 +19,8 @@ from sdp_vs_penalty.robot.arrays import Array
 #: Prior odds against any repair, and against one whose number is no round one (natural logarithms): one
 #: log in some hundred has a given fault; multiples of 90 degrees and powers of ten come first.
 ODDS, ODD_NUMBER = 6.0, 3.0
-#: Other positions are asked for where some joint leaves more than this share of its torque's energy (3 % of
-#: the torque): a wrong sign, order or quarter turn leaves more, even of slow motion.
+#: Other positions are asked for where some joint leaves more than this share of its torque's energy (3
+#: % of the torque): a wrong sign, order or quarter turn leaves more, even of slow motion.
 _UNEXPLAINED = 1e-3
 #: Ranges are known to so much [rad, m].
 _BESIDE = 0.2
@@ -81,7 +81,9 @@ class Scene:
         return repair.positions(self._ends)
 
     def outside(self, repair: Repair) -> int:
-        """How many joints this repair leaves outside their ranges, farther than a zero is calibrated to."""
+        """How many joints this repair leaves outside their ranges, farther than a zero is calibrated
+        to.
+        """
         low, high = np.sort(self.reach(repair), axis=0)
         ends = np.array([(j.lower, j.upper) for j in self.problem.robot.joints]).T
         return int(np.sum((low < ends[0] - _BESIDE) | (high > ends[1] + _BESIDE)))

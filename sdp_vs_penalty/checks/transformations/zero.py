@@ -20,8 +20,8 @@ from sdp_vs_penalty.checks.transformations.transformation import (
     choices,
 )
 
-#: Of the step that is tried beside multiples of 90 degrees: over which it is differentiated [rad, m], and
-#: how far it may go at once [rad].
+#: Of the step that is tried beside multiples of 90 degrees: over which it is differentiated [rad, m],
+#: and how far it may go at once [rad].
 _STEP, _FAR = 0.01, 0.7
 #: Zeros are calibrated to so much: [rad], and as a share of the arm's length.
 _CALIBRATED, _MEASURED = np.radians(1.5), 2e-3

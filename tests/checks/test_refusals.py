@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from small_runs import small_run
 
 from sdp_vs_penalty import compare, identify
-from sdp_vs_penalty.check import check
+from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import load_problem

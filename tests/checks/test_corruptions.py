@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from corruption_arms import FIVE, Arm, simulated
 from corruptions import HARMFUL, run_case
 
-from sdp_vs_penalty.check import channels, check
-from sdp_vs_penalty.check.rows import physics_of
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.checks import check
 
 
 @pytest.fixture(scope="module")
@@ -79,20 +75,3 @@ def test_a_small_tilt_of_the_base_is_named_with_its_direction(degrees: float, ar
     assert [f.severity for f in found] == ["warning"] * bool(degrees)
     for f in found:
         np.testing.assert_allclose(f.gravity, (0.0, 0.0, -9.81), atol=0.1)
-
-
-def test_friction_that_turns_before_the_motion_is_no_delay(arm: Arm) -> None:
-    """Where a joint sticks its friction turns before it moves; inertia and weight are in time."""
-    run, problem = arm.train, arm.problem
-    dq = np.gradient(run.q, run.t, axis=0)
-    before = np.column_stack([np.interp(run.t + 0.03, run.t, x) for x in dq.T])
-    friction = 0.3 * run.tau.std(axis=0) * (np.sign(before) - np.sign(dq))
-    for torque, delays in ((run.tau + friction, []), (_late(run, 0.02), [0.02])):
-        spoiled = replace(run, tau=torque)
-        physics = physics_of(problem, spoiled, problem.preprocessing.resolve(spoiled), 1000)
-        found = [h.issue for h in channels.late(physics, np.ones(5, bool)) if h.issue.kind == "delay"]
-        assert [f.figures["seconds"] for f in found] == pytest.approx(delays, abs=1e-3)
-
-
-def _late(run: Measurements, seconds: float) -> Array:
-    return np.column_stack([np.interp(run.t - seconds, run.t, x) for x in run.tau.T])
