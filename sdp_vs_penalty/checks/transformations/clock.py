@@ -23,6 +23,11 @@ from sdp_vs_penalty.checks.transformations.transformation import (
 _RATES, _KNOWN = (0.3, 0.5, 0.7, 0.85, 1.2, 1.5, 2.0, 3.3), 0.07
 
 
+#: Rates that come first; and how much rarer others are with each e-th part (natural logarithm): a
+#: controller that takes nine tenths of the weight out looks like a clock that is 3.2 times too slow.
+_ROUND, _FAR = (0.5, 2.0), 2.0
+
+
 class Clock(Transformation):
     """Inertia beside the weight tells the rate, friction the direction."""
 
@@ -47,11 +52,12 @@ class Clock(Transformation):
                 f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
                 "torques does not fit the weight.",
                 f"multiply t by {factor:.3g} (find out the log's true rate)",
-                replace(repair, rate=1.0), ODDS + ODD_NUMBER,
-                number=Number(
+                replace(repair, rate=1.0),
+                ODDS + (0.0 if min(abs(factor - x) for x in _ROUND) < 1e-9 else ODD_NUMBER) + _FAR *
+                abs(float(np.log(factor))), number=Number(
                     float(np.log(factor)), lambda v: replace(repair, rate=float(np.exp(v))),
                     _KNOWN, 0.4, lambda v: f"a factor of {np.exp(v):.3g}",
-                    tuple(float(np.log(x)) for x in (0.5, 2.0)),
+                    tuple(float(np.log(x)) for x in _ROUND),
                 ),
                 figures={"factor": factor},
             )  # fmt: skip
