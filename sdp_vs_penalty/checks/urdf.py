@@ -134,7 +134,7 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
 def _reaches(path: str | Path) -> dict[str, float]:
     """How far the body of each moving <link> reaches [m], whatever its inertial says."""
     robot, given = load_urdf(path)
-    open_box = np.tile([-np.inf, np.inf], (robot.n, 3, 1))
+    open_box = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
     bodies = link_bodies(robot, open_box, np.zeros_like(given), link_geometry(path))
     return {
         str(link.get("name")): body.reach
@@ -169,13 +169,14 @@ def _check(name: str, theta: Array) -> LinkCheck:
         return LinkCheck(name, mass, 0.0 if empty else float("nan"), margin, verdict)
     about_com = inertia.inertia_matrix(inertia.barycentric_from_standard(theta)[4:])
     triangle = float(inertia.triangle_margin(theta))
-    scale = float(np.trace(about_com))
+    # What rounding leaves of a moment is relative to the moments about the link's origin.
+    scale = abs(float(np.trace(about_com))) + 2.0 * mass * float(np.sum((theta[1:4] / mass) ** 2))
     if triangle >= -ROUNDING * scale and np.linalg.eigvalsh(about_com)[0] >= -ROUNDING * scale:
-        gyration = float(np.sqrt(max(scale, 0.0) / (2.0 * mass)))
+        gyration = float(np.sqrt(max(float(np.trace(about_com)), 0.0) / (2.0 * mass)))
         return LinkCheck(name, mass, triangle, margin, "consistent", gyration=gyration)
     nearest = nearest_inertia(about_com)
     com = theta[1:4] / mass
-    negative = np.linalg.eigvalsh(about_com)[0] < -ROUNDING * abs(scale)
+    negative = np.linalg.eigvalsh(about_com)[0] < -ROUNDING * scale
     verdict = "negative moment of inertia" if negative else "triangle inequality violated"
     distance = float(np.linalg.norm(about_com - nearest))
     return LinkCheck(name, mass, triangle, margin, verdict, Inertial(mass, com, nearest), distance)

@@ -27,6 +27,9 @@ from sdp_vs_penalty.version import __version__
 
 #: Every file of verbs/ with the line that the program's --help shows, by what it is for.
 VERBS = {
+    "First": {
+        "demo": "The main job in small: a simulated arm, from its log to a better model.",
+    },
     "Measurements": {
         "fetch": "Download public measurements as RUN.csv files.",
         "convert": "Convert MATLAB, Parquet, ROS bags and MCAP files to RUN.csv.",

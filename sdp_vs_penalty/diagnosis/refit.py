@@ -4,7 +4,7 @@ constraints, to compressed rows."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,14 +21,12 @@ from sdp_vs_penalty.robot.arrays import Array
 
 def weighting_of(estimate: Estimate) -> str:
     """How the joints' rows were weighted."""
-    return str(estimate.settings.get("weighting", "noise"))
+    return estimate.weighting
 
 
 def estimator_of(estimate: Estimate) -> Estimator:
     """The method of an estimate with the settings that it had."""
-    estimator = make_estimator(estimate.method)
-    known = {f.name for f in fields(estimator)}  # type: ignore[arg-type]
-    return replace(estimator, **{k: v for k, v in estimate.settings.items() if k in known})  # type: ignore[type-var]
+    return estimate.estimator
 
 
 def model_beside(estimate: Estimate, new: Sequence[Effect], changes: bool = False) -> Model:

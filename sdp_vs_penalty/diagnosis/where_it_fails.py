@@ -19,9 +19,18 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.diagnosis.causes import (
+    NEAR,
+    Stretch,
+    cause_columns,
+    failing_stretches,
+    from_reversal,
+    hats,
+    held_out_share,
+    states,
+)
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.stage import clocks_of, phase_folds
-from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.estimation.sources import as_estimate
@@ -34,10 +43,6 @@ from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
 if TYPE_CHECKING:
     import pandas
 
-#: Hat functions of one quantity; of a pair this many each.
-_HATS, _PAIR_HATS = 10, 6
-#: Seconds around a velocity reversal that count as near it.
-_NEAR = 0.15
 #: Edges of the frequency bands [Hz].
 BANDS = (0.0, 1.0, 4.0, 16.0, 64.0, np.inf)
 _HIGHEST_ORDER = 500
@@ -50,12 +55,12 @@ class JointFailure:
     """How one joint's residual looks (joint from 1).
 
     rmse, noise_floor [N m or N]; explainable : 1 - floor^2 / rmse^2, the share of the residual's
-    variance that repeats; shares : held-out share of the residual's variance that a smooth function
-    of each quantity explains; reversal_lift : RMS within 0.15 s of velocity reversals over that
+    variance that repeats; shares : by cause (causes.py) the held-out share of the residual's variance
+    that a function of it explains; reversal_lift : RMS within 0.15 s of velocity reversals over that
     elsewhere; reversal_asymmetry : (after - before) / (after + before) of the RMS there; bands :
     share of the full-rate residual's energy in each of BANDS; orders : (waves per revolution,
     amplitude [N m], amplitude over its surroundings), the most conspicuous first; correlation : with
-    the residual of each joint.
+    the residual of each joint; stretches : where the error is large, with the cause seen there.
     """
 
     joint: int
@@ -68,6 +73,7 @@ class JointFailure:
     bands: tuple[float, ...]
     orders: tuple[tuple[int, float, float], ...]
     correlation: tuple[float, ...]
+    stretches: tuple[Stretch, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -84,6 +90,7 @@ class JointFailure:
                 {"per_revolution": k, "amplitude": a, "over_surroundings": r} for k, a, r in self.orders
             ],
             "correlation": list(self.correlation),
+            "stretches": [s._asdict() for s in self.stretches],
         }
 
 
@@ -105,10 +112,10 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     if named:
         out = [f"The error depends most on {words(named)}."]
     else:
-        out = [f"No smooth function of the motion explains {100.0 * _NAMED_SHARE:.0f} % of the error."]
+        out = [f"No cause explains {100.0 * _NAMED_SHARE:.0f} % of the error."]
     if failure.reversal_lift >= _NAMED_LIFT:
         out.append(
-            f"Within {_NEAR:g} s of the joint's reversals it is {failure.reversal_lift:.2g} times as "
+            f"Within {NEAR:g} s of the joint's reversals it is {failure.reversal_lift:.2g} times as "
             "large as elsewhere."
         )
     if failure.orders:
@@ -170,7 +177,7 @@ def where_it_fails(
         repeated = with_estimate(segmented(excerpt(given, settings), settings), estimate)
     floors, _ = noise_level(estimate.problem, measurements if given is None else given, settings)
     folds = phase_folds(rows, clocks_of(rows, None if same else repeated))
-    states, runs = _states(rows), measurements.runs()
+    known, runs = states(rows), measurements.runs()
     keep = np.asarray(rows.keep.all(axis=1), bool)
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = np.nan_to_num(np.corrcoef(residual[keep].T).reshape(rows.n, rows.n))
@@ -181,19 +188,25 @@ def where_it_fails(
         floor = None if floors is None else float(floors[j])
         explainable = None if floor is None or rmse == 0.0 else max(0.0, 1.0 - (floor / rmse) ** 2)
         full = [_full_rate(runs[s.run], s, j) for s in rows.segments]
-        lift, asymmetry = _reversals(states["velocity"][:, j], error, rows, keep)
+        orders = _orders(full) if estimate.robot.joints[j].kind == "revolute" else ()
+        velocity = known["velocity"][:, j]
+        lift, asymmetry = _reversals(velocity, error, rows, keep)
+        columns = cause_columns(known, rows, j, [k for k, _, _ in orders])
+        shares = {c: held_out_share(x[keep], error[keep], folds[keep]) for c, x in columns.items()}
+        stretches = failing_stretches(error, floor, velocity, rows.still[:, j], rows, shares)
         out.append(
             JointFailure(
                 j + 1,
                 rmse,
                 floor,
                 explainable,
-                _shares(states, j, error, keep, folds),
+                shares,
                 lift,
                 asymmetry,
                 _bands(full),
-                _orders(full) if estimate.robot.joints[j].kind == "revolute" else (),
+                orders,
                 tuple(float(c) for c in correlation[j]),
+                stretches,
             )
         )
     return out
@@ -203,10 +216,10 @@ def carriers(rows: SegmentedRuns, error: Array, joints: Iterable[int]) -> list[t
     """The variables that carry most of the error (M, n) of some joints (from 0): joint (from 1),
     variable, and the RMS [N m or N] that follows a smooth function of it on stretches left out."""
     folds, keep = phase_folds(rows, clocks_of(rows)), np.asarray(rows.keep.all(axis=1), bool)
-    states = _states(rows)
+    known = states(rows)
     kinds = {"q": "position", "dq": "velocity"}
-    hats = {
-        f"{short}{i + 1}": _hats(states[name][:, i])
+    of_joints = {
+        f"{short}{i + 1}": hats(known[name][:, i])
         for i in range(rows.n)
         for short, name in kinds.items()
     }
@@ -214,89 +227,19 @@ def carriers(rows: SegmentedRuns, error: Array, joints: Iterable[int]) -> list[t
     for j in joints:
         own = error[:, j] - error[keep, j].mean()
         size = float(np.sqrt(np.mean(own[keep] ** 2)))
-        for name, features in {**hats, f"ddq{j + 1}": _hats(states["acceleration"][:, j])}.items():
-            share = _held_out_share(features[keep], own[keep], folds[keep])
+        for name, features in {**of_joints, f"ddq{j + 1}": hats(known["acceleration"][:, j])}.items():
+            share = held_out_share(features[keep], own[keep], folds[keep])
             found.append((j + 1, name, size * float(np.sqrt(share))))
     best = sorted(found, key=lambda one: -one[2])[:_MOST_NAMED]
     return [one for one in best if one[2] > 0.0]
-
-
-def _states(rows: SegmentedRuns) -> dict[str, Array]:
-    def stack(name: str) -> Array:
-        return np.concatenate([s.low_pass @ getattr(s.motion, name) for s in rows.segments])
-
-    return {
-        "position": stack("q"),
-        "velocity": stack("dq"),
-        "acceleration": stack("ddq"),
-        "torque": stack("torque"),
-        "time": np.repeat(rows.t[:, None], rows.n, axis=1),
-    }
-
-
-def _shares(
-    states: dict[str, Array], j: int, error: Array, keep: NDArray[np.bool_], fold: NDArray[np.intp]
-) -> dict[str, float]:
-    x = {name: values[:, j] for name, values in states.items()}
-    load = np.abs(x["torque"]) * smooth_sign(x["velocity"])
-    others = [
-        _hats(states[name][:, i], 5)
-        for i in range(states["velocity"].shape[1])
-        if i != j
-        for name in ("velocity", "position")
-    ]
-    features = {
-        **{name: _hats(x[name]) for name in ("position", "velocity", "acceleration", "torque")},
-        "load x direction": _hats(load),
-        "time": _hats(x["time"], 6),
-        "other joints": np.hstack(others) if others else np.zeros((len(error), 0)),
-        "(q, dq)": _pair(x["position"], x["velocity"]),
-        "(dq, ddq)": _pair(x["velocity"], x["acceleration"]),
-        "(dq, tau)": _pair(x["velocity"], x["torque"]),
-    }
-    return {name: _held_out_share(f[keep], error[keep], fold[keep]) for name, f in features.items()}
-
-
-def _hats(x: Array, count: int = _HATS) -> Array:
-    """(N, count) piecewise linear functions that add up to one, knots at quantiles."""
-    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
-    if len(knots) < 2:
-        return np.ones((len(x), 1))
-    return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
-
-
-def _pair(x: Array, y: Array) -> Array:
-    a, b = _hats(x, _PAIR_HATS), _hats(y, _PAIR_HATS)
-    return np.einsum("ni,nj->nij", a, b).reshape(len(x), -1)
-
-
-def _held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> float:
-    """1 - squared error of the prediction / squared error of none, over held-out folds; >= 0."""
-    left = total = 0.0
-    for f in np.unique(fold):
-        out = fold == f
-        if out.all() or not features.shape[1]:
-            return 0.0
-        A, b = features[~out], error[~out]
-        ridge = 1e-3 * np.trace(A.T @ A) / A.shape[1]
-        theta = np.linalg.solve(A.T @ A + ridge * np.eye(A.shape[1]), A.T @ b)
-        left += float(np.sum((error[out] - features[out] @ theta) ** 2))
-        total += float(np.sum(error[out] ** 2))
-    return max(0.0, 1.0 - left / total) if total > 0.0 else 0.0
 
 
 def _reversals(
     velocity: Array, error: Array, rows: SegmentedRuns, keep: NDArray[np.bool_]
 ) -> tuple[float, float]:
     """RMS near velocity reversals over elsewhere, and its asymmetry from before to after."""
-    turn = np.flatnonzero(
-        (np.sign(velocity[1:]) != np.sign(velocity[:-1])) & (rows.segment[1:] == rows.segment[:-1])
-    )
-    span = max(1, round(_NEAR * rows.rate))
-    before, after = np.zeros(len(error), bool), np.zeros(len(error), bool)
-    for k in turn:
-        before[max(k - span + 1, 0) : k + 1] = True
-        after[k + 1 : k + 1 + span] = True
+    away, _ = from_reversal(velocity, rows)
+    before, after = (away < 0.0) & (away >= -NEAR), (away >= 0.0) & (away <= NEAR)
     before, after, apart = before & keep, after & keep, keep & ~before & ~after
     if not (before.any() and after.any() and apart.any()):
         return float("nan"), float("nan")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import platform
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -91,8 +92,11 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
     )
 
 
-def proved(task: Task, fit: Fit, theta: Array, method: str) -> Proof:
-    """The proof that the objective of a certified theta is within its interval of the optimum.
+def proved(
+    task: Task, fit: Fit, theta: Array, method: str, made_of: Mapping[str, str] | None = None
+) -> Proof:
+    """The proof that the objective of a certified theta is within its interval of the optimum; made_of :
+    the hashes of model and data that it names.
 
     Raises InputError where the method is not convex, or has no constraints: nothing bounds it.
     """
@@ -109,6 +113,7 @@ def proved(task: Task, fit: Fit, theta: Array, method: str) -> Proof:
         task.bound,
         fit.entropy_slopes,
         [parameter.name for parameter in task.model.parameters],
+        made_of,
     )
 
 

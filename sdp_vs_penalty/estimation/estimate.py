@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,8 @@ from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.show import parameter_rows, plot_parameters
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.estimators import make_estimator
+from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
@@ -117,6 +120,33 @@ class Estimate(Shown):
         known = np.full(len(self.theta), np.nan)
         known[self.model.rigid_indices] = self.problem.nominal(self.model)[self.model.rigid_indices]
         return known
+
+    @property
+    def identity(self) -> str:
+        """SHA-256 of what decides the model's torque: robot, effects, reference, gains, parameters."""
+        gains = self.problem.gains
+        body = {
+            "robot": self.robot.to_dict(),
+            "effects": [e.to_dict() for e in self.model.effects],
+            "reference": None if self.model.reference is None else self.model.reference.tolist(),
+            "gains": None if gains is None else list(gains),
+            "names": [p.name for p in self.model.parameters],
+            "values": self.theta.tolist(),
+        }
+        return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def weighting(self) -> str:
+        """How the joints' rows were weighted."""
+        return str(self.settings.get("weighting", "noise"))
+
+    @property
+    def estimator(self) -> Estimator:
+        """The method with the settings that it had."""
+        made = make_estimator(self.method)
+        known = {f.name for f in dataclasses.fields(made)}  # type: ignore[arg-type]
+        given = {name: value for name, value in self.settings.items() if name in known}
+        return dataclasses.replace(made, **given)  # type: ignore[type-var]
 
     def torque(self, motion: Motion) -> Array:
         """Modelled torque (N, n) of a motion."""

@@ -77,7 +77,8 @@ def identify(
     estimate = replace(estimate, details={**estimate.details, **posed.details})
     if proof is not None:
         progress("proving the optimum")
-        write_proof(proved(posed.task, fit, estimate.theta, estimate.method), proof)
+        made_of = {"model": estimate.identity, "data": posed.measurements.data_hash}
+        write_proof(proved(posed.task, fit, estimate.theta, estimate.method, made_of), proof)
     return estimate
 
 

@@ -22,9 +22,10 @@ from sdp_vs_penalty.errors import InputError, unreadable
 
 T = TypeVar("T")
 
-#: Bytes of one file: of a recording (CSV text of 4 GiB of numbers), of a mesh, and of text that is
-#: parsed whole (URDF, TOML, JSON, bounds, proofs: the largest of ours, a proof of 60 links, has 12 MB).
-LARGEST_RUN, LARGEST_MESH, LARGEST_TEXT = 2**34, 2**28, 2**26
+#: Bytes of one file: of a recording (CSV text of 4 GiB of numbers), of a mesh, of text that is parsed
+#: whole (URDF, JSON, bounds, proofs: the largest of ours, a proof of 60 links, has 12 MB), and of TOML,
+#: whose parser takes time with the square of a dotted key's length (ours have 2 kB).
+LARGEST_RUN, LARGEST_MESH, LARGEST_TEXT, LARGEST_TOML = 2**34, 2**28, 2**26, 2**16
 #: Memory that unpacking a file may take: bytes, and bytes a byte of it. Measured channels unpack to 3 to
 #: 20 times their size.
 _ROOM, _PER_BYTE = 384 * 2**20, 25
@@ -78,7 +79,8 @@ def _regular(path: Path, found: os.stat_result, largest: int) -> None:
 
 def too_large(path: Path, largest: int) -> InputError:
     """The error of a file of more bytes than its kind has."""
-    return InputError(f"larger than {largest // 2**20} MiB", "name a smaller file, or cut it", path)
+    size = f"{largest // 2**20} MiB" if largest >= 2**20 else f"{largest // 2**10} KiB"
+    return InputError(f"larger than {size}", "name a smaller file, or cut it", path)
 
 
 @contextmanager
@@ -192,20 +194,27 @@ def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str,
             raise InputError(f"not a {kind} of this program (no field {mark!r})", f"name a {kind}")
         return build(data)
 
-    return _built(Path(path), "JSON", json.loads, checked, "write the file anew")
+    return _built(Path(path), "JSON", json.loads, checked, "write the file anew", LARGEST_TEXT)
 
 
 def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
     """What ``build`` makes of the TOML file at ``path``; errors as of :func:`read_json`."""
     import tomllib
 
-    return _built(path, "TOML", tomllib.loads, build, "compare the file with a built-in one")
+    return _built(
+        path, "TOML", tomllib.loads, build, "compare the file with a built-in one", LARGEST_TOML
+    )
 
 
 def _built(
-    path: Path, kind: str, parse: Callable[[str], Any], build: Callable[[Any], T], remedy: str
+    path: Path,
+    kind: str,
+    parse: Callable[[str], Any],
+    build: Callable[[Any], T],
+    remedy: str,
+    largest: int,
 ) -> T:
-    text = read_text(path)
+    text = read_text(path, largest)
     try:
         data = parse(text)
         _require_shallow(data)

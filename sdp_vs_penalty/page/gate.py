@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 from urllib.parse import urlencode
 
+from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 
@@ -35,8 +36,14 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 KEY = "key"
 
 
+def guarded(app: App, port: int, key: str, host: str = "127.0.0.1", tls: bool = False) -> App:
+    """The app behind Starlette's check of the Host header (DNS rebinding) and :class:`Gate`."""
+    gate = Gate(app, port, key, host, tls)
+    return TrustedHostMiddleware(gate, gate.names, www_redirect=False)
+
+
 class Gate:
-    """ASGI middleware: refuses foreign Host headers (DNS rebinding), foreign origins and strangers.
+    """ASGI middleware: refuses foreign origins and strangers.
 
     A page of another site can make a browser send requests to 127.0.0.1, under that site's name as
     Host, or with that site as Origin; neither is ours. Another account of this computer can ask as it
@@ -49,10 +56,10 @@ class Gate:
         self.app, self.key, self.tls = app, key, tls
         # Cookies know no ports: two servers on one computer must not take each other's away.
         self.cookie = f"sdp-vs-penalty-key-{port}"
-        names = {host, "127.0.0.1", "localhost"} if host in LOOPBACK else {host}
-        self.hosts = {f"{f'[{name}]' if ':' in name else name}:{port}" for name in names}
-        self.origins = {f"http{'s' * tls}://{host}" for host in self.hosts}
-        sockets = " ".join(f"ws{'s' * tls}://{host}" for host in sorted(self.hosts)).encode()
+        asked = {host, "127.0.0.1", "localhost"} if host in LOOPBACK else {host}
+        self.names = sorted(f"[{name}]" if ":" in name else name for name in asked)
+        self.origins = {f"http{'s' * tls}://{name}:{port}" for name in self.names}
+        sockets = " ".join(f"ws{'s' * tls}://{name}:{port}" for name in self.names).encode()
         self.headers = [(name, value.replace(b"SOCKETS", sockets)) for name, value in _HEADERS]
 
     async def __call__(self, scope: Scope, receive: Any, send: Any) -> None:
@@ -67,7 +74,7 @@ class Gate:
         elsewhere = elsewhere and not (mode == "navigate" and self._has_key(asked))
         foreign = origin not in self.origins if origin else socket
         known = self._same(asked.cookies.get(self.cookie, ""))
-        refused = asked.headers.get("host") not in self.hosts or foreign or elsewhere
+        refused = foreign or elsewhere
         arrives = not socket and scope["method"] == "GET" and self._has_key(asked)
         if refused or not (known or arrives):
             if socket:

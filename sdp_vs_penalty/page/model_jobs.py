@@ -10,15 +10,14 @@ import numpy as np
 from sdp_vs_penalty.checks import urdf
 from sdp_vs_penalty.data.files import windowed
 from sdp_vs_penalty.data.texts import time_windows
-from sdp_vs_penalty.diagnosis.refit import weighting_of
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.pose import PoseOptions
+from sdp_vs_penalty.estimation.verify import verify_proof_file
 from sdp_vs_penalty.exporters import sdp
 from sdp_vs_penalty.page.run_jobs import Answer, Progress, Request, runs_of
 from sdp_vs_penalty.page.summary import placed, save_arrays
 from sdp_vs_penalty.simulation.follow import follow
-from sdp_vs_penalty.solvers.proof import verdict
 
 
 def forward(request: Request, progress: Progress) -> Answer:
@@ -65,7 +64,7 @@ def prove(request: Request, progress: Progress) -> Answer:
         runs,
         model.method,
         effects=model.model.effects,
-        weighting=weighting_of(model),
+        weighting=model.weighting,
         seed=int(request["seed"]),
         progress=progress,
         proof=out,
@@ -76,7 +75,7 @@ def prove(request: Request, progress: Progress) -> Answer:
 
 def verify(request: Request, progress: Progress) -> Answer:
     """What `sdp-vs-penalty verify` says of a proof."""
-    holds, said = verdict(request["proof"])
+    holds, said = verify_proof_file(request["proof"])
     return {"holds": holds, "said": said}
 
 
@@ -84,7 +83,7 @@ def pose(request: Request, progress: Progress) -> Answer:
     """The SDP behind a model as a file, and what it means: what `sdp-vs-penalty export-sdp` does."""
     model, out = load_estimate(request["model"]), Path(request["folder"]) / request["name"]
     runs = windowed(runs_of(request).train, time_windows(request["window"]))
-    options = PoseOptions(model.model.effects, weighting=weighting_of(model), seed=int(request["seed"]))
+    options = PoseOptions(model.model.effects, weighting=model.weighting, seed=int(request["seed"]))
     sdp.write_posed(model.problem, runs, out, model.method, options, progress)
     return {"files": [out.name, f"{out.name}.json"]}
 

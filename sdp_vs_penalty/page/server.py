@@ -13,7 +13,6 @@ import socket
 import sys
 import tomllib
 import webbrowser
-from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,11 +22,12 @@ from fastapi import FastAPI, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, PlainTextResponse, RedirectResponse
 from nicegui import app as nicegui_app
 from nicegui import ui
+from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import uploads
-from sdp_vs_penalty.page.gate import KEY, LOOPBACK, Gate
+from sdp_vs_penalty.page.gate import KEY, LOOPBACK, guarded
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.state import internal_error
@@ -144,7 +144,7 @@ def serve(
     if browser:
         nicegui_app.on_startup(lambda: asyncio.to_thread(webbrowser.open, address))
     config = uvicorn.Config(
-        Gate(make_app(page), chosen, key, at.host, at.tls),
+        guarded(make_app(page), chosen, key, at.host, at.tls),
         ssl_certfile=at.certificate,
         ssl_keyfile=at.key,
         log_level="error",
@@ -274,7 +274,9 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
                 "a job is running", "wait until it is done or cancel it, then drop the file again", name
             )
         announced = int(length) if length.isdigit() else None
-        path = await uploads.receive(session.folder, name, announced, _body(request), kind)
+        path = await uploads.receive(session.folder, name, announced, request.stream(), kind)
+    except ClientDisconnect:  # whoever sent it is gone, and what came of it too
+        return JSONResponse({}, 400)
     except InputError as error:
         session.say(str(error))
         return JSONResponse({"error": str(error)}, 400)
@@ -293,11 +295,6 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
             name = f"{Path(name).stem} again{Path(name).suffix}"
         session.arrived[name] = path
     return JSONResponse({})
-
-
-async def _body(request: Request) -> AsyncIterator[bytes]:
-    async for chunk in request.stream():
-        yield chunk
 
 
 def _to(session: Session) -> Response:

@@ -16,6 +16,8 @@ from sdp_vs_penalty.page.workshop import Workshop
 _KEPT, _KEPT_FOR = 4, 4 * 3600.0
 #: Tabs that can be open at once.
 MOST = 20
+#: How long a browser may take from its request until its tab is there [s].
+_CONNECTS = 60.0
 
 
 class Sessions:
@@ -27,9 +29,12 @@ class Sessions:
         self._all: dict[str, Session] = {}
 
     def new(self) -> Session:
-        """An empty session. Raises InputError where as many tabs as there may be are open."""
+        """An empty session, open from now on: a browser was sent there, and connects a while later.
+
+        Raises InputError where as many tabs as there may be are open.
+        """
         self._forget_old()
-        if sum(bool(s.watchers) for s in self._all.values()) >= MOST:
+        if sum(map(_open, self._all.values())) >= MOST:
             raise InputError(f"{MOST} tabs are open", "close one, and open this page again")
         token = secrets.token_urlsafe(24)
         folder = self.root / token
@@ -66,10 +71,17 @@ class Sessions:
         shutil.rmtree(self.root, ignore_errors=True)
 
     def _forget_old(self) -> None:
-        closed = sorted((s for s in self._all.values() if not s.watchers), key=lambda s: -s.left_at)
+        closed = sorted((s for s in self._all.values() if not _open(s)), key=lambda s: -s.left_at)
         now = time.monotonic()
         for k, session in enumerate(closed):
             if k >= _KEPT or now - session.left_at > _KEPT_FOR:
                 session.cancel()
                 del self._all[session.token]
                 shutil.rmtree(session.folder, ignore_errors=True)
+
+
+def _open(session: Session) -> bool:
+    """Whether a tab shows it, or may be about to."""
+    return bool(session.watchers) or (
+        not session.shown and time.monotonic() - session.left_at < _CONNECTS
+    )

@@ -102,6 +102,8 @@ class TabState:
     #: The arguments of the command that makes the simulated runs.
     made_by: list[str] | None = None
     left_at: float = field(default_factory=time.monotonic)
+    #: Whether a tab has shown it yet.
+    shown: bool = False
     #: How often a control was moved in vain: it has to be drawn anew as it is.
     refusals: int = 0
     #: Shown names by path.

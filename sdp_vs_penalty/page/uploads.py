@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import secrets
@@ -15,6 +16,8 @@ from sdp_vs_penalty.errors import InputError
 #: Bytes of one file, and of all files of a session.
 LARGEST_FILE, LARGEST_SESSION = 256 * 2**20, 2**30
 MOST_FILES = 100
+#: How long whoever sends a file may be silent [s].
+SILENCE = 30.0
 
 #: Suffixes that the readers know, and that of the files of a Panda logger's folder.
 RUN_SUFFIXES = (*suffixes(), ".txt")
@@ -68,24 +71,39 @@ async def receive(
     if length is not None and length > LARGEST_FILE:
         raise too_large(name, length)
     kept = [p for p in folder.rglob("*") if p.is_file()]
-    room = LARGEST_SESSION - sum(p.stat().st_size for p in kept)
-    if len(kept) >= MOST_FILES or (length or 0) > room:
+    room = min(LARGEST_FILE, LARGEST_SESSION - sum(p.stat().st_size for p in kept))
+    reserved = LARGEST_FILE if length is None else length
+    if len(kept) >= MOST_FILES or reserved > max(room, 0):
         raise InputError("this page has reached its limit of files", "start over", name)
     path = folder / f"file-{secrets.token_hex(8)}{suffix}"
     size = 0
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with os.fdopen(handle, "wb") as file:
-            async for chunk in chunks:
+            file.truncate(reserved)  # for whatever else arrives meanwhile; takes no disk
+            while chunk := await _next(chunks, name):
                 size += len(chunk)
-                if size > min(LARGEST_FILE, room):
-                    raise too_large(name, size, min(LARGEST_FILE, room))
+                if size > reserved:
+                    raise too_large(name, size, reserved)
                 file.write(chunk)
+            file.truncate(size)
     except BaseException:
         with contextlib.suppress(OSError):
             path.unlink()
         raise
     return path
+
+
+async def _next(chunks: AsyncIterator[bytes], name: str) -> bytes:
+    """What comes next, nothing at the end. Raises InputError after a silence."""
+    try:
+        async with asyncio.timeout(SILENCE):
+            async for chunk in chunks:
+                if chunk:
+                    return chunk
+    except TimeoutError as error:
+        raise InputError(f"nothing came for {SILENCE:g} s", "send it again", name) from error
+    return b""
 
 
 def logger_folder(folder: Path, files: dict[str, Path]) -> Path | None:

@@ -48,6 +48,7 @@ class Workbench:
         self._skip.props["href"] = f"#{self._main.html_id}"
         self._dock()
         self.session.watchers.append(self)
+        self.session.shown = True
         self.redraw()
 
     @property

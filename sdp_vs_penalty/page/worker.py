@@ -7,9 +7,11 @@ whatever happens to that.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import json
 import multiprocessing
 import os
+import signal
 import threading
 import warnings
 from multiprocessing.connection import Connection
@@ -20,12 +22,15 @@ from sdp_vs_penalty.page.jobs import JOBS
 
 #: Of the computer's memory, how much all jobs together may use, and what each has at least [bytes].
 _SHARE, _LEAST = 0.75, 2**31
+#: prctl's number for "which signal I get when my parent ends" (linux/prctl.h).
+_PR_SET_PDEATHSIG = 1
 
 
 def main(connection: Connection) -> None:
     """Do the one job that comes over the pipe."""
     with contextlib.suppress(OSError, AttributeError):  # where there are sessions: none of ours yet
         os.setsid()  # Ctrl-C in the terminal is the server's; a kill reaches what a job starts
+    _end_with_parent()
     try:
         request = json.loads(connection.recv_bytes())
     except (EOFError, OSError):  # not needed any more
@@ -69,6 +74,17 @@ def limit_memory(jobs: int) -> None:
 
 def _send(connection: Connection, message: dict[str, Any]) -> None:
     connection.send_bytes(json.dumps(message).encode())
+
+
+def _end_with_parent() -> None:
+    """Killed with the forking server, which ends with the page's, however busy this process is (Linux).
+
+    Not where a thread of the page has started it: the signal would come when that thread ends.
+    """
+    server = multiprocessing.parent_process()
+    if server is not None and os.getppid() != server.pid:
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _end_with(connection: Connection) -> None:

@@ -17,20 +17,20 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.report import evidence, explorer, parameters, sections
+from sdp_vs_penalty.report import evidence, parameters, sections
+from sdp_vs_penalty.report import findings as findings_of
 from sdp_vs_penalty.report.section import Material, page
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.follow import Following, follow
 
 #: Processor time that free runs may take [s], and about that of a step: on its own and each joint's.
-_FREE_SECONDS, _STEP_SECONDS = 3.0, (3e-4, 1.6e-4)
+_FREE_SECONDS, _STEP_SECONDS = 1.0, (3e-4, 1.6e-4)
 _SECTIONS = (
-    sections.summary,
+    sections.verdict,
     sections.torques,
     sections.failures,
-    explorer.explorer,
-    explorer.findings,
-    explorer.curves,
+    findings_of.findings,
+    findings_of.curves,
     sections.ladder,
     sections.forward,
     parameters.parameters,
@@ -106,7 +106,10 @@ def _material(
     except InputError as error:
         ahead = str(error)
     progress("looking where it fails")
-    failures = where_it_fails(last, runs, settings, noise_from=noise_from)
+    ends = dict.fromkeys((next(iter(models)), list(models)[-1]))
+    failures = {
+        name: where_it_fails(models[name], runs, settings, noise_from=noise_from) for name in ends
+    }
     checks = check(last.problem, runs)
     return Material(models, runs, comparisons, rows, failures, checks, (), ahead)
 

@@ -1,11 +1,17 @@
-(() => {
+(async () => {
+  // Scripts and figures are kept compressed: four times smaller.
+  const unpack = async place => {
+    const bytes = Uint8Array.from(atob(place.textContent), letter => letter.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Response(stream).text();
+  };
   const waiting = new Set(document.querySelectorAll(".plot")), near = [], groups = {};
+  const given_of = new Map();
   const draw = place => {
     if (!waiting.delete(place)) return;
-    const given = JSON.parse(place.nextElementSibling.textContent);
+    const given = given_of.get(place);
     Plotly.newPlot(place, given.data, given.layout, {displayModeBar: false, responsive: true});
-    const {linked, group} = given.layout.meta || {};
-    if (linked) link(place, linked);
+    const {group} = given.layout.meta || {};
     if (group) join(place, groups[group] ||= {places: [], span: {}, hidden: []});
   };
   // Figures of a group show the same stretch of time and hide the same names.
@@ -30,22 +36,6 @@
       tell("restyle", change, traces);
     });
   };
-  // Of every so many traces the first and the last show the same rows, selected together.
-  const link = (place, every) => {
-    const mark = event => {
-      const rows = {};
-      for (const p of (event && event.points) || []) {
-        const k = p.curveNumber;
-        if (k % every !== 1) (rows[Math.floor(k / every)] ||= new Set()).add(p.pointNumber);
-      }
-      const none = Object.keys(rows).length === 0;
-      const marked = place.data.map((_, k) => none ? null : [...(rows[Math.floor(k / every)] || [])]);
-      const shown = marked.map((own, k) => k % every === 1 ? null : own);
-      Plotly.restyle(place, {selectedpoints: shown});
-    };
-    place.on("plotly_selected", mark);
-    place.on("plotly_deselect", () => mark());
-  };
   const next = () => {
     draw(near.shift());
     if (near.length) setTimeout(next, 30);
@@ -59,5 +49,10 @@
     document.querySelectorAll("details").forEach(part => { part.open = true; });
     [...waiting].forEach(draw);
   });
+  const script = document.createElement("script");
+  script.textContent = await unpack(document.getElementById("plotly"));
+  document.head.append(script);
+  for (const place of waiting) given_of.set(place, JSON.parse(await unpack(place.nextElementSibling)));
   waiting.forEach(place => seen.observe(place));
+  document.body.dataset.ready = "";
 })();

@@ -19,7 +19,7 @@ MEASURED = "#888888"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8A6FDF")
 
 #: Points of a curve: more than a screen is wide, few enough to draw at once.
-POINTS = 1200
+POINTS = 800
 
 
 @dataclass(frozen=True)

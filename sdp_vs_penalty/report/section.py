@@ -1,5 +1,7 @@
 """What a section of the report is, and the few shapes of markup that sections are made of."""
 
+import base64
+import gzip
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -25,16 +27,16 @@ class Material:
     """Everything that the sections show, computed once.
 
     models : by name, in the order in which effects were added; the last one is looked at closely.
-    rows : of each model the filtered rows of each run; commands : that made this report;
-    forward : the last model run forward, or the sentence why it cannot; diagnosis : of one of the
-    models, where there is one.
+    rows : of each model the filtered rows of each run; failures : of the first model and of the last;
+    commands : that made this report; forward : the last model run forward, or the sentence why it
+    cannot; diagnosis : of one of the models, where there is one.
     """
 
     models: Mapping[str, Estimate]
     measurements: Measurements
     comparisons: Sequence[Comparison]
     rows: Mapping[str, list[Rows]]
-    failures: Sequence[JointFailure]
+    failures: Mapping[str, Sequence[JointFailure]]
     checks: Sequence[Report]
     commands: Sequence[str]
     forward: Following | str
@@ -50,6 +52,10 @@ class Material:
         ahead = "" if isinstance(self.forward, str) else self.forward.verdict
         missing = "" if self.diagnosis is None else still_missing(self.diagnosis, self.last)
         return self.comparisons[-1].verdict_with(missing, ahead)
+
+    @property
+    def first_name(self) -> str:
+        return next(iter(self.models))
 
     @property
     def last_name(self) -> str:
@@ -96,15 +102,25 @@ def figure(plot: Any, caption: str, height: int, group: str = "") -> str:
     group are zoomed in time together, and a name that is hidden in one is hidden in all."""
     if group:
         plot.update_layout(meta={"group": group})
-    # Plotly writes "<", ">" and "/" inside texts as escapes: no text can end the script element.
-    data = styled(plot, height).to_json()
+    plot.layout.template = None  # seven kilobytes a figure that styled() makes needless
+    for trace in plot.data:
+        for axis in ("x", "y", "z"):  # single precision is finer than any screen
+            values = getattr(trace, axis, None)
+            if isinstance(values, np.ndarray) and values.dtype == np.float64:
+                trace[axis] = values.astype(np.float32)
+    data = packed(styled(plot, height).to_json())
     shrunk = f"--on-paper:{min(1.0, _SHEET / height):.3f}"
     return (
         f'<figure style="{shrunk}"><div class="plot" style="height:{height}px"></div>'
-        f'<script type="application/json">{data}</script>'
+        f'<script type="application/gzip">{data}</script>'
         + (f"<figcaption>{escape(caption)}</figcaption>" if caption else "")
         + "</figure>"
     )
+
+
+def packed(text: str) -> str:
+    """Compressed, as text that cannot end a script element; draw.js unpacks it."""
+    return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -129,8 +145,9 @@ def page(title: str, sections: Sequence[Section], script: str) -> str:
         "script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:\">"
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head>"
         f"<body><main><h1>{escape(title)}</h1><nav>{links}</nav>{bodies}</main>"
-        # Last, so that text and tables are there before four megabytes of script are read.
-        f"<script>{_unwrapped(script)}</script><script>{_DRAW}</script></body></html>\n"
+        # Last, so that text and tables are there before the script is unpacked and read.
+        f'<script type="application/gzip" id="plotly">{packed(_unwrapped(script))}</script>'
+        f"<script>{_DRAW}</script></body></html>\n"
     )
 
 

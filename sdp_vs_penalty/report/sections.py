@@ -13,13 +13,35 @@ from sdp_vs_penalty.diagnosis.show import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.sandwich import NORMAL_95
-from sdp_vs_penalty.report.plots import POINTS, Curves, ladder_figure, torque_figure
+from sdp_vs_penalty.estimation.verdict import changes
+from sdp_vs_penalty.report.pictures import (
+    SHADES,
+    bars,
+    found_shares,
+    heat_map,
+    heat_rows,
+    legend,
+    shades,
+)
+from sdp_vs_penalty.report.plots import POINTS, Curves, torque_figure
 from sdp_vs_penalty.report.section import JOINT_HEIGHT, Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot.arrays import Array
 
 
-def summary(material: Material) -> Section:
-    """One line a model: its error, its constraints, its certificate."""
+def verdict(material: Material) -> Section:
+    """How good the last model is, what became of each joint's error, and each model in a line."""
+    said, first, last = material.verdict, material.comparisons[0], material.comparisons[-1]
+    several = len(material.comparisons) > 1
+    body = f'<p class="verdict {said.grade.replace(" ", "-")}">{escape(said.headline)}</p>'
+    if several and (changed := changes(first.rmse, last.rmse, last.noise_floor)):
+        body += f"<p><b>{escape(changed)}</b></p>"
+    floor = None if last.noise_floor is None else last.noise_floor.tolist()
+    after = last.rmse.tolist() if several else None
+    body += bars(first.rmse.tolist(), after, floor, material.last.robot.torque_units)
+    lines = [(line.about, line.grade, line.text) for line in said.lines]
+    body += table((material.last_name, "grade", "why"), lines, numbers_from=3)
+    if said.remark:
+        body += text(said.remark)
     rows = []
     for name, comparison in zip(material.models, material.comparisons, strict=True):
         estimate = material.models[name]
@@ -27,6 +49,7 @@ def summary(material: Material) -> Section:
         rows.append(
             (
                 name,
+                comparison.verdict.grade,
                 estimate.method,
                 len(estimate.theta),
                 f"{comparison.relative_error_percent:.3f} %",
@@ -35,31 +58,17 @@ def summary(material: Material) -> Section:
                 number(estimate.certificate.gap, 2),
             )
         )
+    heads = ("model", "grade", "method", "parameters", "relative error", "new motion", "constraints")
+    body += table((*heads, "certified gap"), rows, numbers_from=3)
     m = material.measurements
     seconds = sum(float(run.t[-1] - run.t[0]) for run in m.runs())
-    body = text(
+    body += text(
         f"{material.last.robot.name}, {show.count(material.last.robot.n, 'joint')}. Judged on "
         f"{show.count(len(m.names), 'run')}, {len(m.t)} samples, {seconds:.3g} s: "
         f"{', '.join(m.names)}. Measured and modelled torques passed the same low-pass at "
         f"{material.comparisons[0].band_hz:.3g} Hz."
     )
-    heads = (
-        "model",
-        "method",
-        "parameters",
-        "relative error",
-        "new motion",
-        "constraints",
-        "certified gap",
-    )
-    verdict = material.verdict
-    lines = [(line.about, line.grade, line.text) for line in verdict.lines]
-    body = (
-        f'<p class="verdict {verdict.grade.replace(" ", "-")}">{escape(verdict.headline)}</p>'
-        + table((material.last_name, "grade", "why"), lines, numbers_from=3)
-        + body
-    )
-    return Section("summary", "Summary", body + table(heads, rows, numbers_from=2))
+    return Section("verdict", "Verdict", body)
 
 
 def torques(material: Material) -> Section:
@@ -79,20 +88,42 @@ def torques(material: Material) -> Section:
         )
         for index, run in enumerate(next(iter(material.rows.values())))
     ]
+    failing = material.failures[material.first_name]
+    causes = [c for c in SHADES if any(s.cause == c for f in failing for s in f.stretches)]
     body = text(
-        "Left: measured and modelled torque. Right: the residuals. Click a name to hide it, drag to "
-        f"look closer. Shaded: where 95 % of the errors of {material.last_name} should lie, given its "
-        "parameters' uncertainty and what it left of its own training runs."
+        "Left: measured and modelled torque. Right: the errors on the same time axis. Click a name to "
+        f"hide it, drag to look closer. Grey band: where 95 % of the errors of {material.last_name} "
+        "should lie, given its parameters' uncertainty and what it left of its own training runs."
     )
-    bands = _bands(material)
+    body += legend(causes)
+    bands, starts = _bands(material), run_starts(material)
     for j in range(n):
         plot = torque_figure(runs, j, units[j])
         for t, half in bands:  # around a zero error, beside the errors
             for bound, fill in ((half[:, j], None), (-half[:, j], "tonexty")):
                 band = Scatter(x=t, y=bound, fill=fill, fillcolor="rgba(128,128,128,0.25)", **shade)
                 plot.add_trace(band, row=1, col=2)
+        placed = [
+            (s.start + shift, s.stop + shift, s.cause)
+            for s in failing[j].stretches
+            for name, shift in starts.items()
+            if s.run.startswith(name)
+        ]
+        plot.update_layout(shapes=shades(placed, ("x", "x2")))
+        plot.update_xaxes(matches="x", row=1, col=2)
         body += figure(plot, "", JOINT_HEIGHT, "torques")
-    return Section("torques", "Measured against modelled", body)
+    return Section("torques", "Where and when: measured against modelled", body)
+
+
+def run_starts(material: Material) -> dict[str, float]:
+    """By run what is added to its clock on the figures, where runs follow each other."""
+    starts, start = {}, 0.0
+    names = [run.names[0] for run in material.measurements.runs()]
+    for name, rows in zip(names, material.rows[material.first_name], strict=True):
+        t = rows.motion.t
+        starts[name] = start - float(t[0])
+        start += float(t[-1] - t[0]) + 1.0
+    return starts
 
 
 def _bands(material: Material) -> list[tuple[Array, Array]]:
@@ -111,7 +142,6 @@ def _bands(material: Material) -> list[tuple[Array, Array]]:
 
 def ladder(material: Material) -> Section:
     """The error of every joint, model by model, above the noise."""
-    names = list(material.models)
     heads = ["joint"]
     for c in material.comparisons:
         heads += [f"RMSE {c.name}", "R2"]
@@ -133,10 +163,6 @@ def ladder(material: Material) -> Section:
         made.append((name, estimate.method, ", ".join(new) or "the same effects"))
         known |= {e.text for e in estimate.model.effects}
     body = table(("model", "method", "new effects"), made, numbers_from=3)
-    if len(names) > 1:
-        errors = [c.rmse for c in material.comparisons]
-        plot = ladder_figure(names, errors, material.last.robot.torque_units)
-        body += figure(plot, "RMS error of each joint from model to model.", 380)
     body += table([*heads, "noise floor"], rows)
     if floor is None:
         body += text("No motion repeats in these runs: the noise floor is unknown.")
@@ -162,14 +188,26 @@ def forward(material: Material) -> Section:
 
 
 def failures(material: Material) -> Section:
-    """What the error of the last model looks like, joint by joint."""
-    rows = []
-    for f in material.failures:
-        said = " ".join(sentences(f, material.last.robot.torque_units[f.joint - 1]))
-        rows.append((str(f.joint), said, number(f.rmse), number(f.noise_floor)))
-    heads = ("joint", "where", "RMS error", "noise floor")
+    """Which cause explains how much of each joint's error, before and after, and in words."""
+    found = found_shares(material.diagnosis, material.last.robot.n)
     body = text(
-        f"How much of the error of {material.last_name} a smooth function of each quantity explains on "
-        "held-out data, and where it is large. `sdp-vs-penalty diagnose` names causes."
+        "How much of each joint's error a function of each cause explains on held-out data, in per "
+        "cent; causes that explain nothing are left out. `sdp-vs-penalty diagnose` names effects."
     )
-    return Section("failures", "Where it fails", body + table(heads, rows, numbers_from=2))
+    maps = ""
+    for k, (name, failing) in enumerate(material.failures.items()):
+        rows = heat_rows([f.to_dict() for f in failing], found if k == 0 else {})
+        maps += heat_map(name, rows, len(failing))
+    body += f'<div class="maps wide" tabindex="0">{maps}</div>'
+    last = material.failures[material.last_name]
+    said = [
+        (
+            str(f.joint),
+            " ".join(sentences(f, material.last.robot.torque_units[f.joint - 1])),
+            number(f.rmse),
+            number(f.noise_floor),
+        )
+        for f in last
+    ]
+    heads = ("joint", f"where {material.last_name} errs", "RMS error", "noise floor")
+    return Section("failures", "Why", body + table(heads, said, numbers_from=2))

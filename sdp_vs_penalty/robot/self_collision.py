@@ -10,6 +10,7 @@ import numpy as np
 from sdp_vs_penalty.files import LARGEST_TEXT, reading
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.urdf import load_urdf
 
 
 class SelfCollision:
@@ -26,6 +27,7 @@ class SelfCollision:
     def of_urdf(cls, urdf: str | Path, n: int) -> SelfCollision | None:
         """None where the file has no collision shapes that can be read, or other joints than n."""
         path = Path(urdf)
+        load_urdf(path)  # says in a sentence what is wrong with the file
         with reading(path, LARGEST_TEXT):
             model = pin.buildModelFromUrdf(str(path))
         try:

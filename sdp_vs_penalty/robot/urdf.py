@@ -26,6 +26,8 @@ T = TypeVar("T")
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 #: Lengths [m], masses [kg] and inertias [kg m^2] beyond this are no robot's and overflow on the way.
 _LARGEST = 1e9
+#: Links of one file: humanoids with two hands have 200, and a chain of all must not exhaust the stack.
+_MOST_LINKS = 500
 #: How files write "no limit" where the format asks for a number [rad or m].
 _NO_LIMIT = 1e6
 
@@ -251,6 +253,8 @@ def _parse(reader: _Reader) -> Any:
 
 def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[Any]]]:
     """The links by name, and for each link the joints that hang on it."""
+    if len(root.findall("link")) > _MOST_LINKS:
+        raise reader.fail(f"more than {_MOST_LINKS} links", "name the file of one robot")
     for tag in ("link", "joint"):
         names = [element.get("name") for element in root.findall(tag)]
         for element, name in zip(root.findall(tag), names, strict=True):
@@ -259,6 +263,8 @@ def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[An
             if names.count(name) > 1:
                 raise reader.fail(f"{tag} {name!r} appears {names.count(name)} times")
     links = {link.get("name"): link for link in root.findall("link")}
+    if not links:
+        raise reader.fail("no <link>", "name a URDF; a xacro file has to be expanded first")
     children: dict[str, list[Any]] = {name: [] for name in links}
     carried: set[str] = set()
     for element in root.findall("joint"):
@@ -278,7 +284,7 @@ def _base(reader: _Reader, links: dict[str, Any], children: dict[str, list[Any]]
     carried = {e.find("child").get("link") for joints in children.values() for e in joints}
     roots = [name for name in links if name not in carried]
     if len(roots) != 1:
-        found = ", ".join(roots) if roots else "none, the joints form a loop"
+        found = ", ".join(roots[:5]) if roots else "none, the joints form a loop"
         raise reader.fail(f"one link without a parent joint is needed (found: {found})", "give one base")
     return roots[0]
 

@@ -1,28 +1,30 @@
 """A proof that travels: one JSON file from which anyone can check an optimum in rational arithmetic.
 
 The file holds the problem (R, rho, floor, constraint arrays, bounds) as the rational numbers that the
-doubles are, the estimate as it is written in model.json, multipliers in a form that lies in the cones
-by construction, and the interval. :mod:`verify_proof` checks it with the standard library alone and
-shares no code with what made it. How R and rho came from the measured samples is outside of the proof.
+doubles are, the estimate as it is written in model.json, multipliers that lie in the cones exactly, and
+the interval. :mod:`verify_proof` checks it with the standard library alone; docs/proof.md is the format
+in full. How R and rho came from the measured samples is outside of the proof: the file names the model
+and the data by their hashes, which ``verify --model --data`` compares.
 
-Format "sdp-vs-penalty proof 1", weak duality as in :mod:`certificate`; Jansson, Chaykin, Keil, SIAM J.
-Numer. Anal. 2007, for bounds from approximate multipliers.
+Weak duality as in :mod:`certificate`; Jansson, Chaykin, Keil, SIAM J. Numer. Anal. 2007, for bounds from
+approximate multipliers.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.files import read_text, write_text
+from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers import verify_proof
@@ -43,23 +45,30 @@ def optimum_proof(
     bound: Array,
     entropy_slopes: Array | None = None,
     parameters: Sequence[str] = (),
+    made_of: Mapping[str, str] | None = None,
 ) -> Proof:
     """The proof that min objective lies between a lower bound and the objective of ``theta``.
 
-    theta (p,) : feasible exactly, as its decimal text says (:func:`verified.feasible_as_written`).
+    theta (p,) : feasible exactly, as its decimal text says (:func:`verified.feasible_as_written`);
+        made_of : hashes of the "model" and the "data".
     Raises ValueError where it is not, or the multipliers prove nothing.
     """
     evidence = dual_evidence(objective, constraints, multipliers, theta, bound, entropy_slopes)
     data = objective.least_squares
     proof: Proof = {
-        **_problem("optimum", data, constraints.convex, bound, parameters),
+        **_problem("optimum", data, constraints.convex, bound, parameters, _duals(evidence)),
         "theta": [repr(float(x)) for x in theta],
-        "multipliers": _multipliers(evidence),
-        "entropy": _entropy(objective.entropy, constraints.convex, evidence.entropy_slopes),
+        "y": _texts(evidence.y),
+        "lower": "0",
+        "upper": "0",
+        **(made_of or {}),
     }
-    proof["y"] = [_text(x) for x in _polished(proof, evidence, bound)]
-    proof["lower"], proof["upper"] = _interval(proof)
-    return _signed(proof)
+    if objective.entropy is not None:
+        _add_entropy(proof, objective.entropy, constraints.convex, evidence.entropy_slopes)
+    exact = verify_proof.typed(_signed(proof), verify_proof.OPTIMUM, {})
+    proof["y"] = [_text(x) for x in _polished(exact, evidence, bound)]
+    proof["lower"], proof["upper"] = _interval(exact)
+    return _checked(proof)
 
 
 def infeasibility_proof(
@@ -73,34 +82,14 @@ def infeasibility_proof(
     evidence = dual_evidence(
         Objective(nothing), ConstraintSet(tuple(constraints)), multipliers, np.zeros(len(bound)), bound
     )
-    proof: Proof = {
-        **_problem("infeasible", nothing, constraints, bound, parameters),
-        "multipliers": _multipliers(evidence),
-        "entropy": None,
-        "y": [],
-    }
-    return _signed(proof)
+    return _checked(
+        {**_problem("infeasible", nothing, constraints, bound, parameters, _duals(evidence)), "y": []}
+    )
 
 
 def write_proof(proof: Proof, path: str | Path) -> None:
     """Write proof.json, whole or not at all."""
     write_text(path, json.dumps(proof, indent=0, sort_keys=True) + "\n")
-
-
-def verdict(path: str | Path) -> tuple[bool, str]:
-    """Whether the proof in a file holds (:mod:`verify_proof`), and the sentence that says so.
-
-    Raises InputError for a file that cannot be read.
-    """
-    text = read_text(path)
-    try:
-        found = verify_proof.check(json.loads(text))
-    except Exception as error:
-        return False, f"refused: {path}: {error or type(error).__name__}"
-    if found is None:
-        return True, f"accepted: {path}: no parameters satisfy all constraints"
-    low, high = (float(x) for x in found)
-    return True, f"accepted: {path}: the optimum lies in [{low!r}, {high!r}]"
 
 
 def _problem(
@@ -109,11 +98,14 @@ def _problem(
     constraints: Sequence[Constraint],
     bound: Array,
     parameters: Sequence[str],
+    duals: Sequence[Any],
 ) -> Proof:
     return {
         "format": verify_proof.FORMAT,
         "kind": kind,
-        "parameters": list(parameters),
+        "model": "",
+        "data": "",
+        "parameters": list(parameters) or [f"x{k}" for k in range(len(bound))],
         "R": _texts(data.R),
         "rho": _texts(data.rho),
         "floor": _text(data.residual_norm),
@@ -126,20 +118,22 @@ def _problem(
                 "indices": c.indices.tolist(),
                 "constant": _texts(c.constant.ravel()),
                 "coefficients": _texts(c.coefficients.reshape(len(c.indices), -1)),
+                "dual": dual,
+                "entropy": [],
             }
-            for c in constraints
+            for c, dual in zip(constraints, duals, strict=True)
         ],
     }
 
 
-def _multipliers(evidence: DualEvidence) -> list[Any]:
-    """Of the constraints as they are, each inside its cone: V with S = V V^T for a matrix."""
+def _duals(evidence: DualEvidence) -> list[Any]:
+    """Of the constraints as they are, each inside its cone exactly: V V^T for a matrix."""
     out = []
     for c, multiplier, t in zip(
         evidence.constraints, evidence.multipliers, evidence.scales, strict=True
     ):
         if t is not None:  # the balanced S is T^-1 S T^-1
-            out.append(_texts(t[:, None] * _factor(multiplier)))
+            out.append(_gram(t[:, None] * _factor(multiplier)))
         elif c.cone == "soc":
             across = [Fraction(float(x)) for x in multiplier[1:]]
             axis, square = Fraction(float(multiplier[0])), sum((x * x for x in across), Fraction(0))
@@ -157,45 +151,42 @@ def _factor(multiplier: Array) -> Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def _entropy(
-    entropy: Entropy | None, constraints: Sequence[Constraint], slopes: Sequence[Array]
-) -> Proof | None:
-    if entropy is None:
-        return None
-    links = []
+def _gram(factor: NDArray[np.floating]) -> list[str]:
+    """V V^T without rounding, row by row."""
+    rows = [[Fraction(x) for x in row] for row in factor.tolist()]
+    return [_text(verify_proof.dot(a, b)) for a in rows for b in rows]
+
+
+def _add_entropy(
+    proof: Proof, entropy: Entropy, constraints: Sequence[Constraint], slopes: Sequence[Array]
+) -> None:
+    """State the entropy, and its multipliers, with the constraints of which it is one."""
     for link, p0, slope in zip(entropy.links, entropy.nominal, slopes, strict=True):
         inverse = np.linalg.inv(p0)
-        links.append(
-            {
-                "constraint": next(k for k, c in enumerate(constraints) if c is link),
-                "factor": _texts(np.linalg.cholesky(0.5 * (slope + slope.T))),
-                "inverse": _texts((0.5 * (inverse + inverse.T)).ravel()),
-                "log_det": _text(float(np.linalg.slogdet(p0)[1])),
-            }
-        )
-    return {"weight": _text(entropy.weight), "links": links}
+        stated = {
+            "weight": _text(entropy.weight),
+            "dual": _gram(np.linalg.cholesky(0.5 * (slope + slope.T))),
+            "inverse": _texts((0.5 * (inverse + inverse.T)).ravel()),
+            "log_det": _text(float(np.linalg.slogdet(p0)[1])),
+        }
+        (place,) = (k for k, c in enumerate(constraints) if c is link)
+        proof["constraints"][place]["entropy"].append(stated)
 
 
-def _polished(proof: Proof, evidence: DualEvidence, bound: Array) -> list[Fraction]:
+def _polished(exact: dict[str, Any], evidence: DualEvidence, bound: Array) -> list[Fraction]:
     """y, shifted until nothing is left of the slope wherever the data determine theta."""
-    y = [Fraction(float(x)) for x in evidence.y]
     for _ in range(_POLISH):
-        _, slope = verify_proof.dual_bound(verify_proof.exact({**proof, "y": [_text(x) for x in y]}))
-        leftover = np.array([float(x) for x in slope])
-        shift = evidence.push(bound * leftover)
-        y = [a - Fraction(float(b)) for a, b in zip(y, shift, strict=True)]
-    return y
+        _, slope = verify_proof.dual_bound(exact)
+        shift = evidence.push(bound * np.array([float(x) for x in slope]))
+        exact["y"] = [a - Fraction(float(b)) for a, b in zip(exact["y"], shift, strict=True)]
+    return list(exact["y"])
 
 
-def _interval(proof: Proof) -> tuple[str, str]:
+def _interval(exact: dict[str, Any]) -> tuple[str, str]:
     """Lower and upper bound, rounded outward to decimal numbers of 17 digits."""
-    exact = verify_proof.exact(proof)
     lower, slope = verify_proof.dual_bound(exact)
     lower -= sum((abs(e) * b for e, b in zip(slope, exact["bound"], strict=True)), Fraction(0))
-    upper = verify_proof.objective(exact, exact["theta"])
-    if upper is None:
-        raise ValueError("theta is not feasible exactly: no proof can be written")
-    return _outward(lower, -math.inf), _outward(upper, math.inf)
+    return _outward(lower, -math.inf), _outward(verify_proof.objective(exact), math.inf)
 
 
 def _outward(x: Fraction, towards: float) -> str:
@@ -206,7 +197,13 @@ def _outward(x: Fraction, towards: float) -> str:
 
 
 def _signed(proof: Proof) -> Proof:
-    whole = {**proof, "sha256": verify_proof.digest(proof)}
+    body = {name: value for name, value in proof.items() if name != "sha256"}
+    text = json.dumps(body, sort_keys=True)
+    return {**body, "sha256": hashlib.sha256(text.encode()).hexdigest()}
+
+
+def _checked(proof: Proof) -> Proof:
+    whole = _signed(proof)
     verify_proof.check(whole)
     return whole
 

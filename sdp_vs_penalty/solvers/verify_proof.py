@@ -1,149 +1,160 @@
 """Check a proof of an identification optimum: `python verify_proof.py proof.json` (exit code 0 or 1).
 
-Standard library only, and no rounding: every number is rational. The claim, for all x with |x_k| <=
-bound_k and F_i(x) = constant_i + sum_k x[indices_ik] coefficients_ik in the cone K_i (matrices by rows):
+Standard library, rational numbers, no rounding; docs/proof.md is the format. The claim, for all x with
+|x_k| <= bound_k and each F_i(x) = constant_i + sum_k x[indices_ik] coefficients_ik in its cone:
 
-    lower <= min f <= f(theta) <= upper,   f(x) = |R x - rho|^2 + floor^2
-             + weight sum_l [-log det P_l(x) + <inverse_l, P_l(x)> + log_det_l - 4]   (with "entropy")
+    lower <= min f <= f(theta) <= upper,    f(x) = |R x - rho|^2 + floor^2
+              + sum_i weight_i [-log det F_i(x) + <inverse_i, F_i(x)> + log_det_i - d_i]  (entropies);
 
-where P_l = F_i of a matrix constraint i; or, of kind "infeasible", that there is no such x. Any y and
-any S_i in the (self-dual) cones, V V^T for matrices, bound f from below: |r|^2 >= 2 <y, r> - <y, y>,
-<S_i, F_i> >= 0, -log det P >= log det S + 4 - <S, P>. How R and rho came from samples is not proved.
+or, of kind "infeasible", that there is no such x. Any y, S_i and T_i in the cones bound f from below:
+|r|^2 >= 2 <y, r> - <y, y>, <S, F> >= 0, -log det F >= log det T + d - <T, F> for F, T > 0.
 """
 
 import hashlib
 import json
 import math
+import re
 import sys
+from decimal import Context, Decimal
 from fractions import Fraction
 
-FORMAT = "sdp-vs-penalty proof 1"
-NO_NUMBERS = {"format", "kind", "parameters", "family", "name", "cone", "indices", "constraint"}
+FORMAT = "sdp-vs-penalty proof 2"
+MAX_BYTES, MAX_DIGITS, MAX_ROWS, LARGEST = 2**25, 4000, 100, 10**308
+NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?([eE][-+]?[0-9]{1,3})?|-?[0-9]+/[1-9][0-9]*")
+# What is where: one of some types, a number, or [n, what], a list; a letter stands for one length.
+VECTOR, TEXT, CONES = ["s", NUMBER], (str,), ("psd", "soc", "nonnegative")
+ENTROPY: dict = {"weight": NUMBER, "dual": VECTOR, "inverse": VECTOR, "log_det": NUMBER}
+CONSTRAINT: dict = {"family": TEXT, "name": TEXT, "cone": TEXT, "constant": VECTOR, "dual": VECTOR}
+CONSTRAINT |= {"indices": ["k", (int,)], "coefficients": ["k", VECTOR], "entropy": ["e", ENTROPY]}
+PROOF: dict = {"format": TEXT, "kind": TEXT, "sha256": TEXT, "model": TEXT, "data": TEXT}
+PROOF |= {"bound": ["n", NUMBER], "rho": ["m", NUMBER], "y": ["m", NUMBER], "floor": NUMBER}
+PROOF |= {"R": ["m", ["n", NUMBER]], "parameters": ["n", TEXT], "constraints": ["c", CONSTRAINT]}
+OPTIMUM = PROOF | {"theta": ["n", NUMBER], "lower": NUMBER, "upper": NUMBER}
 
 
-def digest(body):
-    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+def need(condition, what):
+    if not condition:
+        raise ValueError(what)
 
 
-def exact(x, key=""):
-    """The same with rational numbers for texts like "-7/4" or "0.125" and for integers."""
-    if key in NO_NUMBERS or x is None:
-        return x
-    if isinstance(x, dict):
-        return {k: exact(v, k) for k, v in x.items()}
-    return [exact(v) for v in x] if isinstance(x, list) else Fraction(x)
+def read(path):
+    """The JSON of a file, in which no field comes twice."""
+    with open(path, "rb") as file:
+        text = file.read(MAX_BYTES + 1)
+    need(len(text) <= MAX_BYTES, "the file is too large")
+    return json.loads(text, object_pairs_hook=lambda x: need(len(dict(x)) == len(x), "twice") or dict(x))
+
+
+def typed(value, kind, sizes):
+    """The value with rational numbers; ValueError where a field, type or length is not the kind's."""
+    if isinstance(kind, dict):
+        need(type(value) is dict and value.keys() == kind.keys(), "fields are missing, or too many")
+        sizes = dict(sizes)
+        return {name: typed(value[name], kind[name], sizes) for name in kind}
+    if isinstance(kind, list):
+        fits = type(value) is list and len(value) == sizes.setdefault(kind[0], len(value))
+        need(fits, "a list is missing, or has a wrong length")
+        return [typed(v, kind[1], sizes) for v in value]
+    if isinstance(kind, tuple):
+        need(type(value) in kind, "a text or an index is missing")
+        return value
+    need(type(value) is str and len(value) <= MAX_DIGITS and NUMBER.fullmatch(value), "no number")
+    x, power = Fraction(value), int(value.partition("/")[2] or 1)
+    need(abs(x) <= LARGEST and not power & (power - 1), "a number is too large, or no binary fraction")
+    return x
 
 
 def dot(a, b):
     return sum((x * y for x, y in zip(a, b, strict=True) if x and y), Fraction(0))
 
 
-def determinant(matrix):
-    """Of a positive semidefinite matrix, row by row, by an exact L D L^T; None where it is not one."""
-    d, product = math.isqrt(len(matrix)), Fraction(1)
-    rows = [matrix[i : i + d] for i in range(0, d * d, d)]
-    if len(matrix) != d * d or rows != [list(column) for column in zip(*rows, strict=True)]:
-        return None
-    for k in range(d):
-        pivot, below = rows[k][k], [i for i in range(k + 1, d) if rows[i][k]]
-        if pivot < 0 or (pivot == 0 and below):
+def symmetric(flat):
+    d = math.isqrt(len(flat))
+    rows = [flat[i : i + d] for i in range(0, d * d, d)]
+    need(d * d == len(flat) and rows == [list(x) for x in zip(*rows, strict=True)], "asymmetric")
+    return rows
+
+
+def determinant(flat):
+    """Of a positive semidefinite matrix, by Bareiss' elimination in integers; None if it is not one."""
+    scale, last, least = math.lcm(*(x.denominator for x in flat)), 1, 1
+    rows = [[int(x * scale) for x in row] for row in symmetric(flat)]
+    for k, row in enumerate(rows):
+        if row[k] < 0 or (row[k] == 0 and any(row[k:])):
             return None
-        product *= pivot
-        for i in below:
-            ratio = rows[i][k] / pivot
-            rows[i] = [a - ratio * b for a, b in zip(rows[i], rows[k], strict=True)]
-    return product
+        least = min(least, row[k])
+        for i in range(k + 1, len(rows) if row[k] else 0):
+            rows[i] = [(row[k] * a - rows[i][k] * b) // last for a, b in zip(rows[i], row, strict=True)]
+        last = row[k] or last
+    return Fraction(last if least else 0, scale ** len(rows))
 
 
 def inside(cone, value):
-    if cone == "psd":
-        return determinant(value) is not None
     if cone == "soc":
         return value[0] >= 0 and value[0] ** 2 >= dot(value[1:], value[1:])
-    return cone == "nonnegative" and all(x >= 0 for x in value)
+    return determinant(value) is not None if cone == "psd" else all(x >= 0 for x in value)
 
 
 def log_below(x):
-    """A rational lower bound of the natural logarithm of x > 0, within 1e-18 times its binary digits."""
-    shift = x.numerator.bit_length() - x.denominator.bit_length()
-    total = Fraction(-1 - abs(shift), 2**70)  # |z| <= 1/3: tail below 3^-160, roundings below 2^-150
-    for part, times in ((x / Fraction(2) ** shift, 1), (Fraction(2), shift)):
-        z = Fraction(int((part - 1) / (part + 1) * 2**160), 2**160)
-        term = series = z
-        for k in range(3, 161, 2):
-            term = Fraction(int(term * z * z * 2**200), 2**200)
-            series += term / k
-        total += times * 2 * series
-    return total
-
-
-def value_of(c, x):
-    made = list(c["constant"])
-    for k, coefficient in zip(c["indices"], c["coefficients"], strict=True):
-        made = [a + x[k] * b for a, b in zip(made, coefficient, strict=True)]
-    return made
+    """ln x less at most 1e-49: a Decimal's logarithm is correctly rounded."""
+    need(x, "a singular matrix has no finite entropy, and proves nothing")
+    top, bottom = (Decimal(n).ln(Context(prec=80)) for n in (x.numerator, x.denominator))
+    return Fraction(top) - Fraction(bottom) - Fraction(1, 10**50)
 
 
 def dual_bound(p):
-    """Constant and slope of an affine function below the objective wherever all constraints hold."""
-    constraints, y = p["constraints"], p["y"]
-    constant = p["floor"] ** 2 - 2 * dot(y, p["rho"]) - dot(y, y)
-    slope = [2 * dot(y, column) for column in zip(*p["R"], strict=True)] or [0] * len(p["bound"])
-    taken = []
-    for c, dual in zip(constraints, p["multipliers"], strict=True):
-        if c["cone"] != "psd" and not inside(c["cone"], dual):
-            raise ValueError("a multiplier lies outside its cone")
-        taken.append((c, [dot(a, b) for a in dual for b in dual] if c["cone"] == "psd" else dual))
-    for link in p["entropy"]["links"] if p["entropy"] else ():
-        weight = p["entropy"]["weight"]
-        dual = [dot(a, b) for a in link["factor"] for b in link["factor"]]
-        constant += weight * (log_below(determinant(dual)) + link["log_det"])
-        if weight < 0:
-            raise ValueError("a negative weight of the entropy is not convex")
-        left = [weight * (s - q) for s, q in zip(dual, link["inverse"], strict=True)]
-        taken.append((constraints[link["constraint"]], left))
-    for c, dual in taken:
-        constant -= dot(c["constant"], dual)
-        for k, coefficient in zip(c["indices"], c["coefficients"], strict=True):
-            slope[k] -= dot(coefficient, dual)
+    """Constant and slope of an affine function below f wherever all constraints hold."""
+    constant = p["floor"] ** 2 - 2 * dot(p["y"], p["rho"]) - dot(p["y"], p["y"])
+    slope = [2 * dot(p["y"], column) for column in zip(*p["R"], strict=True)] or [0] * len(p["bound"])
+    for c in p["constraints"]:
+        need(c["cone"] in CONES and 0 < len(c["constant"]) <= MAX_ROWS, "a cone is unknown or too large")
+        need(len({*c["indices"]} & {*range(len(slope))}) == len(c["indices"]), "an index is wrong")
+        need(inside(c["cone"], S := c["dual"]), "a multiplier lies outside its cone")
+        for e in c["entropy"]:
+            need(e["weight"] >= 0 and c["cone"] == "psd", "the entropy is not convex, or of no matrix")
+            constant += e["weight"] * (log_below(determinant(e["dual"])) + e["log_det"])
+            S = [s + e["weight"] * (t - q) for s, t, q in zip(S, e["dual"], e["inverse"], strict=True)]
+        for F in (S, c["constant"], *c["coefficients"]) if c["cone"] == "psd" else ():
+            symmetric(F)
+        constant -= dot(c["constant"], S)
+        for k, F in zip(c["indices"], c["coefficients"], strict=True):
+            slope[k] -= dot(F, S)
     return constant, slope
 
 
-def objective(p, x):
-    """An upper bound of f(x), exact without entropy; None where x lies outside of a cone or a bound."""
-    within = all(abs(a) <= b for a, b in zip(x, p["bound"], strict=True))
-    if not within or not all(inside(c["cone"], value_of(c, x)) for c in p["constraints"]):
-        return None
-    residual = [dot(row, x) - r for row, r in zip(p["R"], p["rho"], strict=True)]
-    value = p["floor"] ** 2 + dot(residual, residual)
-    for link in p["entropy"]["links"] if p["entropy"] else ():
-        matrix = value_of(p["constraints"][link["constraint"]], x)
-        divergence = dot(matrix, link["inverse"]) - log_below(determinant(matrix)) + link["log_det"] - 4
-        value += p["entropy"]["weight"] * divergence
-    return value
+def objective(p):
+    """An upper bound of f(theta), exact without entropy; ValueError where theta is not feasible."""
+    x = p["theta"]
+    need(all(abs(a) <= b for a, b in zip(x, p["bound"], strict=True)), "theta lies outside its bound")
+    total = p["floor"] ** 2 + sum((dot(a, x) - r) ** 2 for a, r in zip(p["R"], p["rho"], strict=True))
+    for c in p["constraints"]:
+        terms = [[x[k] * a for a in F] for k, F in zip(c["indices"], c["coefficients"], strict=True)]
+        F = [sum(column) for column in zip(c["constant"], *terms, strict=True)]
+        need(inside(c["cone"], F), "theta violates a constraint")
+        for e in c["entropy"]:
+            divergence = dot(F, e["inverse"]) - log_below(determinant(F)) + e["log_det"]
+            total += e["weight"] * (divergence - math.isqrt(len(F)))
+    return total
 
 
 def check(proof):
     """The proved interval (lower, upper), or None for a proof of infeasibility; ValueError otherwise."""
-    body = {k: v for k, v in proof.items() if k != "sha256"}
-    if proof["format"] != FORMAT or digest(body) != proof["sha256"]:
-        raise ValueError("not a proof of this format, or changed after it was written")
-    p = exact(body)
+    need(type(proof) is dict and proof.get("format") == FORMAT, f"its format is not {FORMAT!r}")
+    p = typed(proof, OPTIMUM if proof.get("kind") == "optimum" else PROOF, {})
+    text = json.dumps({name: proof[name] for name in proof if name != "sha256"}, sort_keys=True)
+    need(hashlib.sha256(text.encode()).hexdigest() == p["sha256"], "its sha256 is of another content")
     constant, slope = dual_bound(p)
     proved = constant - sum(abs(e) * b for e, b in zip(slope, p["bound"], strict=True))
-    zero = not (p["R"] or p["rho"] or p["floor"] or p["entropy"])
-    if p["kind"] == "infeasible" and zero and proved > 0:
-        return None
-    value = objective(p, p["theta"]) if p["kind"] == "optimum" else None
-    if value is None or not p["lower"] <= proved or not value <= p["upper"]:
-        raise ValueError("the claim is not proved")
-    return p["lower"], p["upper"]
+    if p["kind"] == "optimum":
+        need(p["lower"] <= proved and objective(p) <= p["upper"], "lower or upper is not proved")
+        return p["lower"], p["upper"]
+    zero = not (p["rho"] or p["floor"] or any(c["entropy"] for c in p["constraints"]))
+    need(p["kind"] == "infeasible" and zero and proved > 0, "infeasibility is not proved")
 
 
 if __name__ == "__main__":
     try:
-        with open(sys.argv[1], encoding="utf-8") as file:
-            found = check(json.load(file))
+        found = check(read(sys.argv[1]))
+        print("infeasible" if found is None else f"optimum in {[float(x) for x in found]}")
     except Exception as error:
         sys.exit(f"refused: {type(error).__name__}: {error}")
-    print("infeasible" if found is None else f"optimum in {[float(x) for x in found]}")

@@ -25,7 +25,7 @@ RUN = (
     *("diagnose", "simulate", "export-sdp", "cross-validate"),
 )
 #: Minutes, the network, a window or a proof: their own tests run them.
-NOT_RUN = {"tables", "figures", "excite", "shootout", "fetch", "page", "verify"}
+NOT_RUN = {"demo", "tables", "figures", "excite", "shootout", "fetch", "page", "verify"}
 
 
 def test_every_file_of_verbs_is_in_the_programs_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -524,6 +524,24 @@ def test_check_urdf_says_what_can_exist_but_not_in_an_arm(
     assert "light: consistent but implausible: radius of gyration 671 m for 1e-06 kg" in said
 
 
+def test_check_urdf_forgives_rounding_and_reads_mimic_joints(tmp_path: Path) -> None:
+    """Moments of 1e-20 beside m c^2 of 1e-3, as iCub's file has them; a gripper whose finger follows."""
+    rounded = 'ixx="0" ixy="0" ixz="1.4e-20" iyy="-5e-20" iyz="0" izz="0"'
+    solid = 'ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"'
+    body = '<inertial><origin xyz="0.01 0 0.05"/><mass value="0.3"/><inertia {1}/></inertial>'
+    link = f'<link name="{{0}}">{body}</link>'
+    joint = '<joint name="{0}" type="prismatic"><parent link="base"/><child link="{0}"/>{1}</joint>'
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="r"><link name="base"/>'
+        + link.format("a", rounded)
+        + link.format("b", solid)
+        + joint.format("a", "")
+        + joint.format("b", '<mimic joint="a" multiplier="-1"/>')
+        + "</robot>"
+    )
+    assert [check.verdict for check in check_urdf(tmp_path / "arm.urdf")] == ["consistent"] * 2
+
+
 def test_check_urdf_names_moving_links_without_inertial(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty.checks.urdf import check_urdf
 from sdp_vs_penalty.cli.verbs import identify as identify_verb
@@ -29,6 +30,7 @@ from sdp_vs_penalty.diagnosis.findings import load_diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.page import sessions as sessions_module
 from sdp_vs_penalty.page import uploads, worker
 from sdp_vs_penalty.page.charts import (
     asked_span,
@@ -38,7 +40,7 @@ from sdp_vs_penalty.page.charts import (
     residual_chart,
     torque_chart,
 )
-from sdp_vs_penalty.page.gate import Gate
+from sdp_vs_penalty.page.gate import guarded
 from sdp_vs_penalty.page.options import fields_of
 from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
@@ -550,6 +552,66 @@ def test_too_much_is_refused_before_it_is_kept(tmp_path: Path, monkeypatch: pyte
     assert len(list(tmp_path.iterdir())) == 1
 
 
+def test_room_is_reserved_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Eight files of 200 MB at once: as many as there is room for, never more."""
+    monkeypatch.setattr(uploads, "LARGEST_FILE", 256)
+    monkeypatch.setattr(uploads, "LARGEST_SESSION", 1024)
+
+    async def slowly() -> AsyncIterator[bytes]:
+        for _ in range(20):
+            await asyncio.sleep(0.001)
+            yield b"0123456789"
+
+    async def send(k: int) -> Path | InputError:
+        try:
+            length = 200 if k % 2 else None
+            return await uploads.receive(tmp_path, f"{k}.csv", length, slowly(), "runs")
+        except InputError as error:
+            return error
+
+    async def all_at_once() -> list[Path | InputError]:
+        return list(await asyncio.gather(*map(send, range(8))))
+
+    answers = asyncio.run(all_at_once())
+    kept = [path for path in answers if isinstance(path, Path)]
+    assert len(kept) == 4
+    assert all(path.stat().st_size == 200 for path in kept)
+    assert sorted(tmp_path.iterdir()) == sorted(kept)
+
+
+def test_silence_and_lost_connections_leave_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(uploads, "SILENCE", 0.05)
+
+    async def silent() -> AsyncIterator[bytes]:
+        yield b"t,q1"
+        await asyncio.sleep(10.0)
+
+    async def lost() -> AsyncIterator[bytes]:
+        yield b"t,q1"
+        raise ClientDisconnect
+
+    for chunks, error in ((silent(), InputError), (lost(), ClientDisconnect)):
+        with pytest.raises(error):
+            asyncio.run(uploads.receive(tmp_path, "run.csv", None, chunks, "runs"))
+        assert not [*tmp_path.iterdir()]
+
+
+def test_tabs_count_from_their_request_on(sessions: Sessions, monkeypatch: pytest.MonkeyPatch) -> None:
+    """None of twenty that are opened at once is lost before its browser connects; later ones wait."""
+    monkeypatch.setattr(sessions, "_all", {})
+    made = [sessions.new() for _ in range(sessions_module.MOST)]
+    with pytest.raises(InputError, match="tabs are open"):
+        sessions.new()
+    assert all(sessions.get(session.token) is session for session in made)
+    monkeypatch.setattr(sessions_module, "_CONNECTS", 0.0)  # a minute later none has come
+    sessions.new()
+    assert sum(sessions.get(session.token) is not None for session in made) == 4
+
+
 def test_the_authors_four_files_are_one_run(tmp_path: Path) -> None:
     files = {}
     for name in uploads.LOG_FILES:
@@ -605,11 +667,11 @@ def test_only_this_page_may_ask(headers: dict[str, str], allowed: bool | None, k
     headers = {"cookie": "other=1; sdp-vs-penalty-key-99=secret", **headers}
     scope: dict[str, Any] = {"type": kind, "method": "GET", "path": "/", "query_string": b""}
     scope["headers"] = [(k.encode(), v.encode()) for k, v in headers.items()]
-    asyncio.run(Gate(app, 99, "secret")(scope, None, send))
+    asyncio.run(guarded(app, 99, "secret")(scope, None, send))
     allowed = kind == "http" if allowed is None else allowed  # a socket names where it comes from
     assert bool(reached) == allowed
     if not allowed:
-        assert sent[0] in ({"type": "websocket.close", "code": 1008},) or sent[0]["status"] == 403
+        assert sent[0] == {"type": "websocket.close", "code": 1008} or sent[0]["status"] in (400, 403)
     elif kind == "http":
         assert b"content-security-policy" in dict(sent[0]["headers"])
 
@@ -635,7 +697,9 @@ def test_the_printed_address_lets_in_once(path: str, query: str, to: bytes | Non
         sent.append(message)
 
     scope = {"type": "http", "method": "GET", "path": path, "query_string": query.encode()}
-    asyncio.run(Gate(app, 99, "secret")({**scope, "headers": [(b"host", b"127.0.0.1:99")]}, None, send))
+    asyncio.run(
+        guarded(app, 99, "secret")({**scope, "headers": [(b"host", b"127.0.0.1:99")]}, None, send)
+    )
     headers = dict(sent[0]["headers"])
     if to is None:
         assert sent[0]["status"] == 403
@@ -652,11 +716,11 @@ def test_over_tls_only_the_named_host_is_asked_and_the_cookie_stays_there() -> N
     async def send(message: Any) -> None:
         sent.append(message)
 
-    gate = Gate(None, 99, "secret", "lab.example", tls=True)  # type: ignore[arg-type]
+    gate = guarded(None, 99, "secret", "lab.example", tls=True)  # type: ignore[arg-type]
     scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"key=secret"}
     for host in (b"127.0.0.1:99", b"lab.example:99"):
         asyncio.run(gate({**scope, "headers": [(b"host", host)]}, None, send))
-    assert sent[0]["status"] == 403
+    assert sent[0]["status"] == 400
     headers = dict(sent[2]["headers"])
     assert headers[b"set-cookie"].endswith(b"Secure")
     assert b"connect-src 'self' wss://lab.example:99;" in headers[b"content-security-policy"]

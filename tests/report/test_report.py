@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import re
 import shutil
 import subprocess
@@ -33,10 +35,9 @@ from sdp_vs_penalty.simulation.follow import follow
 pytest.importorskip("plotly")
 
 SECTIONS = (
-    "summary",
+    "verdict",
     "torques",
     "failures",
-    "explorer",
     "findings",
     "curves",
     "ladder",
@@ -99,15 +100,20 @@ def test_one_file_with_every_section_and_no_request(
     assert "default-src 'none'" in html
     # Text and tables come before the script, which is read for longer than all of them.
     assert html.index('id="provenance"') < html.index("Plotly.newPlot(place")
-    assert html.index('id="provenance"') < html.index("plotly.js v")
-    for figure in (
-        "measured",
-        "Shaded: where 95 % of the errors",
-        "RMS error",
-        "link 2",
-        "joint 1 [N m]",
-    ):
-        assert figure in html
+    assert html.index('id="provenance"') < html.index('id="plotly"')
+    assert html.index('class="verdict') < html.index('id="torques"')
+    assert len(html) < 2.5e6
+    for words in ("Error over the noise floor", "where 95 % of the errors", "cause \\ joint"):
+        assert words in html
+    drawn = "".join(figures_of(html))
+    for words in ("measured", "link 2", "joint 1 [N m]", '"y domain"'):
+        assert words in drawn
+
+
+def figures_of(html: str) -> list[str]:
+    """What the figures hold, unpacked."""
+    found = re.findall(r'<script type="application/gzip">(.*?)</script>', html)
+    return [gzip.decompress(base64.b64decode(text)).decode() for text in found]
 
 
 def test_nothing_of_the_user_becomes_markup(made: tuple[dict[str, Estimate], Measurements, str]) -> None:
@@ -128,10 +134,10 @@ def test_the_figures_are_those_of_the_models(
         assert f"{comparison.rmse[1]:.4g}" in html
     text = re.sub(r"<[^>]+>", " ", html)
     assert "coulomb_friction" in text
-    ahead = follow(list(models.values())[-1], run, steps=4838)  # what the report takes of two joints
+    ahead = follow(list(models.values())[-1], run, steps=1612)  # what the report takes of two joints
     assert ahead.verdict in text
     cut = [f.seconds for f in ahead.free if not f.left]
-    assert all(seconds <= 4838 * 2e-3 for seconds in cut)
+    assert all(seconds <= 1612 * 2e-3 for seconds in cut)
     assert ("report --forward" in text) == bool(cut)
     assert run.names[0] in text
     last = list(models.values())[-1]
@@ -203,7 +209,7 @@ def test_it_draws_in_chromium(
     options += ["--window-size=1200,12000"]
     command = ["chromium", *options, "--enable-logging=stderr", "--dump-dom", path.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert done.stdout.count('class="plot-container') == 10
+    assert done.stdout.count('class="plot-container') >= 6
     assert done.stdout.count("js-line") >= 2 * (3 + 2)
     assert "Uncaught" not in done.stderr
     assert "Content Security Policy" not in done.stderr
@@ -216,7 +222,9 @@ def test_joints_are_zoomed_together_and_far_figures_wait(
     playwright = pytest.importorskip("playwright.sync_api")
     path = tmp_path / "report.html"
     path.write_text(made[2])
-    assert "root.moduleName = factory" not in made[2]  # the function that a browser would read twice
+    script = re.findall(r'id="plotly">(.*?)</script>', made[2])[0]
+    read = gzip.decompress(base64.b64decode(script))
+    assert b"root.moduleName = factory" not in read  # the function that a browser would read twice
     with playwright.sync_playwright() as started:
         browser = started.chromium.launch(executable_path=shutil.which("chromium"))
         page = browser.new_page(viewport={"width": 1000, "height": 1200})
@@ -243,6 +251,7 @@ def test_on_paper_everything_is_open_and_no_figure_is_cut(
     path.write_text(made[2])
     options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
     options += [f"--user-data-dir={tmp_path / 'profile'}", "--no-pdf-header-footer"]
+    options.append("--virtual-time-budget=8000")
     command = ["chromium", *options, f"--print-to-pdf={paper}", path.as_uri()]
     subprocess.run(command, capture_output=True, timeout=120, check=True)
     read = ["pdftotext", "-layout", str(paper), "-"]
@@ -252,8 +261,8 @@ def test_on_paper_everything_is_open_and_no_figure_is_cut(
     # The standard parameters, which are folded away on a screen.
     assert re.search(r"\bm1 +not seen", whole)
     # A heading, the axis of the figure below it and its caption are on one page.
-    (page,) = [p for p in pages if "Measured against modelled" in p]
-    for words in ("joint 1 [N m]", "joint 2 [N m]", "Click a name to hide it"):
+    (page,) = [p for p in pages if "Where and when" in p and "joint 1" in p]
+    for words in ("joint 1 [N m]", "joint 2 [N m]", "Click a name to"):
         assert words in page
 
 
@@ -263,7 +272,7 @@ def test_how_long_it_takes_on_the_real_panda(panda: Problem, panda_run: Measurem
     begin = time.process_time()
     html = make_report({"ols": estimate}, panda_run)
     assert time.process_time() - begin < 5.0
-    assert len(html) < 8e6
+    assert len(html) < 2.5e6
 
 
 def test_correlations_of_unrelated_signals_keep_their_band_and_a_delay_is_seen() -> None:

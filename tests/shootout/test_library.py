@@ -67,7 +67,7 @@ def test_every_file_is_its_sum_and_every_proof_is_accepted(written) -> None:  # 
             assert there.is_file() == bool(wanted)
             if wanted:
                 assert hashlib.sha256(there.read_bytes()).hexdigest() == wanted
-        found = verify_proof.check(json.loads((place / "proof.json").read_text()))
+        found = verify_proof.check(verify_proof.read(place / "proof.json"))
         if row["status"] == "proved infeasible":
             assert found is None
             assert row["difficulty"] == "proved infeasible"

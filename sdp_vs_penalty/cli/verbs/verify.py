@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.errors import InputError
 
 
@@ -15,22 +16,37 @@ def verb(
         list[Path],
         typer.Argument(metavar="proof.json ...", help="Proofs, or folders that are searched for them."),
     ],
+    model: Annotated[
+        Path | None,
+        typer.Option(metavar="model.json", help="Model that the proof must be of."),
+    ] = None,
+    data: Annotated[
+        list[Path] | None,
+        typer.Option("--data", metavar="RUN.csv ...", help="Measurements that it must be made of."),
+    ] = None,
+    window: options.Window = None,
 ) -> None:
     """Check proofs of optimality in exact arithmetic, independently of every solver.
 
     Exit code 1 if one is refused. The checker is one file on Python's standard library alone.
-    Example: sdp-vs-penalty verify proof.json
+    Example: sdp-vs-penalty verify proof.json --model model.json --data run1.csv
     """
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.cli.runs import runs_as_told
+    from sdp_vs_penalty.estimation.estimate import load_estimate
+    from sdp_vs_penalty.estimation.verify import verify_proof_file
     from sdp_vs_penalty.solvers import verify_proof
-    from sdp_vs_penalty.solvers.proof import verdict
 
     files = [f for p in proofs for f in (sorted(p.rglob("*proof.json")) if p.is_dir() else [p])]
     if not files:
         raise InputError("no file named *proof.json in this folder", "name the proofs", proofs[0])
+    if data and model is None:
+        raise InputError("--data without a model", "name the model with --model")
+    estimate = None if model is None else load_estimate(model)
+    runs = runs_as_told(estimate.problem, data, window)[1] if data and estimate is not None else None
     refused = 0
     for path in files:
-        holds, text = verdict(path)
+        holds, text = verify_proof_file(path, estimate, runs)
         refused += not holds
         console.say(text)
     console.warn(f"checker: {verify_proof.__file__}")

@@ -1,0 +1,378 @@
+"""Proofs with known truth, genuine, false and malformed ones, to try a checker of docs/proof.md with.
+
+    python benchmarks/false_proofs.py [--count 10000] [--seed 0]
+
+Small random problems (1 to 6 parameters, cones of 1 to 6 dimensions, entropies) whose numbers are short
+binary fractions. A claim is called false only where this file, which shares no code with the checker,
+finds a feasible point that contradicts it, or a field that docs/proof.md forbids. The wrong multipliers
+are those for which the unguarded inequalities would prove the false claim: singular, indefinite,
+asymmetric, of another size.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import hashlib
+import json
+import random
+import resource
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.solvers import verify_proof
+
+Proof = dict[str, Any]
+#: A claim is false by at least this share of the objective's size: far above this file's rounding.
+_CLEARLY = 1e-6
+#: What one refusal may take.
+_SECONDS, _MEGABYTES = 2.0, 300.0
+
+
+def text(x: float | Fraction) -> str:
+    return str(Fraction(x))
+
+
+def texts(array: Any) -> Any:
+    made = np.asarray(array, float)
+    return [texts(row) for row in made] if made.ndim > 1 else [text(x) for x in made.tolist()]
+
+
+def short(rng: np.random.Generator, *shape: int) -> np.ndarray:
+    """Multiples of 1/8 between -4 and 4."""
+    return rng.integers(-32, 33, shape) / 8.0
+
+
+def definite(rng: np.random.Generator, d: int) -> np.ndarray:
+    v = short(rng, d, d)
+    return np.asarray(v @ v.T + np.eye(d) / 4.0)
+
+
+def signed(body: Proof) -> Proof:
+    rest = {k: v for k, v in body.items() if k != "sha256"}
+    return {**rest, "sha256": hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()}
+
+
+def arrays(c: Proof) -> tuple[np.ndarray, np.ndarray]:
+    """constant and coefficients of a constraint in floating point."""
+    return np.array([float(Fraction(x)) for x in c["constant"]]), np.array(
+        [[float(Fraction(x)) for x in row] for row in c["coefficients"]]
+    ).reshape(len(c["indices"]), len(c["constant"]))
+
+
+def value(p: Proof, x: np.ndarray) -> float:
+    """f(x) in floating point; infinite where x is clearly outside of a constraint, NaN on its edge."""
+    number = lambda t: float(Fraction(t))  # noqa: E731
+    r = np.array([[number(a) for a in row] for row in p["R"]]).reshape(-1, len(x)) @ x
+    total = number(p["floor"]) ** 2 + float(np.sum((r - [number(a) for a in p["rho"]]) ** 2))
+    if np.any(np.abs(x) > [number(b) for b in p["bound"]]):
+        return float("inf")
+    for c in p["constraints"]:
+        constant, coefficients = arrays(c)
+        F = constant + x[c["indices"]] @ coefficients
+        d = round(len(F) ** 0.5)
+        if c["cone"] == "psd":
+            least = float(np.linalg.eigvalsh(F.reshape(d, d))[0])
+        else:
+            least = float(F[0] - np.linalg.norm(F[1:])) if c["cone"] == "soc" else float(F.min())
+        if least < 1e-9:
+            return float("inf") if least < -1e-9 else float("nan")
+        for e in c["entropy"]:
+            inverse = np.array([number(a) for a in e["inverse"]])
+            log = np.linalg.slogdet(F.reshape(d, d))[1]
+            total += number(e["weight"]) * float(inverse @ F - log + number(e["log_det"]) - d)
+    return total
+
+
+def genuine(rng: np.random.Generator) -> Proof:
+    """A random problem with a strictly feasible theta, multipliers in the cones, and what they prove.
+
+    lower and upper are computed here in floating point and moved outward by ``_CLEARLY``.
+    """
+    n, m = int(rng.integers(1, 7)), int(rng.integers(0, 7))
+    theta, bound = short(rng, n), np.full(n, 8.0)
+    R, y, floor = short(rng, m, n), short(rng, m) / 4.0, float(rng.integers(0, 9)) / 4.0
+    unit = float(rng.choice([1.0, 1.0, 1.0, 2.0**-300, 2.0**300]))
+    R, y, floor = unit * R, unit * y, unit * floor
+    rho = R @ theta + unit * short(rng, m) / 8.0
+    constant, slope = floor**2 - 2 * y @ rho - y @ y, 2 * y @ R
+    constraints = []
+    for k in range(int(rng.integers(1, 5))):
+        cone, d = str(rng.choice(["psd", "soc", "nonnegative"])), int(rng.integers(1, 7))
+        size = d * d if cone == "psd" else d
+        indices = rng.permutation(n)[: int(rng.integers(0, n + 1))]
+        shapes = [short(rng, size) for _ in indices]
+        inside, dual = np.abs(short(rng, size)) + 0.125, np.abs(short(rng, size)) / 16.0
+        if cone == "psd":
+            shapes = [(s.reshape(d, d) + s.reshape(d, d).T).ravel() for s in shapes]
+            v = short(rng, d, int(rng.integers(1, d + 1))) / 8.0
+            inside, dual = definite(rng, d).ravel(), (v @ v.T).ravel()
+        elif cone == "soc":
+            inside[0], dual[0] = np.ceil(np.sum(inside)) + 0.5, np.ceil(np.sum(dual)) + 0.5
+        coefficients = np.array(shapes).reshape(len(indices), size)
+        F0, S, entropy = inside - theta[indices] @ coefficients, dual, []
+        if cone == "psd" and rng.random() < 0.5:
+            weight, T, inverse = float(rng.integers(0, 5)) / 2, definite(rng, d), definite(rng, d)
+            log_det = float(rng.integers(-8, 9)) / 4
+            entropy = [{"weight": text(weight), "dual": texts(T.ravel()), "log_det": text(log_det)}]
+            entropy[0]["inverse"] = texts(inverse.ravel())
+            constant += weight * (np.linalg.slogdet(T)[1] + log_det)
+            S = S + weight * (T - inverse).ravel()
+        constant -= F0 @ S
+        np.subtract.at(slope, indices, coefficients @ S)
+        about = {"family": "any", "name": str(k), "cone": cone, "indices": indices.tolist()}
+        about |= {"constant": texts(F0), "coefficients": texts(coefficients) if len(indices) else []}
+        constraints.append({**about, "dual": texts(dual), "entropy": entropy})
+    p = {"format": verify_proof.FORMAT, "kind": "optimum", "model": "", "data": "", "floor": text(floor)}
+    p |= {"parameters": [f"x{k}" for k in range(n)], "R": texts(R) if m else [], "rho": texts(rho)}
+    p |= {"bound": texts(bound), "y": texts(y), "theta": texts(theta), "constraints": constraints}
+    lower, upper = float(constant - np.abs(slope) @ bound), value(p, theta)
+    p["lower"], p["upper"] = (
+        repr(lower - _CLEARLY * size_of(lower)),
+        repr(upper + _CLEARLY * size_of(upper)),
+    )
+    return p
+
+
+def size_of(x: float) -> float:
+    return 1.0 + abs(x)
+
+
+def infeasible(rng: np.random.Generator) -> Proof:
+    """s x >= 1 + a and -s x >= 1 - a in any of the parameters, beside constraints that always hold."""
+    p = genuine(rng)
+    n, a, s = len(p["bound"]), float(short(rng, 1)[0]), float(rng.integers(1, 9)) / 4
+    k = int(rng.integers(0, n))
+    for c in p["constraints"]:
+        c.update(entropy=[], dual=["0"] * len(c["constant"]))
+    for sign in (1.0, -1.0):
+        c = {"family": "any", "name": "one", "cone": "nonnegative", "indices": [k], "entropy": []}
+        c |= {"constant": [text(-1.0 - sign * a)], "coefficients": [[text(sign * s)]], "dual": ["1"]}
+        p["constraints"].append(c)
+    p = {key: v for key, v in p.items() if key not in ("theta", "lower", "upper")}
+    return p | {"kind": "infeasible", "R": [], "rho": [], "y": [], "floor": "0"}
+
+
+# False claims: each takes a genuine proof and returns one that is known to be false, or None.
+
+
+def swapped(p: Proof, rng: np.random.Generator) -> Proof | None:
+    """lower above the objective of a feasible point, upper below it."""
+    f = value(p, np.array([float(Fraction(x)) for x in p["theta"]]))
+    off = size_of(f) * float(rng.choice([2 * _CLEARLY, 1e-3, 1.0, 1e6]))
+    return p | ({"lower": repr(f + off)} if rng.random() < 0.5 else {"upper": repr(f - off)})
+
+
+def outside(p: Proof, rng: np.random.Generator) -> Proof | None:
+    """A theta that violates a constraint or a bound, with an upper bound that it would have."""
+    x = np.array([float(Fraction(t)) for t in p["theta"]]) + float(rng.choice([1.0, 8.0])) * short(
+        rng, len(p["theta"])
+    )
+    if value(p, x) != float("inf"):
+        return None
+    return p | {"theta": texts(x), "upper": repr(1e9)}
+
+
+def impossible(p: Proof, rng: np.random.Generator) -> Proof | None:
+    """Infeasibility of what has a feasible point, with the multipliers of the optimum."""
+    rest = {k: v for k, v in p.items() if k not in ("theta", "lower", "upper")}
+    return rest | {"kind": "infeasible", "R": [], "rho": [], "y": [], "floor": "0"}
+
+
+def wrong_dual(p: Proof, rng: np.random.Generator) -> Proof | None:
+    """A multiplier outside its cone, as long as it takes to prove a lower bound above f(theta)."""
+    p, k = copy.deepcopy(p), int(rng.integers(0, len(p["constraints"])))
+    c, x = p["constraints"][k], np.array([float(Fraction(t)) for t in p["theta"]])
+    constant, coefficients = arrays(c)
+    F = constant + x[c["indices"]] @ coefficients
+    direction = -F / np.linalg.norm(F)
+    if c["cone"] == "psd":
+        matrix = F.reshape([round(len(F) ** 0.5)] * 2)
+        ways = (-np.eye(len(matrix)), np.diag(np.diag(matrix)) - matrix, -np.tril(matrix, -1))
+        direction = ways[int(rng.integers(0, 3))].ravel()
+        if float(direction @ F) >= 0.0:
+            return None
+    scale = float(rng.choice([1.0, 2.0**10, 2.0**40]))
+    c["dual"] = texts(np.round(scale * direction * 64) / 64)
+    return p | {"lower": repr(value(p, x) + size_of(value(p, x)))}
+
+
+def singular(p: Proof, rng: np.random.Generator) -> Proof | None:
+    """A singular or indefinite dual of the entropy of a large constant matrix, whose -log det is below
+    whatever the logarithm of such a dual is taken to be."""
+    d = int(rng.integers(1, 7))
+    v = short(rng, d, max(d - 1, 1)) * (d > 1) * float(rng.choice([0.0, 1.0]))
+    dual = v @ v.T * float(rng.choice([1.0, -1.0])) * 2.0**-40
+    p = with_entropy(p, 2.0 ** float(rng.integers(8, 40)) * np.eye(d), dual)
+    best = value(p, np.array([float(Fraction(t)) for t in p["theta"]]))
+    return p | {"lower": repr(best + _CLEARLY * 2 * size_of(best)), "upper": repr(best + size_of(best))}
+
+
+def singular_theta(p: Proof, rng: np.random.Generator) -> Proof | None:
+    """An entropy at a singular matrix: f(theta) is infinite, whatever upper says."""
+    d = int(rng.integers(1, 7))
+    v = short(rng, d, max(d - 1, 1)) * (d > 1)
+    return with_entropy(p, v @ v.T, definite(rng, d)) | {"upper": repr(1e300)}
+
+
+def with_entropy(p: Proof, F: np.ndarray, dual: np.ndarray) -> Proof:
+    """The same with one more constraint, of a constant matrix that has an entropy."""
+    e = {"weight": "1", "dual": texts(dual.ravel()), "inverse": texts(np.eye(len(F)).ravel())}
+    c = {"family": "any", "name": "constant", "cone": "psd", "indices": [], "coefficients": []}
+    c |= {"constant": texts(F.ravel()), "dual": ["0"] * F.size, "entropy": [e | {"log_det": "0"}]}
+    return p | {"constraints": [*p["constraints"], c]}
+
+
+def concave(p: Proof, rng: np.random.Generator) -> Proof | None:
+    """A negative weight of an entropy: no convex problem, and none of docs/proof.md."""
+    p = copy.deepcopy(p)
+    entropies = [e for c in p["constraints"] for e in c["entropy"]]
+    for e in entropies:
+        e["weight"] = "-1/2"
+    return p if entropies else None
+
+
+#: What a number must not look like; {} is a true one, so that nothing else is wrong.
+_NUMBERS = (
+    "1e99999999| {}|{} |{}_0|+{}|0x10|1/0|nan|inf||.5|--1|1e400|1e9999|\uff11|-|{}/1/2|{} /1|1/-2|1/3"
+)
+_NUMBERS += "|{}" + 5000 * "0" + "|1/" + 5000 * "2"
+_OTHERS: list[Any] = [1, 0.5, None, True, [], {}, ["1"], "one", -1, 10**30]
+
+
+def malformed(p: Proof, rng: np.random.Generator) -> Proof | None:
+    """One field lost, added, of another type, length or range."""
+    p, pick = copy.deepcopy(p), random.Random(int(rng.integers(0, 2**31)))
+    parent, key = pick.choice([w for w in places(p) if w[1] != "format"])
+    old, what = parent[key], pick.randrange(5)
+    indices = pick.choice([c["indices"] for c in p["constraints"]])
+    if what == 0:
+        if isinstance(parent, dict):
+            del parent[key]
+        else:  # of another length than the rest
+            parent.append(copy.deepcopy(old))
+    elif what == 1:
+        pick.choice([p, *p["constraints"]])["more"] = "1"
+    elif what == 2 and indices:
+        indices[0] = pick.choice([-1, len(p["bound"]), *indices[1:], True, "0"])
+    elif what == 3:
+        field = pick.choice(["floor", "bound", "y", "rho"])
+        owner, at = (p, field) if field == "floor" or not p[field] else (p[field], 0)
+        if owner is p and field != "floor":
+            return None
+        owner[at] = pick.choice(_NUMBERS.split("|")).replace("{}", owner[at])
+    elif what == 4:
+        other = pick.choice(_OTHERS)
+        if type(other) is type(old):
+            return None
+        parent[key] = other
+    else:
+        return None
+    return p
+
+
+#: Lists that may be empty, longer or shorter without anything else being so.
+_FREE = ("constraints", "entropy")
+
+
+def places(value: Any) -> Iterator[tuple[Any, Any]]:
+    """(parent, key) of everything in a proof but what the lists hold whose length is free."""
+    pairs = value.items() if isinstance(value, dict) else enumerate(value)
+    for key, child in pairs:
+        if key not in _FREE and not (isinstance(child, dict) and isinstance(key, int)):
+            yield value, key
+        if isinstance(child, dict | list):
+            yield from places(child)
+
+
+FALSE: dict[str, Callable[[Proof, np.random.Generator], Proof | None]] = {
+    f.__name__: f
+    for f in (swapped, outside, impossible, wrong_dual, singular, singular_theta, concave, malformed)
+}
+
+
+def unreadable(whole: str, rng: np.random.Generator) -> str:
+    """A file that is not the JSON of a proof: broken, a field twice, changed after it was signed."""
+    kind = int(rng.integers(0, 6))
+    if kind == 0:
+        return whole[: int(rng.integers(0, len(whole)))]
+    if kind == 1:
+        return whole.replace('"floor"', '"floor": "1", "floor"', 1)
+    if kind == 2:
+        return whole.replace('"kind"', '"kind": NaN, "also"', 1)
+    if kind == 3:
+        return "[" * int(rng.integers(1, 200_000))
+    if kind == 4:
+        return whole.replace('"name": "', '"name": "-', 1)
+    return whole.replace(verify_proof.FORMAT, "sdp-vs-penalty proof 1", 1)
+
+
+def cases(count: int, seed: int = 0) -> Iterator[tuple[str, str, bool]]:
+    """(kind, text of the file, whether it must be accepted): one genuine in four."""
+    rng = np.random.default_rng(seed)
+    names, made = [*FALSE, "unreadable"], 0
+    while made < count:
+        true = infeasible(rng) if rng.random() < 0.2 else genuine(rng)
+        whole = json.dumps(signed(true))
+        if made % 4 == 0:
+            made += 1
+            yield f"genuine {true['kind']}", whole, True
+            continue
+        name = names[int(rng.integers(0, len(names)))]
+        if name == "unreadable":
+            made += 1
+            yield name, unreadable(whole, rng), False
+        elif true["kind"] == "optimum" or name == "malformed":
+            false = FALSE[name](true, rng)
+            if false is not None:
+                made += 1
+                yield name, json.dumps(signed(false)), False
+
+
+def judged(count: int, seed: int = 0) -> tuple[Counter[str], list[str], float]:
+    """How many of each kind were judged right, the texts of the others, the longest time [s]."""
+    right: Counter[str] = Counter()
+    wrong, longest = [], 0.0
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "proof.json")
+        for kind, content, true in cases(count, seed):
+            file.write_text(content)
+            begin = time.process_time()
+            try:
+                verify_proof.check(verify_proof.read(file))
+                accepted = True
+            except Exception:
+                accepted = False
+            longest = max(longest, time.process_time() - begin)
+            if accepted == true:
+                right[kind] += 1
+            else:
+                wrong.append(f"{kind}: {content}")
+    return right, wrong, longest
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--count", type=int, default=10_000, help="how many false files")
+    parser.add_argument("--seed", type=int, default=0)
+    chosen = parser.parse_args()
+    right, wrong, longest = judged(chosen.count * 4 // 3 + 1, chosen.seed)
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    for kind in sorted(right):
+        print(f"{kind}: {right[kind]} right")
+    print(f"wrong: {len(wrong)}; longest {longest:.2f} s; {memory:.0f} MB in all")
+    for line in wrong[:5]:
+        print(line[:400])
+    if wrong or longest > _SECONDS or memory > _MEGABYTES:
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""The verb demo: the main job in small, on a simulated arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.report.demo import Demo
+
+#: Letters of the longest bar.
+_WIDTH = 40
+
+
+def verb(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for runs, models and report.")] = Path(
+        "demo"
+    ),
+    seed: Annotated[int, typer.Option(help="Seed of the simulated arm.")] = 7,
+) -> None:
+    """Show the main job on a simulated 7-joint arm in which one effect is hidden.
+
+    Example: sdp-vs-penalty demo --out demo
+    """
+    from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.estimation.verdict import changes
+    from sdp_vs_penalty.report.demo import ARM, RUNS, demo
+
+    with console.progress("simulating") as progress:
+        made = demo(out, seed, progress)
+    before, after, j = made.before, made.after, made.joint
+    console.say(f"A simulated {ARM} arm: two runs to identify from, one to judge on ({out}).")
+    console.say("1. Identify: the same runs by three methods", style="bold")
+    _methods(made)
+    console.say("2. Compare: where the physically consistent model fails", style="bold")
+    printing.where_it_fails(made.failures, made.model.robot.torque_units, before.name)
+    console.say("3. Diagnose", style="bold")
+    console.explain(made.found.headline)
+    console.say("4. Add it", style="bold")
+    said = changes(before.rmse, after.rmse, after.noise_floor)
+    console.explain(said or "No joint's error changed.")
+    if after.noise_floor is not None:
+        largest = before.rmse[j] / after.noise_floor[j]
+        for name, result in (("before", before), ("after", after)):
+            ratio = result.rmse[j] / after.noise_floor[j]
+            bar = "#" * max(1, round(_WIDTH * ratio / largest))
+            console.say(f"  joint {j + 1} {name:7}{bar} {ratio:.3g} x noise")
+    printing.verdict(after.verdict)
+    console.say(f"Hidden was: {made.truth}.")
+    console.written(out / "report.html", "open it in a browser")
+    runs = [out / name for name in RUNS]
+    console.next_step(["compare", out / "model.json", out / "better.json", "--data", runs[-1]])
+
+
+def _methods(made: Demo) -> None:
+    """One row a method, judged on motion that none has seen."""
+    from sdp_vs_penalty.cli import console
+
+    rows = []
+    for c in made.compared:
+        certificate, figure = c.estimate.certificate, console.number
+        over = None if c.noise_floor is None else float((c.rmse / c.noise_floor).max())
+        thin = certificate.smallest_thickness
+        rows.append(
+            (
+                c.name,
+                c.verdict.grade,
+                figure(c.relative_error_percent),
+                "-" if over is None else figure(over),
+                "yes" if certificate.worst <= 1e-9 else "no",
+                "-" if thin is None else figure(1e3 * thin),
+                "-" if certificate.gap is None else f"{certificate.gap:.0e}",
+            )
+        )
+    heads = ("method", "verdict", "error %", "worst/noise", "possible", "thinnest mm", "gap")
+    console.table("On motion that no model has seen", heads, rows, words=2)

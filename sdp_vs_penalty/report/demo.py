@@ -1,0 +1,94 @@
+"""The main job in small: a simulated arm with something hidden, from its log to a better model.
+
+The verb ``demo`` and the page's button "Show me" take the same steps as anybody with a real arm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data.measurements import concatenate
+from sdp_vs_penalty.diagnosis.adding import add
+from sdp_vs_penalty.diagnosis.comparison import Comparison, compare
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.report import report
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+
+#: The arm, what is hidden on which joint (from 0), how strongly, and the methods side by side.
+ARM, HIDDEN, JOINT, LEVEL = "panda", "presliding_hysteresis", 6, "strong"
+METHODS = ("ols", "penalty", "lmi-sdp")
+#: Names of the runs: to identify from, and to judge on.
+RUNS = ("run1.csv", "run2.csv", "test.csv")
+
+
+@dataclass(frozen=True)
+class Demo:
+    """compared : each method's model judged on motion that it has not seen; failures, found : of the
+    last one; after : that model with what was found; truth : what was hidden."""
+
+    compared: list[Comparison]
+    failures: Failures
+    found: Diagnosis
+    model: Estimate
+    after: Comparison
+    truth: str
+
+    @property
+    def before(self) -> Comparison:
+        """The model that the effects were added to."""
+        return self.compared[-1]
+
+    @property
+    def joint(self) -> int:
+        """The joint (from 0) whose error fell most."""
+        share = self.after.rmse / self.before.rmse
+        return int(share.argmin())
+
+
+def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) -> Demo:
+    """Simulate, identify by three methods, look where the model fails, diagnose, add; all in ``folder``.
+
+    It will hold run1.csv, run2.csv, test.csv, model.json, better.json and report.html. No step knows
+    what was hidden. Raises InputError where the folder cannot be written.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    problem = load_problem(ARM)
+    progress("simulating three runs")
+    made = hidden_runs(problem, [(HIDDEN, [JOINT])], LEVEL, seed, count=len(RUNS))
+    for name, run in zip(RUNS, made.runs, strict=True):
+        save(run, folder / name)
+    train, test = concatenate(list(made.train)), made.test
+    models = {}
+    for method in METHODS:
+        progress(f"identifying by {method}")
+        models[method] = identify(problem, train, method, seed=seed)
+    model = models[METHODS[-1]]
+    progress("comparing on motion that no model has seen")
+    failures = where_it_fails(model, test)
+    progress("looking for what is missing")
+    found = diagnose(model, train, test, seed=seed)
+    progress("adding it")
+    better = add(model, found, train, seed=seed) if found.effects else model
+    *compared, after = compare({**models, "with what was found": better}, test)
+    _keep(folder, {"model.json": (model, compared[-1]), "better.json": (better, after)})
+    progress("writing the report")
+    named = {"before": model, "after": better}
+    report(named, test, folder / "report.html", commands=["sdp-vs-penalty demo"], findings=found)
+    return Demo(compared, failures, found, better, after, f"{HIDDEN} on joint {JOINT + 1}")
+
+
+def _keep(folder: Path, models: dict[str, tuple[Estimate, Comparison]]) -> None:
+    """Each model with its verdict."""
+    for name, (estimate, judged) in models.items():
+        estimate.provenance["verdict"] = judged.verdict.to_dict()
+        estimate.provenance.update({"data": list(RUNS[:-1]), "checked": True})
+        estimate.save(folder / name)

@@ -1,0 +1,146 @@
+"""Pictures as plain markup for report and page: error over noise as bars, causes as a heat map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+from sdp_vs_penalty.diagnosis.causes import CAUSES
+from sdp_vs_penalty.show import plain_unit
+
+#: Of each cause the colour of its stretches; the last is for those without one.
+SHADES = dict(
+    zip(
+        (*CAUSES, "no cause seen"),
+        (
+            "#D55E00", "#56B4E9", "#E69F00", "#CC79A7", "#009E73", "#0072B2", "#8A6FDF", "#7A5C2E",
+            "#5B8C5A", "#A0522D", "#888888",
+        ),
+        strict=True,
+    )
+)  # fmt: skip
+#: Shares below this are not shown: one in a hundred of the error.
+_SEEN = 0.01
+_WIDTH, _BAR = 400.0, 9.0
+#: Share by which an error changes before it is coloured.
+_CHANGES = 0.05
+
+
+def bars(
+    before: Sequence[float],
+    after: Sequence[float] | None,
+    floor: Sequence[float] | None,
+    units: Sequence[str],
+) -> str:
+    """A bar a joint, cut at the noise floor: the error over it, before in grey and after in colour.
+
+    before, after, floor (n,) [N m or N] : RMS errors, after None where there is one model alone; floor
+    None where it is not known: errors stand in their units then, each joint's against the largest.
+    """  # fmt: skip
+    known = floor is not None and all(floor)
+    scale = list(floor) if known and floor is not None else [1.0] * len(before)
+    olds = [x / s for x, s in zip(before, scale, strict=True)]
+    news = olds if after is None else [x / s for x, s in zip(after, scale, strict=True)]
+    largest = max(*olds, *news, 1.5 if known else 0.0, 1e-300)
+    rows = []
+    for j, (old, new) in enumerate(zip(olds, news, strict=True)):
+        unit = "" if known else f" {plain_unit(units[j])}"
+        said = f"{new:.3g}{unit}" if after is None else f"{old:.3g} → {new:.3g}{unit}"
+        change = new / old - 1.0 if old > 0.0 else 0.0
+        kind = "better" if change < -_CHANGES else "worse" if change > _CHANGES else "same"
+        note = "" if after is None else f'<td class="change {kind}">{_percent(change)}</td>'
+        shapes = _bar(old, largest, 2.0, "before") if after is not None else ""
+        shapes += _bar(new, largest, 3.0 + _BAR if after is not None else 6.5, "after")
+        if known:
+            at = _WIDTH / largest
+            shapes += f'<rect class="noise" x="0" y="0" width="{at:.1f}" height="24"/>'
+            shapes += f'<line class="floor" x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="24"/>'
+        drawn = f'<svg viewBox="0 0 {_WIDTH:g} 24" preserveAspectRatio="none" aria-hidden="true">'
+        rows.append(
+            f'<tr><th scope="row">joint {j + 1}</th><td class="track">{drawn}{shapes}</svg></td>'
+            f'<td class="number">{said}</td>{note}</tr>'
+        )
+    caption = "Error over the noise floor of each joint" if known else "RMS error of each joint"
+    caption += "; grey: noise" if known else "; noise floor unknown"
+    if after is not None:
+        caption += "; upper bar before, lower after"
+    return f'<table class="bars"><caption>{caption}</caption><tbody>{"".join(rows)}</tbody></table>'
+
+
+def _percent(change: float) -> str:
+    return f"{100.0 * change:+.0f} %" if abs(change) >= 5e-3 else "0 %"
+
+
+def _bar(value: float, largest: float, top: float, kind: str) -> str:
+    width = _WIDTH * value / largest
+    return f'<rect class="{kind}" x="0" y="{top:g}" width="{width:.1f}" height="{_BAR:g}" rx="1.5"/>'
+
+
+def found_shares(diagnosis: Any, n: int) -> dict[str, list[float]]:
+    """By confident finding the share of each joint's held-out error variance that it takes away."""
+    out: dict[str, list[float]] = {}
+    for f in () if diagnosis is None else diagnosis.effects:
+        if f.confidence != "confident":
+            continue
+        pairs = zip(f.held_out_rmse_before, f.held_out_rmse_after, strict=True)
+        shares = [max(0.0, 1.0 - (b / a) ** 2) if a > 0.0 else 0.0 for a, b in pairs]
+        own = {j - 1 for j in f.joints}
+        row = out.setdefault(f"found: {f.effect}", [0.0] * n)
+        for j in range(n):
+            row[j] = max(row[j], shares[j] if j in own or not own else 0.0)
+    return out
+
+
+def heat_rows(
+    failures: Sequence[Mapping[str, Any]], found: Mapping[str, Sequence[float]]
+) -> list[tuple[str, list[float]]]:
+    """Causes and findings with each joint's share, those that explain nothing anywhere left out.
+
+    failures : of each joint `held_out_shares`, as JointFailure.to_dict() has it."""
+    every = [(name, list(shares)) for name, shares in found.items()]
+    names = failures[0]["held_out_shares"] if failures else {}
+    every += [(name, [f["held_out_shares"][name] for f in failures]) for name in names]
+    return [(name, shares) for name, shares in every if max(shares) >= _SEEN]
+
+
+def heat_map(title: str, rows: Sequence[tuple[str, Sequence[float]]], n: int) -> str:
+    """A table whose rows are causes, whose columns joints; darker explains more of the joint's error."""
+    heads = "".join(f'<th scope="col">{j + 1}</th>' for j in range(n))
+    body = ""
+    for name, shares in rows:
+        cells = "".join(
+            f'<td style="--share:{s:.2f}">{f"{100.0 * s:.0f}" if s >= _SEEN else ""}</td>'
+            for s in shares
+        )
+        body += f'<tr><th scope="row">{escape(name)}</th>{cells}</tr>'
+    if not rows:
+        body = f'<tr><td colspan="{n + 1}">No cause explains 1 % of any joint\'s error.</td></tr>'
+    head = f'<thead><tr><th scope="col">cause \\ joint</th>{heads}</tr></thead>'
+    caption = f"<caption>{escape(title)}</caption>"
+    return f'<table class="heat">{caption}{head}<tbody>{body}</tbody></table>'
+
+
+def legend(causes: Sequence[str]) -> str:
+    """The colours of the causes that are shown."""
+    chips = "".join(
+        f'<span><i style="background:{SHADES.get(c, SHADES["no cause seen"])}"></i>{escape(c)}</span>'
+        for c in causes
+    )
+    return f'<p class="legend">Shaded where the error is large: {chips}</p>' if causes else ""
+
+
+def shades(
+    stretches: Sequence[tuple[float, float, str]], axes: Sequence[str] = ("x",)
+) -> list[dict[str, Any]]:
+    """Plotly shapes behind curves; stretches : first and last instant on the figure, and the cause;
+    axes : the x axes ("x", "x2") that they stand on."""
+    return [
+        {
+            "type": "rect", "layer": "below", "line": {"width": 0}, "opacity": 0.18,
+            "xref": axis, "yref": f"{axis.replace('x', 'y')} domain", "x0": a, "x1": b, "y0": 0, "y1": 1,
+            "fillcolor": SHADES.get(cause, SHADES["no cause seen"]),
+        }
+        for axis in axes
+        for a, b, cause in stretches
+    ]  # fmt: skip

@@ -1,0 +1,227 @@
+"""Every verb's every file argument, given what is no such file: one sentence, exit 2, bounded."""
+
+from __future__ import annotations
+
+import os
+import signal
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from peak_memory import peak_memory
+from scipy.io import savemat
+from small_runs import small_run
+
+from sdp_vs_penalty import identify
+from sdp_vs_penalty.cli import main as cli
+from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.problem.load import load_problem
+
+#: Seconds and bytes that a refusal may take.
+SECONDS, MEMORY = 10, 650e6
+
+#: Commands by the kind of the file that stands for @; RUN, MODEL and PROOF are good ones.
+COMMANDS = {
+    "run": (
+        "check @",
+        "check @ --problem two_link --fix out.csv",
+        "convert @ --out out.csv",
+        "convert @ --problem two_link --rename t=a,q=b,tau=c --out out.csv",
+        "convert @ --headless --rate 100 --out out.csv",
+        "identify two_link --data @ --out out.json",
+        "identify two_link --data RUN @ --out out.json --jobs 1",
+        "compare MODEL --data @",
+        "cross-validate two_link --data @",
+        "diagnose MODEL --data @",
+        "diagnose MODEL --data RUN --test @",
+        "add MODEL joint_spring:1 --data @ --out out.json",
+        "report MODEL --data @ --out out.html",
+        "simulate MODEL --follow @",
+        "export-sdp two_link --data @ --out out.cbf",
+    ),
+    "model": (
+        "compare @ --data RUN",
+        "diagnose @ --data RUN",
+        "add @ joint_spring:1 --data RUN --out out.json",
+        "report @ --data RUN --out out.html",
+        "export @ --out out.urdf",
+        "simulate @ --follow RUN",
+        "excite @ --out out.csv",
+        "add MODEL --from @ --data RUN --out out.json",
+        "report MODEL --data RUN --findings @ --out out.html",
+        "verify @",
+    ),
+    "urdf": (
+        "check-urdf @",
+        "check-urdf @ --fix out.urdf",
+        "export MODEL --urdf @ --out out.urdf",
+        "identify @ --data RUN --out out.json",
+        "excite MODEL --separate joint_spring:1,torque_ripple:1 --urdf @ --out out.csv",
+        "check RUN --problem @",
+        "convert RUN --problem @ --out out.csv",
+        "simulate @ --out out",
+    ),
+    "problem": (
+        "identify @ --data RUN --out out.json",
+        "check RUN --problem @",
+        "excite @ --out out.csv",
+    ),
+    "pem": ("page --host arm.example --certificate @ --key @",),
+}
+SUFFIXES = {
+    "run": (".csv", ".npz", ".mat", ".parquet", ".mcap"),
+    "model": (".json",),
+    "urdf": (".urdf",),
+    "problem": ("",),
+    "pem": (".pem",),
+}
+
+
+def chain(links: int) -> str:
+    """A URDF of so many links, one on the other."""
+    joint = (
+        '<link name="{0}"/><joint name="j{0}" type="{2}"><parent link="{1}"/><child link="{0}"/></joint>'
+    )
+    kinds = ("fixed", "continuous")
+    body = "".join(joint.format(k, k - 1, kinds[k % 2]) for k in range(1, links))
+    return f'<robot name="r"><link name="0"/>{body}</robot>'
+
+
+def bombs(kind: str, folder: Path) -> Iterator[Path]:
+    """Files of about a megabyte that unpack, nest or count without end."""
+    size = 10**6
+    texts = {
+        "run": {".csv": "t,q1,tau1\n" + "1," * (size // 2), "2.csv": "9" * size, "3.csv": "\n" * size},
+        "model": {
+            ".json": "[" * size,
+            "2.json": '{"format":2,"robot":' * (size // 20),
+            "3.json": '{"format":2,"robot":' + "9" * size + "}",
+            "4.json": '{"format":2,"robot":{"joints":[' + "{}," * (size // 3) + "{}]}}",
+        },
+        "urdf": {
+            ".urdf": "<robot>" + "<a>" * (size // 3),
+            "2.urdf": '<robot name="r">' + '<link name="a"/>' * (size // 16) + "</robot>",
+            "3.urdf": '<!DOCTYPE robot [<!ENTITY a1 "aaaaaaaaaa">'
+            + "".join(f'<!ENTITY a{k} "{10 * f"&a{k - 1};"}">' for k in range(2, 10))
+            + "]><robot>&a9;</robot>",
+            "5.urdf": chain(8000),
+            "4.urdf": '<robot name="r"><link name="a"><inertial><mass value="' + "9" * size + '"/>'
+            "</inertial></link></robot>",
+        },
+        "pem": {".pem": "-" * size},
+    }  # fmt: skip
+    for suffix, text in texts.get(kind, {}).items():
+        path = folder / f"bomb{suffix}"
+        path.write_text(text)
+        yield path
+    if kind == "run":
+        zeros = np.zeros(2**26)
+        np.savez_compressed(folder / "bomb.npz", t=zeros, q1=zeros[:1], tau1=zeros[:1])
+        savemat(folder / "bomb.mat", {"t": zeros}, do_compression=True)
+        with zipfile.ZipFile(folder / "headers.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("q.npy", b"\x93NUMPY\x01\x00" + b"\xff\xff" + b"(" * 2**16)
+        yield from (folder / name for name in ("bomb.npz", "bomb.mat", "headers.npz"))
+    if kind == "problem":
+        for number, text in enumerate(
+            (
+                "a = " + "[" * size,
+                "a" + ".a" * (size // 2) + " = 1",
+                "[a]\n" * (size // 4),
+                "x=" + "9" * size,
+            )
+        ):
+            made = folder / f"bomb{number}"
+            made.mkdir()
+            (made / "problem.toml").write_text(text)
+            yield made
+
+
+def hostile(kind: str, folder: Path, every: bool) -> Iterator[Path]:
+    """What an argument must survive: devices, pipes, folders, unreadable files, and bombs.
+
+    every : with every suffix and every bomb of this kind, instead of one.
+    """
+    for suffix in SUFFIXES[kind] if every else SUFFIXES[kind][:1]:
+        for name, target in (
+            ("zero", "/dev/zero"),
+            ("mem", "/proc/self/mem"),
+            ("gone", folder / "nothing"),
+        ):
+            link = folder / f"{name}{suffix}"
+            link.symlink_to(target)
+            yield link
+        os.mkfifo(folder / f"pipe{suffix}")
+        yield folder / f"pipe{suffix}"
+        (folder / f"folder{suffix}").mkdir()
+        yield folder / f"folder{suffix}"
+    if kind == "problem":
+        for name, target in (("device", "/dev/zero"), ("unreadable", "/proc/self/mem")):
+            (folder / name).mkdir()
+            (folder / name / "problem.toml").symlink_to(target)
+            yield folder / name
+        (folder / "waits").mkdir()
+        os.mkfifo(folder / "waits" / "problem.toml")
+        yield folder / "waits"
+    yield from bombs(kind, folder) if every else islice(bombs(kind, folder), 1)
+
+
+@contextmanager
+def at_most(seconds: int) -> Iterator[None]:
+    """An error where the block takes longer."""
+
+    def late(*_: Any) -> None:
+        raise AssertionError(f"still at it after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    folder = tmp_path_factory.mktemp("good")
+    problem = load_problem("two_link")
+    run = small_run(problem)
+    save(run, folder / "run.csv")
+    identify(problem, run).save(folder / "model.json")
+    return {"RUN": str(folder / "run.csv"), "MODEL": str(folder / "model.json")}
+
+
+CASES = [(kind, command) for kind, commands in COMMANDS.items() for command in commands]
+
+
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="devices and limits of Linux")
+@pytest.mark.parametrize(("kind", "command"), CASES, ids=[command for _, command in CASES])
+def test_no_file_crashes_hangs_or_bursts(
+    kind: str,
+    command: str,
+    good: dict[str, str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    given, work = tmp_path / "given", tmp_path / "work"
+    given.mkdir()
+    work.mkdir()
+    monkeypatch.chdir(work)
+    for path in hostile(kind, given, every=command == COMMANDS[kind][0] or "rename" in command):
+        words = [{"@": str(path), **good}.get(word, word) for word in command.split()]
+        with peak_memory() as peak, at_most(SECONDS), pytest.raises(SystemExit) as end:
+            cli.main(words)
+        said = capsys.readouterr().err.strip()
+        told = f"{command} with {path.name}: exit {end.value.code}, {peak[0] / 1e6:.0f} MB: {said}"
+        assert end.value.code == 2 or (command == "verify @" and end.value.code == 1), told
+        assert "internal error" not in said, told
+        assert len(said.splitlines()) <= 1, told
+        assert len(said) < 1000, told
+        assert peak[0] < MEMORY, told
+        assert not [*work.iterdir()], told

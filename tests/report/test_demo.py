@@ -1,0 +1,37 @@
+"""The demo: what is hidden is found without being told, and the error of its joint falls."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+from printed_pages import check_printed
+
+from sdp_vs_penalty.cli.main import main
+from sdp_vs_penalty.report.demo import HIDDEN, JOINT
+
+pytest.importorskip("plotly")
+
+
+def test_the_demo_tells_the_whole_story(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    begin = time.process_time()
+    with pytest.raises(SystemExit) as stop:
+        main(["demo", "--out", str(tmp_path / "demo")])
+    shown = capsys.readouterr()
+    assert stop.value.code == 0, shown.err
+    assert time.process_time() - begin < 20.0  # 13 s where nothing else runs
+    text = " ".join(shown.out.split())
+    assert f"Missing: {HIDDEN} on joint {JOINT + 1}" in text
+    fall = text.partition(f"joint {JOINT + 1}: ")[2].partition(" %)")[0]
+    assert int(fall.rpartition("(")[2]) <= -60
+    for method in ("ols", "penalty", "lmi-sdp"):
+        assert f"{method} " in text
+    assert "ols do not use" in text
+    assert "Good. Error over noise" in text
+    check_printed("demo.md", shown.out)
+    html = (tmp_path / "demo" / "report.html").read_text()
+    assert '<p class="verdict good">' in html
+    assert {p.name for p in (tmp_path / "demo").iterdir()} == {
+        "run1.csv", "run2.csv", "test.csv", "model.json", "better.json", "report.html",
+    }  # fmt: skip
