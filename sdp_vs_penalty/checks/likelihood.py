@@ -62,8 +62,8 @@ class Likelihood:
 
     def __init__(self, data: RegressionData) -> None:
         self.data = data
-        #: By motion the mean of ddq^T Y(q, 0, ddq) without weight.
-        self.pushed: dict[object, Array] = {}
+        #: By motion what tells inertia and weight, see :class:`Score`.
+        self.pushed: dict[object, tuple[Array, Array]] = {}
         self._joints: dict[object, list[Joint]] = {}
         self._normal: dict[object, Array] = {}
         self._bases: dict[object, tuple[Array, Array, Array]] = {}
@@ -149,6 +149,15 @@ class Likelihood:
             out.append(c - x.basis @ (x.basis.T @ c))
         return out
 
+    def nominal_weight(self, repair: Repair) -> Array:
+        """(M, n) the weight of a plausible arm at the repaired positions."""
+        m, shared = self.motion(repair), self.data.shared
+        rest = np.zeros_like(m.q)
+        if shared is None or not len(shared.rigid_indices):
+            return rest
+        robot = under_gravity(shared, repair.gravity).robot
+        return np.asarray(robot.regressor(m.q, rest, rest) @ self.data.nominal)
+
     def _own(self, repair: Repair, j: int) -> tuple[Array, Array, Array]:
         """Basis of a joint's own columns as repaired, and the rows that read friction and rotor."""
         k, events = repair.order[j], tuple(e for e in repair.events if e.joint == j)
@@ -228,7 +237,7 @@ class Likelihood:
         score = self.scores([repair])[0]
         weights = np.where(self.data.moving, 1.0 / np.maximum(score.left, FLOOR * score.whole), 0.0)
         for k in range(PARTS):
-            theta, own = _joint_fit(
+            theta, own = joint_fit(
                 [g.sum(axis=0) - g[k] for g, *_ in grams],
                 [c.sum(axis=0) - c[k] for _, c, _ in grams],
                 widths,
@@ -273,7 +282,7 @@ def _by_part(columns: Array, y: Array, edges: Array) -> tuple[Array, Array, Arra
     return gram, cross, np.array([y[p] @ y[p] for p in parts])
 
 
-def _joint_fit(
+def joint_fit(
     grams: list[Array], crosses: list[Array], widths: Array, weights: Array
 ) -> tuple[Array, list[Array]]:
     """Shared and own parameters from normal equations whose first ``widths[j]`` are joint j's own."""
@@ -414,17 +423,28 @@ class Score:
 
     def inertia(self, repair: Repair, samples: float) -> float:
         """z of the mean of ddq^T M(q) ddq of the fitted arm, rotors included."""
-        data = self.of.data
-        key, slope = repair.motion_key[:4], np.zeros(len(self.theta))
-        if data.shared is not None and key not in self.of.pushed:
-            m, keep = self.of.motion(repair), data.independent
-            still = Motion(m.t, m.q, np.zeros_like(m.q), m.ddq)
-            blocks = under_gravity(data.shared, (0.0, 0.0, 0.0)).columns(still)
-            pushed = zip(blocks, m.ddq.T, strict=True)
-            slope = sum(b.wide(len(keep))[:, keep].T @ a for b, a in pushed) / data.count
-            _keep(self.of.pushed, key, slope)
-        slope = self.of.pushed.get(key, slope)
-        return self._z(slope, np.column_stack([x.spin for x in self.joints]), samples)
+        return self._z(self._pushed(repair)[0], np.column_stack([x.spin for x in self.joints]), samples)
+
+    def weight(self, repair: Repair, samples: float) -> float:
+        """z of the fitted weight's component along that of a nominal arm: masses are positive."""
+        return self._z(self._pushed(repair)[1], np.zeros_like(self.channels), samples)
+
+    def _pushed(self, repair: Repair) -> tuple[Array, Array]:
+        """(s,) what the mean of ddq^T M(q) ddq is of the shared parameters, and the weight's mean
+        product with the nominal weight."""
+        data, key = self.of.data, repair.motion_key
+        if data.shared is None:
+            return np.zeros(0), np.zeros(0)
+        if key not in self.of.pushed:
+            m, keep, made = self.of.motion(repair), data.independent, []
+            rest, loads = np.zeros_like(m.q), self.of.nominal_weight(repair)
+            ways = (((0.0, 0.0, 0.0), m.ddq, m.ddq), (repair.gravity, rest, loads))
+            for gravity, ddq, along in ways:
+                blocks = under_gravity(data.shared, gravity).columns(Motion(m.t, m.q, rest, ddq))
+                some = zip(blocks, along.T, strict=True)
+                made.append(sum(b.wide(len(keep))[:, keep].T @ a for b, a in some) / data.count)
+            _keep(self.of.pushed, key, (made[0], made[1]))
+        return self.of.pushed[key]
 
 
 def log_phi(z: Array | float) -> Array:
@@ -435,9 +455,10 @@ def log_phi(z: Array | float) -> Array:
 
 
 def physics(score: Score, repair: Repair, samples: float) -> float:
-    """log-probability that inertia is positive and friction takes power."""
+    """log-probability that inertia and masses are positive and friction takes power."""
     return float(
         log_phi(score.inertia(repair, samples))
+        + log_phi(score.weight(repair, samples))
         + log_phi(score.friction(samples))[score.of.data.moving].sum()
     )
 
@@ -478,6 +499,6 @@ def deviation(of: Likelihood, at: Callable[[float], Repair], value: float, usual
     for k in range(PARTS):
         some = [(g.sum(axis=0) - g[k], c.sum(axis=0) - c[k]) for g, c, _ in grams]
         left, right = [g for g, _ in some], [c for _, c in some]
-        found.append(float(_joint_fit(left, right, widths, score._weights)[0][-1]))
+        found.append(float(joint_fit(left, right, widths, score._weights)[0][-1]))
     spread = np.array(found)
     return float(np.sqrt((PARTS - 1) / PARTS * np.sum((spread - spread.mean()) ** 2))) / scale

@@ -32,7 +32,8 @@ class RegressionData:
     motion : (M, n) low-passed states; torque, rate : (K, M, n) low-passed channels and their time
     derivatives, each LEADS[k] later than the motion; own : (n, M, k) columns that each joint's own
     motion makes; heard : (M, n) 1 where a joint slides, 0 where its torque is not asked; moving : (n,);
-    shared : the effects whose columns joints share, ``independent`` of their parameters stand for all.
+    shared : the effects whose columns joints share, ``independent`` of their parameters stand for all;
+    nominal : (10 links,) parameters of a plausible arm.
     """
 
     shared: Model | None
@@ -43,6 +44,7 @@ class RegressionData:
     own: Array
     heard: Array
     moving: NDArray[np.bool_]
+    nominal: Array
 
     @property
     def n(self) -> int:
@@ -100,7 +102,17 @@ class RegressionData:
         moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)  # and its channel is not dead
         usual = np.sqrt(np.mean(dq**2, axis=0))
         slides = np.abs(dq) > SLIDES * usual
-        made = cls(shared, kept, Motion(t, q, dq, ddq), torque, rate, own, slides.astype(float), moving)
+        made = cls(
+            shared,
+            kept,
+            Motion(t, q, dq, ddq),
+            torque,
+            rate,
+            own,
+            slides.astype(float),
+            moving,
+            np.asarray(problem.nominal_links.ravel(), float),
+        )
         # Where all have stopped nothing is asked of any joint.
         return made.part(np.flatnonzero(np.any(slides[:, moving], axis=1)))
 

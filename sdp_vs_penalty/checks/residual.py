@@ -10,12 +10,14 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.issue import Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import FLOOR, Score, left_out_alone, minimised
+from sdp_vs_penalty.checks.likelihood import FLOOR, Score, joint_fit, left_out_alone
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformations import Scene
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.arrays import Array
 
 #: What an arm leaves of its torques (root mean square, all joints together): with joint torque
 #: sensors, and with torques from motor currents, whose friction is part of them. So many times as much
@@ -132,22 +134,19 @@ def two_parts(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
 
     Two arms in stripes that take turns have as many parameters, and no reason to explain it better.
     """
-    data, moving = scene.judged.data, scene.moving
-    joints, count = score.joints, data.count
+    data, moving, count = scene.judged.data, scene.moving, scene.judged.data.count
     u = (data.motion.t - data.motion.t[0]) / max(float(np.ptp(data.motion.t)), 1e-300)
+    weights = moving / np.maximum(score.left, FLOOR * score.whole)
+    columns = [np.hstack([x.basis, x.raw]) for x in score.joints]
+    widths = np.array([x.basis.shape[1] for x in score.joints])
 
-    def left(rows: np.ndarray) -> np.ndarray:
-        """(n,) what one arm of these rows leaves of them, each joint's own model from all rows."""
-        y = np.column_stack(
-            [c - x.basis @ (x.basis.T @ c) for c, x in zip(score.channels.T, joints, strict=True)]
-        )
-        gram = np.stack([x.columns[rows].T @ x.columns[rows] for x in joints])
-        cross = np.stack([x.columns[rows].T @ y[rows, j] for j, x in enumerate(joints)])[None]
-        energy = np.sum(y[rows] ** 2, axis=0)[None]
-        weight = moving / np.maximum(score.left, FLOOR * score.whole)
-        return minimised(
-            gram, cross, energy, 1.0 / np.maximum(weight, 1e-300)[None], np.asarray(moving, float)
-        )[1][0]
+    def left(rows: NDArray[np.bool_]) -> Array:
+        """(n,) what one arm of these rows leaves of them."""
+        parts = [(c[rows], y[rows]) for c, y in zip(columns, score.channels.T, strict=True)]
+        grams, crosses = [c.T @ c for c, _ in parts], [c.T @ y for c, y in parts]
+        theta, own = joint_fit(grams, crosses, widths, weights)
+        fits = (np.concatenate([x, theta]) for x in own)
+        return np.array([np.sum((y - c @ x) ** 2) for (c, y), x in zip(parts, fits, strict=True)])
 
     odd = (np.arange(count) * _STRIPES // count) % 2 == 1
     stripes = left(odd) + left(~odd)

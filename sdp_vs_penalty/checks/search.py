@@ -28,8 +28,9 @@ from sdp_vs_penalty.checks.transformations.transformation import ODDS
 MIN_GAIN = 7.0
 #: What the arm leaves of parts that it was not fitted to has to fall by so many standard errors.
 _SIGNIFICANT = 2.5
-#: Standard deviations that a number has to lie beyond what is usual.
-_SIGMAS = 3.0
+#: Standard deviations that a number has to lie beyond what is usual (Student's t of eight parts, 99.5
+#: %).
+_SIGMAS = 4.0
 #: ... and by so much the log-likelihood falls to either side of it, within its reach (95 %).
 _CLOSED = 2.0
 #: Signs that leave the torque as well explained by so much are told by physics: so many are looked at.

@@ -41,7 +41,7 @@ _GAINS = (
 )
 #: Drives are calibrated to so much (natural logarithm); a model of channels that differ by more than the
 #: second is wrong, not only worse.
-_CALIBRATED, _MEANINGLESS = 0.1, 0.5
+_CALIBRATED, _MEANINGLESS = 0.06, 0.5
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
 UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
 

@@ -43,6 +43,14 @@ class Mounting(Transformation):
             if known and axis @ given > 0.99 * size:
                 continue
             yield replace(now, gravity=_vector(size * axis))
+        if known:
+            a, turned = given / size, given / size
+            for across in np.linalg.svd(given[None, :])[2][1:]:
+                at = _turned(now, given, across, size)
+                step = score.newton(scene.tried.slope(at, 0.0, 0.02, score.theta))
+                turned = turned + float(np.clip(step, -0.5, 0.5)) * across
+            if turned @ a < float(np.linalg.norm(turned)) * (1.0 - 1e-6):
+                yield replace(now, gravity=_vector(size * turned / np.linalg.norm(turned)))
         for across in np.linalg.svd(given[None, :])[2][1:] if size else ():
             for angle in (-0.3, 0.3):
                 turned = (
