@@ -10,7 +10,7 @@ from sdp_vs_penalty.estimators.estimator import Fit
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
 from sdp_vs_penalty.shootout.contestant import DEFAULT_ACCURACY, Applies, Contestant, with_proof
 from sdp_vs_penalty.shootout.instance import Instance
-from sdp_vs_penalty.shootout.judge import Answer, conic_errors
+from sdp_vs_penalty.shootout.judge import Answer, dimacs_error
 from sdp_vs_penalty.shootout.rivals import rivals
 from sdp_vs_penalty.solvers import absent, solver_modules, version, warm_up
 from sdp_vs_penalty.version import __version__
@@ -69,7 +69,7 @@ def _conic(name: str, module: ModuleType) -> Contestant:
             solution.solve_seconds,
             multipliers,
             sdp.entropy_slopes(solution),
-            *conic_errors(seen, x, z, solution.claims),
+            dimacs_error(seen, x, z),
         )
 
     return Contestant(

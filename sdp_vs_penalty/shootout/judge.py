@@ -1,18 +1,17 @@
-"""What an answer is worth, whatever its author says of it.
+"""What an answer is worth, whatever its author says of it: one standard for every contestant.
 
 Three figures, each relative, none mixed with another: ``objective_error``, how far its objective as
 it was returned lies from the proved interval; ``violation`` of the constraints, as returned; the dual
 gap that follows from the contestant's own multipliers. Beside them ``dimacs``, the largest of the
-DIMACS errors of the conic problem that the solver saw. Its own promise is measured on that problem too,
-relative to all terms, as solvers' criteria are.
+DIMACS errors of the conic problem that the solver saw, by which its author judges it.
 
 right            claims success, and error and violation are within 10 times what was asked;
                  or claims infeasibility of what is proved infeasible
-inaccurate       admits reduced accuracy; or kept its promise, in its own scaling, and is off all the
-                 same (of infeasibility: its proof has errors no larger); or our own interval is too wide
-                 to decide
-silently_wrong   claims success, or that there is no optimum where one is proved, and misses its own
-                 promise too, its own errors 10 times or more above what was asked
+inaccurate       admits reduced accuracy; or claims success and has at least half of the digits asked
+                 for: error and violation are within the square root of the accuracy; or our own interval
+                 is too wide to decide
+silently_wrong   claims success and has fewer than half of the digits, or claims that there is no optimum
+                 where one is proved, or an optimum where there is none
 failed           says so
 timeout, crash   ended by the clock, or by a signal
 """
@@ -25,18 +24,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from sdp_vs_penalty.constraints.cones import cone_margin, project
+from sdp_vs_penalty.constraints.cones import cone_margin
 from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.reference import Reference
 from sdp_vs_penalty.solvers import verified
-from sdp_vs_penalty.solvers.conic import ConicProblem, svec, unsvec
+from sdp_vs_penalty.solvers.conic import ConicProblem, unsvec
 
 CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
 
-#: How far beyond what was asked an answer may be and still count as right; how far beyond it a solver's
-#: own errors may be and its claim of success still count as kept.
+#: How far beyond what was asked an answer may be and still count as right: solvers stop by errors scaled
+#: in their own ways, of which ten times is the usual spread.
 SLACK = 10.0
 
 
@@ -44,9 +43,8 @@ SLACK = 10.0
 class Answer:
     """What a contestant returned. multipliers : of all convex constraints, or None without a dual.
 
-    dimacs : the largest DIMACS error of the conic problem that the solver saw, rewritten for it;
-        own_error : the same relative to all terms of each sum, as solvers' own criteria are. None where
-        no conic problem was sent.
+    dimacs : the largest DIMACS error of the conic problem that the solver saw, rewritten for it; None
+        where no conic problem was sent.
     attempts : runs that went into it, as far as the contestant starts several.
     """
 
@@ -59,7 +57,6 @@ class Answer:
     multipliers: Sequence[Array] | None = None
     entropy_slopes: Array | None = None
     dimacs: float | None = None
-    own_error: float | None = None
     attempts: int = 1
 
 
@@ -93,27 +90,33 @@ def judge(instance: Instance, reference: Reference, answer: Answer, asked: float
     numbers = (error, violation, gap, lower, min(upper, reference.upper), own, answer.dimacs)
     if answer.claims in ("failed", "inaccurate"):
         return Judgement(answer.claims, *numbers)
-    allowed = SLACK * asked
-    kept = answer.own_error is not None and answer.own_error <= allowed
-    if answer.claims in ("infeasible", "unbounded"):
-        wrong = f"claims {answer.claims}, which is proved wrong"
-        if reference.verdict == "infeasible" and answer.claims == "infeasible":
-            return Judgement("right", *numbers)
+    kind, remark = classified(reference, answer.claims, error, violation, asked)
+    return Judgement(kind, *numbers, remark)
+
+
+def classified(
+    reference: Reference, claims: str, error: float, violation: float, asked: float
+) -> tuple[str, str]:
+    """The class of an answer that claims something, and why it is not right."""
+    allowed, half = SLACK * asked, max(SLACK * asked, asked**0.5)
+    if claims in ("infeasible", "unbounded"):
+        if reference.verdict == "infeasible" and claims == "infeasible":
+            return "right", ""
         if reference.verdict == "unknown":
-            return Judgement("inaccurate", *numbers, "whether anything is feasible is not proved")
-    elif reference.verdict == "infeasible":
-        wrong = "solves what is proved infeasible"
-    elif violation > allowed:
-        wrong = "violates the constraints"
-    elif not error <= allowed:
-        wrong = "the objective lies outside of the proved interval"
-    elif reference.gap > allowed and feasible:
-        return Judgement("inaccurate", *numbers, "our interval is wider than what was asked")
-    else:
-        return Judgement("right", *numbers)
-    if kept:
-        return Judgement("inaccurate", *numbers, f"{wrong}, within the solver's own tolerance")
-    return Judgement("silently_wrong", *numbers, wrong)
+            return "inaccurate", "whether anything is feasible is not proved"
+        return "silently_wrong", f"claims {claims}, which is proved wrong"
+    if reference.verdict == "infeasible":
+        return "silently_wrong", "solves what is proved infeasible"
+    if violation <= allowed and error <= allowed:
+        if reference.gap > allowed and reference.verdict == "feasible":
+            return "inaccurate", "our interval is wider than what was asked"
+        return "right", ""
+    what = "the objective lies outside of the proved interval"
+    if violation > allowed:
+        what = "violates the constraints"
+    if violation <= half and error <= half:
+        return "inaccurate", f"{what}, with at least half of the digits asked for"
+    return "silently_wrong", what
 
 
 def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[float, float, float]:
@@ -138,69 +141,28 @@ def _value(instance: Instance, theta: Array) -> float:
     return value if np.isfinite(value) else instance.data.loss(theta)
 
 
-def conic_errors(
-    problem: ConicProblem, x: Array, z: Array, claims: str = "optimal"
-) -> tuple[float, float]:
-    """The largest DIMACS error of a conic solution, and the largest error relative to all terms; of a
-    claim that there is no optimum, that of its proof.
+def dimacs_error(problem: ConicProblem, x: Array, z: Array) -> float:
+    """The largest DIMACS error (Mittelmann, 2003) of a conic solution; infinite for NaN.
 
-    With s = b - A x: the distances of s and z from their cones, stationarity P x + q + A^T z, and the
-    gap. DIMACS (Mittelmann, 2003): relative to 1 + the largest entries of b and q, and to 1 + both
-    objectives. Solvers' own criteria (Clarabel, SCS): relative to the largest of all terms that are
-    summed up, and 1; the gap is the smaller of that of the objectives and s^T z with s in its cone, of
-    which CSDP judges itself by the second: how far s is outside is an error apart. Infinite for numbers
-    that are none.
+    With s = b - A x: the distances of s and z from their cones and stationarity P x + q + A^T z,
+    relative to 1 + the largest entries of b and q, and the gap, relative to 1 + both objectives.
     """
-    if claims in ("infeasible", "unbounded"):
-        error = _error_of_proof(problem, z) if claims == "infeasible" else _error_of_ray(problem, x)
-        return error, error
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
-        return np.inf, np.inf
+        return np.inf
     s = problem.b - problem.A @ x
     force, pull = (problem.P + sparse.triu(problem.P, 1).T) @ x, problem.A.T @ z
     half = 0.5 * float(x @ force)
     primal, dual = half + float(problem.q @ x), -half - float(problem.b @ z)
-    outside, outside_dual = _outside(problem, s), _outside(problem, z, dual=True)
-    left = force + problem.q + pull
-    complement = float(_into_cones(problem, s) @ z)
-    b, q, largest = _largest(problem.b), _largest(problem.q), _largest(force, pull)
-    dimacs = (
-        outside / (1.0 + b),
-        max(outside_dual, float(np.linalg.norm(left))) / (1.0 + q),
+    stationary = float(np.linalg.norm(force + problem.q + pull))
+    return max(
+        _outside(problem, s) / (1.0 + _largest(problem.b)),
+        max(_outside(problem, z, dual=True), stationary) / (1.0 + _largest(problem.q)),
         abs(primal - dual) / (1.0 + abs(primal) + abs(dual)),
     )
-    own = (
-        outside / max(1.0, b, _largest(s)),
-        max(outside_dual, _largest(left)) / max(1.0, q, largest, _largest(z)),
-        min(abs(primal - dual), abs(complement)) / max(1.0, min(abs(primal), abs(dual))),
-    )
-    return max(dimacs), max(own)
 
 
-def _error_of_proof(problem: ConicProblem, z: Array) -> float:
-    """How far z is from a proof that nothing is feasible: z in K*, A^T z = 0, b^T z = -1.
-
-    A z of error e leaves room for x beyond about 1 / e: a solver whose criterion this is keeps its
-    promise where it calls a problem infeasible whose points all lie that far out. Infinite for no proof.
-    """
-    size = -float(problem.b @ z)
-    if not (np.all(np.isfinite(z)) and size > 0.0):
-        return np.inf
-    pull = float(np.linalg.norm(problem.A.T @ z)) / max(1.0, float(np.linalg.norm(problem.q)))
-    return max(pull, _outside(problem, z, dual=True)) / size
-
-
-def _error_of_ray(problem: ConicProblem, x: Array) -> float:
-    """How far x is from a direction of unbounded descent: -A x in K, P x = 0, q^T x = -1."""
-    size = -float(problem.q @ x)
-    if not (np.all(np.isfinite(x)) and size > 0.0):
-        return np.inf
-    bend = float(np.linalg.norm((problem.P + sparse.triu(problem.P, 1).T) @ x))
-    return max(bend, _outside(problem, -(problem.A @ x))) / max(1.0, _largest(problem.b)) / size
-
-
-def _largest(*vectors: Array) -> float:
-    return max(float(np.abs(v).max(initial=0.0)) for v in vectors)
+def _largest(vector: Array) -> float:
+    return float(np.abs(vector).max(initial=0.0))
 
 
 def _outside(problem: ConicProblem, values: Array, dual: bool = False) -> float:
@@ -217,21 +179,6 @@ def _outside(problem: ConicProblem, values: Array, dual: bool = False) -> float:
             shaped = unsvec(part, cone.size) if cone.kind == "psd" else part
             worst = max(worst, -float(cone_margin(cone.kind, shaped)))
     return worst
-
-
-def _into_cones(problem: ConicProblem, values: Array) -> Array:
-    """The nearest rows in their cones; exponential ones as they are."""
-    out, start = values.copy(), 0
-    for cone in problem.cones:
-        own = slice(start, start + cone.rows)
-        start += cone.rows
-        if cone.kind == "zero":
-            out[own] = 0.0
-        elif cone.kind == "psd":
-            out[own] = svec(project("psd", unsvec(values[own], cone.size)))
-        elif cone.kind != "exp" and cone.rows:
-            out[own] = project(cone.kind, values[own])
-    return out
 
 
 def _outside_exponential(v: Array, dual: bool) -> float:

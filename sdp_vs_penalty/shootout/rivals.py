@@ -25,7 +25,7 @@ from sdp_vs_penalty.shootout.contestant import (
     with_proof,
 )
 from sdp_vs_penalty.shootout.instance import Instance
-from sdp_vs_penalty.shootout.judge import Answer, conic_errors
+from sdp_vs_penalty.shootout.judge import Answer, dimacs_error
 from sdp_vs_penalty.solvers import scs, through_cvxpy
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
 from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS
@@ -82,7 +82,7 @@ def _cvxpy(solver: str | None) -> Contestant:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                dimacs, own = _solved(problem, solver)
+                dimacs = _solved(problem, solver)
         except cp.error.SolverError as error:
             return no_answer(instance, str(error), time.perf_counter() - start)
         total = time.perf_counter() - start
@@ -93,7 +93,7 @@ def _cvxpy(solver: str | None) -> Contestant:
         claims = CLAIMS.get(problem.status, "failed")
         steps = int(stats.num_iters or 0)
 
-        return Answer(value, claims, status, steps, total - inside, inside, dimacs=dimacs, own_error=own)
+        return Answer(value, claims, status, steps, total - inside, inside, dimacs=dimacs)
 
     how = "prob.solve(), no options" if solver is None else f"prob.solve(solver={solver!r})"
     return Contestant(
@@ -109,8 +109,8 @@ def _cvxpy(solver: str | None) -> Contestant:
     )
 
 
-def _solved(problem: Any, solver: str | None) -> tuple[float, float]:
-    """problem.solve() in its own steps, for the errors of the conic problem that CVXPY's solver saw."""
+def _solved(problem: Any, solver: str | None) -> float:
+    """problem.solve() in its own steps, for the DIMACS error of what CVXPY's solver saw."""
     data, chain, inverse = problem.get_problem_data(solver, solver_opts={})
     raw = chain.solve_via_data(problem, data, solver_opts={})
     problem.unpack_results(raw, chain, inverse)
@@ -127,9 +127,7 @@ def _solved(problem: Any, solver: str | None) -> tuple[float, float]:
     else:
         x, z = raw.x, raw.z
     seen = ConicProblem(P, np.asarray(data["c"], float), sparse.csc_matrix(A), b, tuple(cones))
-    return conic_errors(
-        seen, np.asarray(x, float), np.asarray(z, float), CLAIMS.get(problem.status, "failed")
-    )
+    return dimacs_error(seen, np.asarray(x, float), np.asarray(z, float))
 
 
 def _no_entropy(instance: Instance) -> str | None:

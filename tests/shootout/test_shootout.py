@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import sparse
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.shootout import hostile, pages, profile, regular, summary
@@ -21,7 +20,7 @@ from sdp_vs_penalty.shootout.judge import (
     CLASSES,
     Answer,
     Judgement,
-    conic_errors,
+    dimacs_error,
     judge,
     relative_violation,
 )
@@ -29,7 +28,6 @@ from sdp_vs_penalty.shootout.nursery import in_child
 from sdp_vs_penalty.shootout.reference import Reference, reference
 from sdp_vs_penalty.shootout.results import table_text
 from sdp_vs_penalty.solvers import clarabel, verified
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
 
 CONTESTANTS = contestants()
 SMALL = ("two_link one-step gyration", "two_link two-step gyration", "chain of 2 links")
@@ -127,21 +125,6 @@ def test_infeasible_instances_are_proved_infeasible(name: str) -> None:
     assert judge(made, known, replace(says, claims="unbounded"), 1e-6).kind == "silently_wrong"
 
 
-def test_a_proof_of_infeasibility_is_held_to_its_solvers_tolerance() -> None:
-    """1e-5 x >= 1 has solutions, beyond 1e5: z = 1 proves nothing nearer, to 1e-5 of itself."""
-    far = ConicProblem(
-        sparse.csc_matrix((1, 1)),
-        np.ones(1),
-        sparse.csc_matrix([[-1e-5]]),
-        -np.ones(1),
-        (Cone("nonnegative", 1),),
-    )
-    nothing = np.full(1, np.nan)
-    assert conic_errors(far, nothing, np.ones(1), "infeasible")[1] == pytest.approx(1e-5)
-    assert conic_errors(far, nothing, -np.ones(1), "infeasible")[1] == np.inf
-    assert conic_errors(far, nothing, np.ones(1), "optimal")[1] == np.inf
-
-
 def test_the_default_path_is_right(two_link: Instance, proved: Reference, best: Answer) -> None:
     verdict = judge(two_link, proved, best, 1e-8)
     assert verdict.kind == "right"
@@ -160,10 +143,11 @@ def test_planted_wrong_answers_are_found(two_link: Instance, proved: Reference, 
         verdict = judge(two_link, proved, wrong, 1e-8)
         assert verdict.kind == "silently_wrong"
         assert verdict.remark
-        # Where the conic problem's own errors, or those of a proof that it has no solution, are as small
-        # as was asked, it is no lie of the solver's.
-        kept = judge(two_link, proved, replace(wrong, own_error=1e-8), 1e-8)
-        assert kept.kind == "inaccurate"
+    # Half of the digits that were asked for are inaccurate, whoever returns them.
+    near = replace(optimal, theta=best.theta + 1e-5 * (inside - best.theta))
+    verdict = judge(two_link, proved, near, 1e-8)
+    assert 1e-7 < verdict.objective_error < 1e-4
+    assert verdict.kind == "inaccurate"
     assert judge(two_link, proved, suboptimal, 1e-8).violation == 0.0
     assert judge(two_link, proved, suboptimal, 1e-8).objective_error > 1e-7
     # The same points are no lie where the solver admits them, or was asked for less.
@@ -231,17 +215,16 @@ def test_conic_errors_see_each_kind_of_mistake(two_link: Instance) -> None:
     for made in (two_link, instance("two_link one-step regulariser")):
         conic = made.sdp.conic
         answer = clarabel.solve(conic, 1e-10)
-        assert max(conic_errors(conic, answer.x, answer.z)) < 1e-7
+        assert dimacs_error(conic, answer.x, answer.z) < 1e-7
         nothing = replace(answer, x=np.full_like(answer.x, np.nan))
-        assert conic_errors(conic, nothing.x, nothing.z) == (np.inf, np.inf)
+        assert dimacs_error(conic, nothing.x, nothing.z) == np.inf
         shifted = answer.x + 1e-2 * np.random.default_rng(0).normal(size=len(answer.x))
         for wrong in (
             replace(answer, z=answer.z + 1e-2),
             replace(answer, z=answer.z - 1e-2),
             replace(answer, x=shifted),
         ):
-            dimacs, own = conic_errors(conic, wrong.x, wrong.z)
-            assert min(dimacs, own) > 1e-4
+            assert dimacs_error(conic, wrong.x, wrong.z) > 1e-4
 
 
 def test_repair_goes_towards_a_point_near_the_optimum(two_link: Instance, proved: Reference) -> None:
