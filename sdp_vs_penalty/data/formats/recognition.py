@@ -34,13 +34,15 @@ WORDS: dict[str, tuple[str, ...]] = {
 #: Words that say nothing about a quantity.
 _FILLERS = {
     "actual", "measured", "meas", "act", "joint", "joints", "j", "a", "axis", "state", "states", "field",
-    "robot", "arm", "data", "value", "values", "msg", "header", "feedback", "fbk", "motor", "link", "real",
+    "robot", "arm", "data", "value", "values", "msg", "header", "feedback", "fbk", "motor", "link",
+    "real",
     "log", "out", "rt", "o", "m", "sensor", "xarm", "ur", "panda", "fr3", "gen3", "kinova", "actuator",
 }  # fmt: skip
 #: ... and those of columns that are something else than was measured.
 _OTHERS = {
     "target", "desired", "des", "cmd", "command", "commanded", "ref", "reference", "goal", "setpoint",
-    "ext", "external", "error", "err", "tcp", "cartesian", "ee", "limit", "max", "min", "raw", "filtered",
+    "ext", "external", "error", "err", "tcp", "cartesian", "ee", "limit", "max", "min", "raw",
+    "filtered",
     "tool", "base", "std", "nominal", "control",
 }  # fmt: skip
 #: Units that a name ends with, or that are asked for, by what a value has to be multiplied by.
