@@ -68,7 +68,8 @@ def content(
     if not glance.moving.any():
         return _stopped(problem, none, [channel_rules.no_motion()])
     data = RegressionData.of(problem, run, settings, _JUDGED)
-    scene = Scene(problem, Likelihood(data.few(_TRIED)), Likelihood(data))
+    seldom = list(channel_rules.sample_rate(glance))
+    scene = Scene(problem, Likelihood(data.few(_TRIED)), Likelihood(data), bool(seldom))
     first = [*_frozen(scene, glance), *channel_rules.dead(glance)]
     if any(
         i.kind in ("frozen position", "torque magnitude") for i in first
@@ -91,7 +92,7 @@ def content(
     issues += velocity
     issues += channel_rules.clipped(glance)
     issues += channel_rules.quantised(glance, settings)
-    issues += channel_rules.sample_rate(glance)
+    issues += seldom
     if not any(
         e.kind in ("encoder offset", "positions in degrees", "position unit") for e in found.elements
     ):
@@ -104,7 +105,10 @@ def content(
         run = run if found.repair.leaves_log else found.repair.apply(run)
         issues += excitation.find(problem.with_gravity(found.repair.gravity), run, settings)
         issues += excitation.hidden_errors(scene, found.repair)
-    return Content(issues, scene, found.repair, _certain(scene, found), residual.overall(score), settled)
+    certain, unexplained = _certain(scene, found), residual.overall(score)
+    scene.tried.forget()
+    scene.judged.forget()
+    return Content(issues, scene, found.repair, certain, unexplained, settled)
 
 
 def _certain(scene: Scene, found: Found) -> Repair:

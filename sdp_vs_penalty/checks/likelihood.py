@@ -70,6 +70,13 @@ class Likelihood:
         self._columns: dict[object, list[Array]] = {}
         self._channels: dict[tuple[int, float], tuple[Array, Array]] = {}
 
+    def forget(self) -> None:
+        """Let go of what was kept for the next repair: it can be worked out again."""
+        for kept in (
+            self.pushed, self._joints, self._normal, self._bases, self._columns, self._channels
+        ):  # fmt: skip
+            kept.clear()  # type: ignore[attr-defined]
+
     # -- what a repair makes of the rows ---------------------------------------------------------
 
     def channels(self, repair: Repair) -> Array:

@@ -156,6 +156,8 @@ class Search:
         change = np.log(judged.left_out(now) / judged.left_out(repair))[:, self.scene.moving].sum(axis=1)
         error = float(np.std(change)) / np.sqrt(PARTS)
         if _same_fit(repair, now):  # physics alone may tell
+            if self.scene.coarse:
+                return False
             return bool(np.mean(change) >= -_SIGNIFICANT * error)
         return bool(np.mean(change) > _SIGNIFICANT * error and np.median(change) > 0.0)
 

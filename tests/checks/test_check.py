@@ -174,7 +174,7 @@ SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
         lambda r: replace(r, tau=r.tau / DRIVE / 2.0),
         "torque channel kind",
         "current",
-        "error",
+        "warning",
     ),
     "sign of torque 4": (flipped(4), "torque sign", "joint 4", "error"),
     "sign of torque 7": (flipped(7), "torque sign", "joint 7", "error"),

@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import fnmatch
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError, Remark
 
 #: The words of each quantity, the best first. A quantity more is one row more.
 WORDS: dict[str, tuple[str, ...]] = {
@@ -60,6 +63,22 @@ class Recognised:
 
     rename: Mapping[str, str]
     scale: Mapping[str, float]
+
+
+def taken(path: Path, names: Sequence[str], joints: Sequence[str] | None) -> Recognised | None:
+    """The columns that a file of foreign names is read by, said in one line with the command that reads
+    it alike; None where our own names are there, or nothing is recognised."""
+    ours = {"t", "q"} | {"q1"}
+    if "t" in names and ours & set(names) - {"t"} and {"tau", "tau1", "qcmd", "qcmd1"} & set(names):
+        return None
+    found = recognised(names, joints)
+    if found is not None:
+        pairs = ",".join(f"{a}={b}" for a, b in found.rename.items())
+        factors = ",".join(f"{a}={x:.6g}" for a, x in found.scale.items())
+        scale = f" --scale '{factors}'" if factors else ""
+        said = f"{path}: columns recognised; the same by `convert {path} --rename '{pairs}'{scale}`"
+        warnings.warn(said, Remark, stacklevel=2)
+    return found
 
 
 @dataclass(frozen=True)
@@ -133,6 +152,10 @@ def _columns(quantity: str, read: Mapping[str, _Read], joints: Sequence[str] | N
     for name, r in own.items():
         by_joint = r.number is None and r.rest
         kinds.setdefault((r.rank, () if by_joint else r.rest, r.number is None), []).append(name)
+    if len({r.rank for r in own.values()}) == 1 and any(r.number is None for r in own.values()):
+        called = {(*r.rest, str(r.number)): name for name, r in own.items()}
+        if len(called) == len(own) > 1:  # joints have names, some of them with a number
+            return _by_joint(list(own), own, joints)
     for key in sorted(kinds, key=lambda k: (k[0], k[2], len(k[1]), k[1])):  # type: ignore[arg-type]
         found = kinds[key]
         numbers = [own[name].number for name in found]
@@ -150,8 +173,14 @@ def _by_joint(found: list[str], own: Mapping[str, _Read], joints: Sequence[str] 
     """Columns called by joints in the robot's order, where all its joints are among them."""
     if joints is None:
         return found
-    tails = [tuple(w for w in re.findall(r"[a-z]+", j.lower()) if w not in _FILLERS) for j in joints]
-    by_tail = {own[name].rest: name for name in found}
+    tails = [
+        (
+            *(w for w in re.findall(r"[a-z]+", j.lower()) if w not in _FILLERS),
+            str(next(map(int, re.findall(r"[0-9]+", j)), None)),
+        )
+        for j in joints
+    ]
+    by_tail = {(*own[name].rest, str(own[name].number)): name for name in found}
     return [by_tail[t] for t in tails] if all(t in by_tail for t in tails) else found
 
 
@@ -188,6 +217,21 @@ def scales(text: Mapping[str, str], count: int) -> dict[str, float]:
             raise InputError(f"--scale {ours}={word}: {len(parts)} factors", f"give one, or {count}")
         out |= {f"{ours}{j + 1}": parts[j if len(parts) > 1 else 0] for j in range(count)}
     return out
+
+
+def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
+    """The run in other units: ``--scale q=deg,tau=10:10.7:8.5``."""
+    known = scales(factors, run.n)
+    groups = dict(run.groups)
+    for name, block in groups.items():
+        by = np.array([known.pop(f"{name}{j + 1}", 1.0) for j in range(run.n)])
+        groups[name] = block if np.all(by == 1.0) else block * by
+    t = run.t * known.pop("t", 1.0)
+    if known:
+        raise InputError(
+            f"--scale {next(iter(known))}: the run has no such column", "name t, q, dq or tau"
+        )
+    return Measurements.of(t, groups, run.names)
 
 
 def _number(ours: str, word: str) -> float:
