@@ -16,6 +16,7 @@ from sdp_vs_penalty.data.formats.columns import (
     groups_of,
     run_of,
 )
+from sdp_vs_penalty.data.formats.recognition import recognised
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
@@ -28,7 +29,7 @@ SUFFIXES = (".npz",)
 def read(path: Path, choice: Choice) -> Measurements:
     """The run of an archive; InputError naming the array that cannot be used."""
     arrays = numeric_arrays(path)
-    if choice.rename or "t" not in arrays:
+    if choice.rename or ("t" not in arrays and recognised(list(arrays)) is not None):
         return from_columns(path, arrays, choice.rename)
     return _read_npz(path, arrays)
 

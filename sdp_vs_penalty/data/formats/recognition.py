@@ -112,7 +112,7 @@ def _read(name: str) -> _Read | None:
 
 
 def recognised(names: Sequence[str], joints: Sequence[str] | None = None) -> Recognised | None:
-    """What the columns of these names are; None where t or the positions are not among them.
+    """What the columns of these names are; None where t, positions or torques are not among them.
 
     joints : names of the robot's joints in order, for columns that are called by joints.
     """
@@ -142,7 +142,8 @@ def recognised(names: Sequence[str], joints: Sequence[str] | None = None) -> Rec
             rename[ours] = column
             if read[column].factor != 1.0:
                 scale[ours] = read[column].factor
-    return Recognised(rename, scale) if count else None
+    torque = any(re.fullmatch("(tau|qcmd)[0-9]*", ours) for ours in rename)
+    return Recognised(rename, scale) if count and torque else None
 
 
 def _columns(quantity: str, read: Mapping[str, _Read], joints: Sequence[str] | None) -> list[str]:
