@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -64,10 +64,30 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
     if gains := result.details.get("gains"):
         told = (f"{g:.3f} ± {s:.2g}" for g, s in zip(gains["gain"], gains["std"], strict=True))
         say(f"gains of the torque channels, from the known load: {', '.join(told)}")
+    if law := result.details.get("servo"):
+        servo(result, law)
     if len(result.links):
         links(result)
     if fit is not None:
         comparison([fit], result.robot.torque_units, "RMSE on these measurements")
+
+
+def servo(result: Estimate, told: dict[str, Any]) -> None:
+    """The law of the servos that stood for a torque, its gains, and what sets the scale."""
+    errors = ", ".join(f"{law} {100.0 if x is None else x:.3g} %" for law, x in told["held_out"].items())
+    late = f"commands act {1e3 * told['delay']:.2g} ms late" if told["delay"] > 0.0 else "no delay"
+    say(
+        f"servo law, in place of a torque: {told['law']}, {late}"
+        + (f" (held out: {errors})" * bool(errors))
+    )
+    say(f"scale: {told['scale']}")
+    model, std = result.model, result.standard_deviations
+    rows = [
+        [p.name, f"{x:.4g}", "given" if p.name in model.known else f"{1.96 * s:.2g}", plain_unit(p.unit)]
+        for p, x, s, drive in zip(model.parameters, result.theta, std, model.drives, strict=True)
+        if drive
+    ]
+    table("Gains; kd holds viscous friction too", ["gain", "value", "+-", "unit"], rows)
 
 
 def verdict(said: Verdict, name: str = "") -> None:
@@ -95,7 +115,7 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
     base = result.details.get("base_parameters")
     if base is None:
         return []
-    prior = [b["name"] for b in base if b["source"] != "data"]
+    prior = [b["name"] for b in base if b["source"] not in ("data", "given")]
     own = sum(source == "data" for source in result.sources)
     text = (
         f"{len(base) - len(prior)} of {len(base)} base parameters, {own} of {len(result.theta)} standard"
@@ -103,7 +123,7 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
     lines = [("determined by the data", text)]
     if prior:
         more = f" and {len(prior) - _LISTED} more" if len(prior) > _LISTED else ""
-        rest = next(b["source"] for b in base if b["source"] != "data")
+        rest = next(b["source"] for b in base if b["name"] == prior[0])
         lines.append(
             (f"from the {rest}", f"{', '.join(prior[:_LISTED])}{more}; see `source` in the file")
         )

@@ -77,7 +77,7 @@ class Measurements(Shown):
     ) -> Measurements:
         """Measurements of the blocks (N, n) that there are, by the names of their columns in a file."""
         q, tau = groups["q"], groups.get("tau")
-        told = {name: groups[name] for name in COMMANDED if name in groups}
+        told = {name: groups[name] for name in (*COMMANDED, *SIMULATED) if name in groups}
         if tau is None:
             tau = told.get("tauff", np.broadcast_to(0.0, q.shape))
         dq, warm = groups.get("dq"), groups.get("temp")
@@ -193,7 +193,8 @@ class Measurements(Shown):
         """SHA-256 over the numbers (not the file), so that the format does not matter."""
         digest = hashlib.sha256()
         for run in self.runs():
-            for a in (run.t, run.q, run.tau, *run.commanded.values()):
+            told = [run.commanded[name] for name in COMMANDED if name in run.commanded]
+            for a in (run.t, run.q, run.tau, *told):
                 digest.update(repr(a.shape).encode())
                 for _, part in parts(a):
                     digest.update(np.ascontiguousarray(part, dtype="<f8").data)
@@ -238,7 +239,10 @@ LARGEST_VALUE = {"t": 1e20, "q": 1e9, "dq": 1e9, "tau": 1e12, "temp": 1e4}
 #: What drives were told or gave: commanded position [rad, m] and velocity, feed-forward torque [N m, N],
 #: motor current [A] and voltage [V].
 COMMANDED = ("qcmd", "dqcmd", "tauff", "current", "voltage")
+#: The positions that a model makes of the command, and their integral over time; that of q in its place.
+SIMULATED = ("qsim", "isim", "isum")
 LARGEST_VALUE |= {"qcmd": 1e9, "dqcmd": 1e9, "tauff": 1e12, "current": 1e9, "voltage": 1e9}
+LARGEST_VALUE |= dict.fromkeys(SIMULATED, 1e12)
 
 
 def gathered(pieces: Iterable[Measurements]) -> Measurements:

@@ -79,6 +79,7 @@ def add(
         measurements, names=estimate.robot.joint_names, what="add(measurements=...)"
     )
     estimate.require_joints(measurements)
+    measurements.require_torque("add")
     diagnosed = isinstance(effects, Diagnosis)
     if isinstance(effects, Diagnosis):
         frozen = frozen or effects.frozen

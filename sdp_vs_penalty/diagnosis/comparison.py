@@ -16,6 +16,7 @@ from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.data.store import Growing, parts
 from sdp_vs_penalty.diagnosis.show import new_motion, plot_errors, plot_residual
 from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
@@ -222,11 +223,15 @@ def compare(
     )
     settings = preprocessing or first.preprocessing
     settings = settings.resolve(measurements)
+    _, measurements = driven(first, measurements)
+    models = {name: plant(m) if m.model.drives.any() else m for name, m in models.items()}
     for name, model in models.items():
         if model.robot.n != measurements.n:
             raise other_robot(measurements.n, model.robot.n, f"measurements for {name}", "model")
         check_plausible(model.robot, measurements)
-    given = (measurements.whole or measurements) if noise_from is None else as_measurements(noise_from)
+    given = measurements.whole or measurements
+    if noise_from is not None:
+        _, given = driven(first, as_measurements(noise_from))
     floor = noise_level(first.problem, given, settings)
     said = excerpt_sentence(
         excerpt(given, settings), given, "errors are those of all samples, noise and dependences of"

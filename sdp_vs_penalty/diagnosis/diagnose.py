@@ -42,6 +42,7 @@ from sdp_vs_penalty.diagnosis.sizes import coefficients, torque_errors
 from sdp_vs_penalty.diagnosis.stage import quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.where_it_fails import carriers
+from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.sources import as_estimate
@@ -92,7 +93,10 @@ def diagnose(
     for what, m in (("measurements", measurements), ("test run", test)):
         if m is not None:
             estimate.require_joints(m, what)
-    settings = estimate.preprocessing.resolve(measurements)
+    settings, whole_estimate = estimate.preprocessing.resolve(measurements), estimate
+    estimate, measurements = driven(whole_estimate, measurements)
+    if test is not None:
+        _, test = driven(whole_estimate, test)
     progress("filtering the runs")
     recording, whole, given = measurements, None, measurements.whole
     measurements = excerpt(recording, settings, MOST_SEARCHED)
@@ -103,6 +107,7 @@ def diagnose(
         given = as_measurements(noise_from, names=names, what="diagnose(noise_from=...)")
     if given is not None and not (looked and given is recording):
         estimate.require_joints(given, "runs for the noise")
+        _, given = driven(whole_estimate, given)
         whole = with_estimate(segmented(excerpt(given, settings), settings), estimate)
     found = search(rows, estimate, frozen, seed, progress, whole)
     progress("held-out errors")

@@ -119,6 +119,8 @@ class Effect(ABC):
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
     refines: ClassVar[tuple[str, ...]] = ()
 
+    #: |theta| stays below this, in SI units.
+    range: ClassVar[float] = PARAMETER_RANGE
     #: Which parameters say how large the effect is: their norm, or the value of a single one.
     sized_by: ClassVar[slice] = slice(None)
     #: The shape constant that is as large as the effect itself, and follows it (a delay's).
@@ -189,7 +191,7 @@ class Effect(ABC):
             name = f"{self.name} {parameter.name}"
             if np.isfinite(parameter.lower):
                 out.append(build.linear("sign", name, [index], [[1.0]], [-parameter.lower]))
-            both = [PARAMETER_RANGE, PARAMETER_RANGE]
+            both = [self.range, self.range]
             out.append(build.linear("range", name, [index], [[1.0, -1.0]], both))
         return out
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -42,6 +42,8 @@ class Model:
     gains : (n,) what each torque channel reads over the true torque, where that is known: parameters
         are then in true units, and the modelled torque is the channels'. None: they read true.
     changes : effects may come a second time, as what has changed since their first was identified.
+    known : parameters that are given, by name: their torque is taken off what is explained, their
+        columns are zero there.
     """
 
     robot: Robot
@@ -49,6 +51,7 @@ class Model:
     reference: Array | None = None
     gains: tuple[float, ...] | None = None
     changes: bool = False
+    known: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         seen: set[str] = set()
@@ -74,7 +77,7 @@ class Model:
     def reference_free(self) -> Model:
         """The same model without the effects that depend on a current model."""
         free = tuple(e for e in self.effects if not depends(e))
-        return Model(self.robot, free, gains=self.gains)
+        return Model(self.robot, free, gains=self.gains, known=self.known)
 
     @cached_property
     def reference_free_indices(self) -> NDArray[np.intp]:
@@ -93,6 +96,12 @@ class Model:
         """(10 n,) where the links' standard parameters sit in theta; empty without a rigid body."""
         own = zip(self.effects, self.indices, strict=True)
         return next((k for effect, k in own if effect.name == "rigid_body"), np.arange(0))
+
+    @cached_property
+    def drives(self) -> NDArray[np.bool_]:
+        """(p,) which parameters are the drives'."""
+        each = [np.full(len(e.parameters), e.forward == "drive") for e in self.effects]
+        return np.concatenate(each)
 
     @cached_property
     def sign_width(self) -> tuple[float, ...]:
@@ -142,6 +151,22 @@ class Model:
             )
             for i, c, g in zip(indices, columns, gains, strict=True)
         ]
+
+    def explaining(
+        self, columns: Sequence[JointColumns], torque: Array
+    ) -> tuple[list[JointColumns], Array]:
+        """Columns and torque (N, n) without what known parameters make of it."""
+        if not self.known:
+            return list(columns), torque
+        free = np.array([p.name not in self.known for p in self.parameters])
+        value = self.with_known(np.zeros(len(free)))
+        given = np.column_stack([c.columns @ value[c.indices] for c in columns])
+        return [replace(c, columns=c.columns * free[c.indices]) for c in columns], torque - given
+
+    def with_known(self, theta: Array) -> Array:
+        """theta (p,) with the values that are given."""
+        names = [p.name for p in self.parameters]
+        return np.array([self.known.get(name, x) for name, x in zip(names, theta, strict=True)], float)
 
     def _with_current(self, motion: Motion, blocks: Mapping[int, list[Block]]) -> Motion:
         """The motion with the torque and the links of the reference."""

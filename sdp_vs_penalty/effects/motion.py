@@ -71,9 +71,10 @@ class Command:
         return np.asarray(self.dq[k] + h * self.ddq[k])
 
     def integral(self, t: Array) -> Array:
-        """The integral of the position."""
+        """The integral of the position, which outside stays as it was at the end."""
         k, h = self._near(t)
-        return np.asarray(self.sum[k] + h * self.q[k] + 0.5 * h * h * self.dq[k])
+        beyond = (t - np.clip(t, self.t[0], self.t[-1]))[:, None]
+        return np.asarray(self.sum[k] + (h + beyond) * self.q[k] + 0.5 * h * h * self.dq[k])
 
     def _near(self, t: Array) -> tuple[Array, Array]:
         """(len(t),) the nearest known instant, and (len(t), 1) how far it is [s]."""

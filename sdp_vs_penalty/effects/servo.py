@@ -24,6 +24,7 @@ class Servo(Effect):
     forward = "drive"
     needs_command = True
     signless = True
+    range = 1e8
     #: A delay beyond a tenth of a second makes any loop of use unstable.
     shapes = {"T": Shape(0.0, "s", grid=(0.0,), bounds=(0.0, 0.1), scale="linear", signed=True)}
 
@@ -37,3 +38,8 @@ class ServoGain(Servo, OneAJoint):
     """A part with one gain a joint."""
 
     lower: ClassVar[float] = 0.0
+
+    @property
+    def searched(self) -> tuple[str, ...]:
+        """None of its own: the delay is servo_position's."""
+        return ()

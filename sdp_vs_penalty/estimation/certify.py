@@ -43,6 +43,7 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
     """Certify a fit and put everything that made it into an Estimate."""
     problem, task, measurements = posed.problem, posed.task, posed.measurements
     theta, certificate = certify(task, fit)
+    theta = task.model.with_known(theta)  # their columns are zero: the loss is the same
     certificate = dataclasses.replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
     wide, data = with_sensitivities(task.model, theta), posed.regression
@@ -60,6 +61,10 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         own=posed.regression,
     )
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
+    decided = record(task, theta, base, estimator.rest)
+    decided["undetermined"].update(dict.fromkeys(task.model.known, "given"))
+    for entry in decided["base_parameters"]:
+        entry["source"] = "given" if entry["name"] in task.model.known else entry["source"]
     settings = {
         **dataclasses.asdict(estimator),  # type: ignore[call-overload]
         "weighting": posed.weighting,
@@ -83,7 +88,7 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         {
             **{k: v for k, v in fit.details.items() if k != "interior"},
             "on_bounds": bounds,
-            **record(task, theta, base, estimator.rest),
+            **decided,
         },
         provenance,
         record_motion(measurements, posed.preprocessing)

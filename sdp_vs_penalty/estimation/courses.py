@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.forward import Plant, State
+from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import RunFilter, no_rows
@@ -18,7 +19,8 @@ from sdp_vs_penalty.signals.runs import stretches
 @dataclass(frozen=True)
 class Course:
     """A stretch of a run: t (N,) s, states (N, n), the friction's states z, the joints'
-    temperature (NaN: not needed) and torque."""
+    temperature (NaN: not needed) and torque; where there is a command, that and the integral of the
+    positions."""
 
     name: str
     t: Array
@@ -29,6 +31,8 @@ class Course:
     temperature: Array
     torque: Array
     moving: NDArray[np.bool_]
+    command: Command | None = None
+    sum: Array | None = None
 
     @property
     def dt(self) -> float:
@@ -56,7 +60,8 @@ def courses_of(run: Measurements, estimate: Estimate, plant: Plant, shortest: fl
         warm = np.full_like(motion.q, np.nan)
         if any(effect.needs_temperature for effect in estimate.model.effects):
             warm = motion.joint_temperature
-        out.append(Course(run.names[0], motion.t, *states, z, warm, torque, moving))
+        told = motion.command, motion.sum
+        out.append(Course(run.names[0], motion.t, *states, z, warm, torque, moving, *told))
     if not out:
         raise no_rows(run, 2.0 * half * filters.dt + shortest)
     return out

@@ -178,6 +178,7 @@ def cross_validate(
     problem = as_problem(problem, "cross_validate(problem=...)")
     names = problem.robot.joint_names
     runs = as_measurements(measurements, problem.robot.n, names, "cross_validate(measurements=...)")
+    runs.require_torque("cross-validation")
     estimator = make_estimator(method)
     if estimator.needs_black_box:
         raise InputError(f"method {estimator.name} needs a black box's answers", "choose another method")

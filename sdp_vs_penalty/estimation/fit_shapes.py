@@ -173,7 +173,9 @@ class _OpenColumns:
             one, grid, now = alone(effect, joint), np.array(tried, float), effect.shape[key]
             banks.append(ShapeBank(one, joint, key, grid, now, columns, ends))
             parts.append(part)
-        bigger = Model(self.model.robot, (*fixed, *parts), gains=self.model.gains)
+        bigger = Model(
+            self.model.robot, (*fixed, *parts), gains=self.model.gains, known=self.model.known
+        )
         products, count, oversampling = self._products(bigger, folds)
         n, p = self.model.robot.n, len(bigger.parameters)
         weights = np.ones(n)

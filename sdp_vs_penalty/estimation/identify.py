@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import Infeasible, InputError
@@ -37,6 +38,8 @@ def identify(
     proof: str | Path | None = None,
     gain_uncertainty: float | Array = 0.0,
     known_loads: Sequence[tuple[Source, float]] = (),
+    known: Mapping[str, float] | None = None,
+    instruments: str | None = None,
     workers: Workers = ALONE,
 ) -> Estimate:
     """Identify a robot's dynamic parameters from measurements, or from a black box's answers.
@@ -58,7 +61,10 @@ def identify(
         per cent), or a factor (n, e) of their covariance, which widens the intervals; known_loads :
         further runs, each with the mass [kg] that the last link carried in it, which determine the
         gains (:mod:`~sdp_vs_penalty.estimation.known_load`): the parameters are
-        then in true units, and the problem of the estimate keeps the gains; workers : who compresses the
+        then in true units, and the problem of the estimate keeps the gains; known : parameters of which
+        the value is known, by name: without torque they set the scale ({"kp2": 600.0}); instruments :
+        "command" or "none", default: the former where no torque was logged
+        (:mod:`~sdp_vs_penalty.estimation.servo`); workers : who compresses the
         runs (:class:`~sdp_vs_penalty.parallel.Workers`); the estimate is the same to the last bit.
     A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
@@ -68,7 +74,10 @@ def identify(
     estimator = make_estimator(DEFAULT_METHOD if refined else method)
     measurements = readable(problem, measurements, "identify(measurements=...)")
     _check_method(estimator, refined, isinstance(measurements, BlackBox), proof is not None)
-    options = PoseOptions(effects, preprocessing, weighting, gain_uncertainty, known_loads, seed)
+    chosen = effects, preprocessing, weighting, gain_uncertainty, known_loads, seed
+    if refined and isinstance(measurements, Measurements):
+        measurements.require_torque(f"method {OUTPUT_ERROR}")
+    options = PoseOptions(*chosen, known or {}, instruments)
     posed = pose(problem, measurements, options, progress, workers)
     fit = _fitted(posed.task, estimator, proof)
     estimate = build_estimate(posed, estimator, fit, workers)

@@ -8,7 +8,7 @@ what one of them proves is what another solves. Gravity, bounds and filters belo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,10 @@ from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import other_robot
+from sdp_vs_penalty.errors import other_robot, unknown
 from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
+from sdp_vs_penalty.estimation.servo import servo_filters, servo_log, with_instruments
 from sdp_vs_penalty.estimation.shape_profiles import with_shapes
 from sdp_vs_penalty.estimators.estimator import Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import make_task
@@ -39,7 +40,9 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 class PoseOptions:
     """What a user may choose of the posing, as :func:`~sdp_vs_penalty.estimation.identify.identify`
     takes it: effects, filters (None: the problem's), weighting of the joints ("noise" or "none"), the
-    gains' relative standard deviation (or factor), runs with a known load [kg], and the seed."""
+    gains' relative standard deviation (or factor), runs with a known load [kg], the seed, parameters
+    that set the scale of a log without torque, and instruments ("command", "none"; None: the former
+    where no torque was logged)."""
 
     effects: str | Sequence[str] | Sequence[Effect] | None = None
     preprocessing: Preprocessing | None = None
@@ -47,6 +50,8 @@ class PoseOptions:
     gain_uncertainty: float | Array = 0.0
     known_loads: Sequence[tuple[Source, float]] = ()
     seed: int = 0
+    known: Mapping[str, float] = field(default_factory=dict)
+    instruments: str | None = None
 
 
 @dataclass(frozen=True)
@@ -85,18 +90,30 @@ def pose(
     problem = as_problem(problem, "pose(problem=...)")
     data = readable(problem, measurements, "pose(measurements=...)")
     options = options or PoseOptions()
+    if options.instruments not in (None, "command", "none"):
+        raise unknown("instruments", options.instruments, ("command", "none"))
     if isinstance(data, BlackBox):
         model = problem.model("rigid_body" if options.effects is None else options.effects)
         progress("compressing the black box's answers")
         regression = compress_black_box(data, model)
         task = make_task(problem, model, regression, "none", options.seed, progress)
         return Posed(problem, data, problem.preprocessing, regression, task, "none")
-    settings = (options.preprocessing or problem.preprocessing).resolve(data)
+    settings = options.preprocessing or problem.preprocessing
+    settings = settings.resolve(data) if data.torque_logged else servo_filters(settings, data)
     model = problem.model(options.effects)
-    progress("estimating shape constants")
-    shapes = estimate_shapes(model, data, settings, options.weighting, workers=workers)
-    model = replace(model, effects=with_shapes(model.effects, shapes))
-    details: dict[str, Any] = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
+    details: dict[str, Any] = {}
+    if data.torque_logged:
+        progress("estimating shape constants")
+        shapes = estimate_shapes(model, data, settings, options.weighting, workers=workers)
+        model = replace(model, effects=with_shapes(model.effects, shapes))
+        details = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
+        if options.instruments == "command":
+            progress("simulating the command")
+            data = with_instruments(problem, model.effects, data, settings, options.weighting)
+    else:
+        wanted = options.known, options.weighting, progress, options.instruments != "none"
+        servo = servo_log(problem, model.effects, data, settings, *wanted)
+        model, data, details = servo.model, servo.measurements, {"servo": servo.details}
     errors = independent_gains(options.gain_uncertainty, problem.robot.n)
     if options.known_loads:
         progress("determining the gains from the known loads")

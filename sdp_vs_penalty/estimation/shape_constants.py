@@ -10,6 +10,7 @@ uniformly in its own scale: a prior that keeps a constant which data do not show
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -143,7 +144,7 @@ def with_sensitivities(
     reference = model.reference
     if reference is not None:
         reference = np.concatenate([reference, np.zeros(sum(len(e.parameters) for e in extra))])
-    return Model(model.robot, (*model.effects, *extra), reference, model.gains)
+    return replace(model, effects=(*model.effects, *extra), reference=reference)
 
 
 def covariance_beside(columns: Array, constants: Array) -> Array:

@@ -36,9 +36,10 @@ def make_task(
         problem.independent,
         seed,
         progress,
-        joint_scale(regression, model),
+        None,
         problem.body_constraints(model),
     )
+    plain = replace(plain, joint_scale=joint_scale(regression, model, plain.ols))
     if weighting not in ("noise", "none"):
         raise unknown("weighting", weighting, ("noise", "none"))
     if weighting == "noise":
@@ -77,13 +78,17 @@ def scaled_prior(task: Task, guessed: np.ndarray) -> np.ndarray:
     return out
 
 
-def joint_scale(regression: Regression, model: Model) -> np.ndarray:
-    """(p,) |tau_j| / |Y_jk| for parameters that are not a link's, infinite for links and idle ones."""
-    scale = np.full(regression.p, np.inf)
+def joint_scale(regression: Regression, model: Model, theta: np.ndarray) -> np.ndarray:
+    """(p,) |tau_j| / |Y_jk| for parameters that are not a link's, infinite for links and idle ones.
+
+    theta : of a first pass, whose drives' torque counts where it is larger than what was measured."""
+    scale, gains = np.full(regression.p, np.inf), np.where(model.drives, theta, 0.0)
     for factor in regression.per_joint:
         norms = np.linalg.norm(factor.triangle[:, :-1], axis=0)
-        torque = float(np.linalg.norm(factor.triangle[:, -1]))
+        drive = factor.triangle[:, :-1] @ gains[factor.indices]
+        torque = float(max(np.linalg.norm(factor.triangle[:, -1]), np.linalg.norm(drive)))
         seen = (norms > 0.0) & ~np.isin(factor.indices, model.rigid_indices)
+        seen &= ~model.drives[factor.indices]  # they cancel: each is many times as large as the sum
         if torque > 0.0:
             where = factor.indices[seen]
             scale[where] = np.minimum(scale[where], torque / norms[seen])

@@ -42,6 +42,8 @@ class Content:
     others: tuple[str, ...]
     #: Of the torque channels, measured over true; () where the model has none.
     gains: tuple[float, ...] = ()
+    #: (2, n) kp and kd of the servos' position loops; None where the model knows none.
+    servo: Array | None = None
 
     @classmethod
     def plausible(cls, estimate: Estimate, options: Options) -> Self:
@@ -82,13 +84,31 @@ class Content:
                     "identify with a method that keeps signs (lmi-sdp, penalty)",
                 )
             values[place][parameter.joint - 1] += value
-        others = tuple(e.brief for e in model.effects if e.name not in (*_PLACES, "rigid_body"))
-        return cls(links, others=others, gains=model.gains or (), **values)
+        held = (*_PLACES, "rigid_body", "servo_position")
+        others = tuple(e.brief for e in model.effects if e.name not in held)
+        loops = _position_loops(estimate)
+        return cls(links, others=others, gains=model.gains or (), servo=loops, **values)
 
     def left_out(self, *, armature: bool) -> tuple[str, ...]:
         """Effects that are lost in a file with, or without, a place for armature."""
         lost = ("rotor_inertia",) if not armature and np.any(self.armature > 0.0) else ()
         return (*lost, *self.others)
+
+
+def _position_loops(estimate: Estimate) -> Array | None:
+    """(2, n) of the effect servo_position, where the model has it on every joint."""
+    given = {p.name: x for p, x in zip(estimate.model.parameters, estimate.theta, strict=True)}
+    names = [[f"{symbol}{j + 1}" for j in range(estimate.robot.n)] for symbol in ("kp", "kd")]
+    if not all(name in given for row in names for name in row):
+        return None
+    return np.array([[given[name] for name in row] for row in names])
+
+
+def servo_gains(estimate: Estimate) -> str:
+    """The servos' gains in a sentence; "" for a model without them."""
+    both = zip(estimate.model.parameters, estimate.theta, estimate.model.drives, strict=True)
+    told = ", ".join(f"{p.name} = {x:.6g} {p.unit}" for p, x, drive in both if drive)
+    return f"Servo gains (kd holds viscous friction): {told}" if told else ""
 
 
 def require_consistent(link: Array, name: str) -> None:

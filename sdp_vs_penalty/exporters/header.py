@@ -6,13 +6,16 @@ import re
 
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
+from sdp_vs_penalty.exporters.content import servo_gains
 
 _XML = frozenset({".urdf", ".xml", ".sdf"})
 
 
 def verdict_line(estimate: Estimate) -> str:
-    """The verdict that a model came with, in printable ASCII, on one line."""
+    """The verdict that a model came with and its servos' gains, in printable ASCII, on one line."""
     said = NOT_JUDGED if estimate.verdict is None else estimate.verdict.brief()
+    if gains := servo_gains(estimate):
+        said = f"{said} {gains}"
     return re.sub(r"[^\x20-\x7e]", "?", said)
 
 

@@ -76,11 +76,7 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
             element.set("damping", number(content.damping[k]))
             element.set("frictionloss", number(content.friction[k]))
             element.set("armature", number(content.armature[k]))
-            motor = etree.SubElement(actuators, "motor", name=joint.name, joint=joint.name)
-            if content.gains:  # a command is in the units that the channel measures
-                motor.set("gear", number(1.0 / content.gains[k]))
-            if np.isfinite(joint.effort) and joint.effort > 0.0:
-                motor.set("ctrlrange", numbers(np.array([-joint.effort, joint.effort])))
+            actuators.append(_actuator(joint, content, k))
         else:
             leader, multiplier, offset = robot.leader(i)
             course = numbers(np.array([offset, multiplier, 0.0, 0.0, 0.0]))
@@ -91,6 +87,20 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     root.append(actuators)
     etree.indent(root)
     return bytes(etree.tostring(root, encoding="utf-8")) + b"\n"
+
+
+def _actuator(joint: Joint, content: Content, k: int) -> Any:
+    """A position servo where its gains were identified, else a motor."""
+    names = {"name": joint.name, "joint": joint.name}
+    if content.servo is not None:
+        kp, kd = map(number, content.servo[:, k])
+        return etree.Element("position", kp=kp, kv=kd, **names)
+    motor = etree.Element("motor", **names)
+    if content.gains:  # a command is in the units that the channel measures
+        motor.set("gear", number(1.0 / content.gains[k]))
+    if np.isfinite(joint.effort) and joint.effort > 0.0:
+        motor.set("ctrlrange", numbers(np.array([-joint.effort, joint.effort])))
+    return motor
 
 
 def _joint(body: Any, joint: Joint) -> Any:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint, ConstraintSet
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
-from sdp_vs_penalty.effects.effect import PARAMETER_RANGE, Effect
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.files import read_table
@@ -212,7 +212,7 @@ class Problem(Shown):
         Follows from the convex constraints; the certificate's lower bound needs it in directions
         that the data do not determine.
         """
-        bound = np.full(len(model.parameters), PARAMETER_RANGE)
+        bound = np.concatenate([np.full(len(e.parameters), e.range) for e in model.effects])
         for link, indices in enumerate(model.rigid_indices.reshape(-1, 10)):
             mass, com, moment = self.link_size(link)
             bound[indices[0]] = mass

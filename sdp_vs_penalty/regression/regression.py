@@ -25,13 +25,9 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.regression.instruments import instrumented, instrumented_rows
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import (
-    Preprocessing,
-    Rows,
-    filtered_rows,
-    rows_per_sample,
-)
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, rows_per_sample
 
 
 @dataclass(frozen=True)
@@ -306,7 +302,7 @@ def _compress_run(
     count = max(1, min(blocks_per_run, int((stop - start) / 0.5)))
     edges = np.linspace(start, stop, count + 1)
     growing, rows_in_all = _Growing(), 0
-    for rows in filtered_rows(run, model, settings):
+    for rows in instrumented_rows(run, model, settings):
         rows_in_all += len(rows.torque)
         owner = np.searchsorted(edges, rows.motion.t, side="right") - 1
         growing.take(rows, np.clip(owner, 0, count - 1))
@@ -331,7 +327,7 @@ def compress_cells(
     growing, samples = _Growing(), 0.0
     for index, run in enumerate(measurements.runs()):
         repeated = rows_per_sample(run, settings)
-        for rows in filtered_rows(run, model, settings):
+        for rows in instrumented_rows(run, model, settings):
             samples += len(rows.torque) / repeated
             growing.take(rows, folds.cell(index, rows.motion.t))
     blocks = [TimeBlock(*place) for place in folds.places]
@@ -375,4 +371,12 @@ def _regression(
     model: Model, blocks: Sequence[TimeBlock], factors: Sequence[Factor], samples: float
 ) -> Regression:
     rows = sum(f.rows for f in factors if f.joint == 0)
+    p = len(model.parameters)
+    if any(np.any(f.indices >= p) for f in factors):
+        half = [f.indices[len(f.indices) // 2 :] for f in factors]
+        parts = [(f.joint, own, f.triangle) for f, own in zip(factors, half, strict=True)]
+        factors = [
+            replace(f, indices=own, triangle=_folded([rows]))
+            for f, own, rows in zip(factors, half, instrumented(parts, p), strict=True)
+        ]
     return Regression(model.parameters, model.robot.n, tuple(blocks), tuple(factors), rows / samples)

@@ -211,22 +211,29 @@ class Rows:
     columns: list[JointColumns]
 
 
-def filtered_rows(run: Measurements, model: Model, settings: Preprocessing) -> Iterator[Rows]:
-    """The regression rows of one run, piece by piece; ``settings`` must be resolved.
+def filtered_rows(
+    run: Measurements, model: Model, settings: Preprocessing, moving: Movement | None = None
+) -> Iterator[Rows]:
+    """The regression rows of one run, piece by piece; ``settings`` must be resolved; moving : which
+    instants count (default: at which the run moves).
 
     Raises InputError where a run is shorter than the filters need.
     """
     # What an effect with memory remembers has to be followed sample by sample, from the start.
     whole = any(effect.has_memory for effect in model.effects)
-    kept = _Kept.of(run, settings, whole)
-    pieces: Iterable[_Piece] = _pieces(run, settings, whole, whole) if kept is None else kept.pieces
+    kept = None if moving is not None else _Kept.of(run, settings, whole)
+    pieces: Iterable[_Piece] = (
+        _pieces(run, settings, whole, whole, moving) if kept is None else kept.pieces
+    )
     for piece in pieces:
         known = {} if kept is None else kept.known(model, piece)
         for k, made in model.blocks(piece.around, known).items():
             known[k] = piece.low_passed(made)
         if kept is not None:
             kept.keep(model, piece, known)
-        yield Rows(piece.rows, piece.torque, model.joined(known, len(piece.torque)))
+        columns = model.joined(known, len(piece.torque))
+        columns, torque = model.explaining(columns, piece.torque)
+        yield Rows(piece.rows, torque, columns)
 
 
 @dataclass(frozen=True)
@@ -251,10 +258,15 @@ class _Piece:
 
 
 def _pieces(
-    run: Measurements, settings: Preprocessing, whole: bool, every_sample: bool
+    run: Measurements,
+    settings: Preprocessing,
+    whole: bool,
+    every_sample: bool,
+    moving: Movement | None = None,
 ) -> Iterator[_Piece]:
     """A run's rows piece by piece, or each ``whole`` stretch at once, as where effects remember."""
     filters = RunFilter(run, settings, every_sample)
+    counts = moving or filters.movement
     stride, step = filters.stride, filters.step(_OVERSAMPLING)
     reach = stride * filters.coarse.half
     margin = filters.state.half + filters.column.half
@@ -264,7 +276,7 @@ def _pieces(
         per_chunk = len(outputs) if whole else max(1, _CHUNK // step)
         for number in range(0, len(outputs), max(per_chunk, 1)):
             at = outputs[number : number + per_chunk]
-            keep = filters.movement.at(part.clock(at))
+            keep = counts.at(part.clock(at))
             if not keep.any():
                 continue
             found = True

@@ -133,6 +133,7 @@ class Stretch:
     dt: float
     temperature: Array | None = None
     qcmd: Array | None = None
+    sum: Array | None = None
 
     @property
     def count(self) -> int:
@@ -145,7 +146,8 @@ class Stretch:
     def integrals(self) -> tuple[Array, Array]:
         """(N, n) of qcmd and of q over time since the stretch began, at the samples as logged."""
         assert self.qcmd is not None
-        return _integral(self.t, self.qcmd), _integral(self.t, self.q)
+        own = _integral(self.t, self.q) if self.sum is None else self.sum
+        return _integral(self.t, self.qcmd), own
 
     def resampled(self, values: Array, start: int, stop: int) -> Array:
         """q or tau at the grid's samples start to stop - 1, (stop - start, n)."""
@@ -181,8 +183,8 @@ def stretches(run: Measurements) -> Iterator[Stretch]:
     for start, stop in zip([0, *breaks], [*breaks, len(run.t)], strict=True):
         if stop - start >= 2:
             part = run.rows(slice(start, stop))
-            told = part.commanded.get("qcmd")
-            yield Stretch(part.t, part.q, part.tau, dt, part.temperature, told)
+            told, path = (part.commanded.get(name) for name in ("qcmd", "isum"))
+            yield Stretch(part.t, part.q, part.tau, dt, part.temperature, told, path)
 
 
 def no_motion(run: Measurements) -> InputError:

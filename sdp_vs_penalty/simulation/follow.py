@@ -1,14 +1,15 @@
 """A model run forward along measured runs: how far ahead it says where the arm will be.
 
 Windows of a tenth of a second are started from the measured state and driven by the measured torque,
-each sample as it was logged; the free run is started once. With ``drive="pd"`` a proportional and
+each sample as it was logged; the free run is started once. With ``drive="servo"`` the command drives it,
+through the identified law of its servos. With ``drive="pd"`` a proportional and
 derivative loop on the measured motion acts beside the measured torque, so that the arm stays with it:
 what the loop has to add is then the model's error as a torque.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +17,17 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.forward import Plant, State, advance
+from sdp_vs_penalty.effects.servo_loop import ServoLoop
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.courses import Course, courses_of
+from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, Table
 
-Drive = Literal["torque", "pd"]
+Drive = Literal["torque", "pd", "servo"]
 
 #: Seconds of a window, how many windows at most, and the longest step of the simulation [s].
 HORIZON, _WINDOWS, _STEP = 0.1, 200, 2e-3
@@ -202,17 +205,22 @@ def follow(
     """Run a model forward along measured runs and compare the motion.
 
     model : an Estimate or a model.json; measurements : as for ``compare``; drive : "torque" (the
-    measured torque alone) or "pd" (and a loop on the measured motion); seed : of the parameters drawn
+    measured torque alone), "pd" (and a loop on the measured motion) or "servo" (the command, through
+    the model's servos); seed : of the parameters drawn
     for the band of the free run; steps : of the free runs at most, together; progress : hears where the
     computation stands.
     Raises InputError for a model that cannot accelerate, or runs too short for its filters.
     """
     estimate = as_estimate(model, "follow(model=...)")
-    if drive not in ("torque", "pd"):
-        raise InputError(f"unknown drive {drive!r}", "choose torque or pd")
+    if drive not in ("torque", "pd", "servo"):
+        raise InputError(f"unknown drive {drive!r}", "choose torque, pd or servo")
     runs = as_measurements(
         measurements, estimate.robot.n, estimate.robot.joint_names, "follow(measurements=...)"
     )
+    if drive == "servo" and not estimate.model.drives.any():
+        raise InputError("this model knows no servo", "identify it from a log with commands")
+    if drive != "servo":
+        estimate, runs = driven(estimate, runs)
     plant = Plant(estimate.model, estimate.theta)
     if not plant.can_move:
         raise InputError(
@@ -222,15 +230,16 @@ def follow(
         )
     courses = [c for run in runs.runs() for c in courses_of(run, estimate, plant, 2.0 * HORIZON)]
     loops = [_Loop(plant, course) if drive == "pd" else None for course in courses]
+    servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
     progress("simulating windows")
-    ahead = [_windows(plant, *both) for both in zip(courses, loops, strict=True)]
+    ahead = [_windows(plant, *both, servo) for both in zip(courses, loops, strict=True)]
     one, far, naive_one, naive_far = (np.concatenate(x) for x in zip(*ahead, strict=True))
     drawn = _drawn(estimate, seed)
     free = []
     for course, loop in zip(courses, loops, strict=True):
         progress(f"simulating {course.name} freely")
         most = None if steps is None else 1 + steps // (len(courses) * _substeps(course))
-        free.append(_free_run(estimate, drawn, course, loop, most))
+        free.append(_free_run(estimate, drawn[:1] if servo else drawn, course, loop, most, servo))
     return Following(
         drive,
         estimate.robot.position_units,
@@ -263,19 +272,50 @@ def _substeps(course: Course) -> int:
     return int(np.ceil(course.dt / _STEP - 1e-9))
 
 
-def _step(plant: Plant, state: State, course: Course, k: NDArray[np.intp], loop: _Loop | None) -> State:
+class _Moving(NamedTuple):
+    """Simulated states, and where a servo drives them the integrals (W, n) of their positions."""
+
+    state: State
+    sum: Array | None
+
+    @classmethod
+    def at(cls, course: Course, k: NDArray[np.intp], servo: ServoLoop | None) -> Self:
+        """As measured at samples k (W,). Raises InputError where a servo has no command."""
+        if servo is None:
+            return cls(course.state(k), None)
+        if course.sum is None:
+            raise InputError("this run holds no commands", "log qcmd1..qcmdn", course.name)
+        return cls(course.state(k), course.sum[k])
+
+
+def _step(
+    plant: Plant,
+    moving: _Moving,
+    course: Course,
+    k: NDArray[np.intp],
+    loop: _Loop | None,
+    servo: ServoLoop | None,
+) -> _Moving:
     """From sample k (W,) of the course to the next, in steps no longer than the simulation's."""
     count = _substeps(course)
     h = course.dt / count
+    state, path = moving
     for m in range(count):
+        if servo is not None:
+            assert course.command is not None
+            assert path is not None
+            state, path = servo.step(state, path, course.command, h)
+            continue
         share = (m + 0.5) / count
         torque = (1.0 - share) * course.torque[k] + share * course.torque[k + 1]
         more, damping = (0.0, None) if loop is None else loop.torque(state, k, share, h)
         state = advance([plant], state, torque + more, h, damping)
-    return state
+    return _Moving(state, path)
 
 
-def _windows(plant: Plant, course: Course, loop: _Loop | None) -> tuple[Array, Array, Array, Array]:
+def _windows(
+    plant: Plant, course: Course, loop: _Loop | None, servo: ServoLoop | None
+) -> tuple[Array, Array, Array, Array]:
     """Errors (W, n) of windows all over the course: of velocity after one sample, of position at the
     horizon; and both at constant velocity."""
     dt = course.dt
@@ -284,14 +324,14 @@ def _windows(plant: Plant, course: Course, loop: _Loop | None) -> tuple[Array, A
     if not len(starts):
         starts = np.arange(len(course.t) - steps - 1)
     at = starts[np.unique(np.linspace(0, len(starts) - 1, min(_WINDOWS, len(starts))).astype(int))]
-    state, first = course.state(at), np.zeros((len(at), course.q.shape[1]))
+    moving, first = _Moving.at(course, at, servo), np.zeros((len(at), course.q.shape[1]))
     for k in range(steps):
-        state = _step(plant, state, course, at + k, loop)
+        moving = _step(plant, moving, course, at + k, loop, servo)
         if k == 0:
-            first = state.dq - course.dq[at + 1]
+            first = moving.state.dq - course.dq[at + 1]
     straight = course.q[at] + steps * dt * course.dq[at]
     there = course.q[at + steps]
-    return first, state.q - there, course.dq[at] - course.dq[at + 1], straight - there
+    return first, moving.state.q - there, course.dq[at] - course.dq[at + 1], straight - there
 
 
 def _drawn(estimate: Estimate, seed: int) -> Array:
@@ -305,22 +345,27 @@ def _drawn(estimate: Estimate, seed: int) -> Array:
 
 
 def _free_run(
-    estimate: Estimate, drawn: Array, course: Course, loop: _Loop | None, most: int | None
+    estimate: Estimate,
+    drawn: Array,
+    course: Course,
+    loop: _Loop | None,
+    most: int | None,
+    servo: ServoLoop | None,
 ) -> FreeRun:
     plant, size = Plant(estimate.model, drawn), len(drawn)
     units = estimate.robot.position_units
     limit = np.array([_LEFT[unit] for unit in units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
-    state = course.state(np.full(size, start))
-    q, added, left = [state.q], [], False
+    moving = _Moving.at(course, np.full(size, start), servo)
+    q, added, left = [moving.state.q], [], False
     end = len(course.t) - 1 if most is None else min(start + most, len(course.t) - 1)
     for k in range(start, end):
         at = np.full(size, k)
         if loop is not None:
-            added.append(loop.torque(state, at, 0.0, 0.0)[0][0])
-        state = _step(plant, state, course, at, loop)
-        q.append(state.q)
-        if not np.all(np.abs(state.q[0] - course.q[k + 1]) <= limit):
+            added.append(loop.torque(moving.state, at, 0.0, 0.0)[0][0])
+        moving = _step(plant, moving, course, at, loop, servo)
+        q.append(moving.state.q)
+        if not np.all(np.abs(moving.state.q[0] - course.q[k + 1]) <= limit):
             left = True
             break
     motion, until = np.array(q), start + len(q)

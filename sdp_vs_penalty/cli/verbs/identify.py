@@ -35,6 +35,21 @@ def verb(
     ] = None,
     gain_uncertainty: options.GainUncertainty = None,
     known_load: options.KnownLoad = None,
+    known: Annotated[
+        str | None,
+        typer.Option(
+            metavar="kp2=600",
+            help="Known parameters, which set the scale of a log without torque (names: model.json).",
+        ),
+    ] = None,
+    instruments: Annotated[
+        str | None,
+        typer.Option(
+            metavar="command|none",
+            help="Instruments against noise of positions: the command's simulated motion, or none. "
+            "Default: command where no torque was logged.",
+        ),
+    ] = None,
     jobs: options.Jobs = 1,
     scheduler: options.Scheduler = None,
 ) -> None:
@@ -48,6 +63,7 @@ def verb(
     from sdp_vs_penalty.diagnosis.comparison import compare as compare_models
     from sdp_vs_penalty.estimation.identify import identify as run_identification
     from sdp_vs_penalty.estimation.known_load import parsed_known_load
+    from sdp_vs_penalty.estimation.servo import parsed_known
     from sdp_vs_penalty.estimators import with_solver
     from sdp_vs_penalty.parallel import Workers
 
@@ -70,6 +86,8 @@ def verb(
                 proof=proof,
                 gain_uncertainty=gain_uncertainty or 0.0,
                 known_loads=[parsed_known_load(text) for text in known_load or []],
+                known=parsed_known(known or ""),
+                instruments=instruments,
                 workers=Workers(jobs, scheduler, progress),
             )
         except Infeasible as error:

@@ -41,7 +41,9 @@ def verb(
     ] = None,
     drive: Annotated[
         str,
-        typer.Option(help="Drive: torque (as measured), or pd (torque and a loop on the motion)."),
+        typer.Option(
+            help="Drive: torque (as measured), pd (and a loop on the motion), or servo (the command)."
+        ),
     ] = "torque",
     json_file: Annotated[Path | None, json_option("errors of --follow")] = None,
     seed: Seed = 0,

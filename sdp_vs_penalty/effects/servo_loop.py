@@ -1,0 +1,62 @@
+"""The drives' part of a model, run forward: from the command and a simulated state to joint torques."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Array, Motion
+from sdp_vs_penalty.effects.forward import Plant, State, advance
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.effects.motion import Command
+
+#: Change of velocity [rad/s, m/s] by which the damping is taken; the laws are linear in it.
+_STEP = 1e-3
+
+
+class ServoLoop:
+    """A model with servo effects and its parameters theta (p,): the plant, and what drives it."""
+
+    def __init__(self, model: Model, theta: Array) -> None:
+        own = zip(model.effects, model.indices, strict=True)
+        self.drives = [(e, theta[k]) for e, k in own if e.forward == "drive"]
+        self.plant = Plant(model, theta)
+
+    def drive(self, motion: Motion) -> Array:
+        """(N, n) torque of the drives [N m, N]."""
+        out = np.zeros_like(motion.q)
+        for effect, theta in self.drives:
+            for block in effect.blocks(motion):
+                out[:, block.joint] -= block.columns @ theta[block.parameters]
+        return out
+
+    def start(self, command: Command, t: Array) -> tuple[State, Array]:
+        """States (W) on the command at instants t (W,), and (W, n) the integrals of their positions,
+        such that drives with an integral hold them there."""
+        q, dq = command.position(t), command.velocity(t)
+        rest, path = np.zeros_like(q), command.integral(t)
+        motion = Motion(t, q, dq, rest, command=command, sum=path)
+        load = self.plant.model.torque(self.plant.theta[0], motion)
+        pull = self.drive(replace(motion, sum=path - 1.0)) - self.drive(motion)
+        held = np.abs(pull) > 0.0
+        path = path - np.where(held, load / np.where(held, pull, 1.0), 0.0)
+        z = self.plant.remembered(motion) if self.plant.states else np.zeros((len(t), 0))
+        return State(t, q, dq, rest, z, np.full_like(q, np.nan)), path
+
+    def step(self, state: State, path: Array, command: Command, h: float) -> tuple[State, Array]:
+        """One step of h [s] of all states and integrals, the drives' stiffness and damping implicit."""
+        half = 0.5 * h
+        dq = state.dq + half * state.ddq
+        q = state.q + half * state.dq + 0.5 * half * half * state.ddq
+        middle = Motion(
+            state.t + half, q, dq, np.zeros_like(q), command=command, sum=path + half * state.q
+        )
+        torque = self.drive(middle)
+        faster = replace(
+            middle, q=q + half * _STEP, dq=dq + _STEP, sum=middle.integral + 0.5 * half * half * _STEP
+        )
+        fall = (torque - self.drive(faster)) / _STEP
+        damping = fall[:, :, None] * np.eye(q.shape[1])
+        after = advance([self.plant], state, torque, h, damping)
+        return after, path + half * (state.q + after.q)

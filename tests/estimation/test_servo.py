@@ -1,0 +1,184 @@
+"""Logs without torque: the servo's law, its delay, the scale, and instruments against noise.
+
+The truth is a slide with a position servo, integrated here.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lxml import etree
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.cross_validation import cross_validate
+from sdp_vs_penalty.estimation.drive_torque import driven
+from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.exporters.export import export
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.simulation.follow import follow
+
+URDF = """<robot name="slide"><link name="base"/><link name="cart"><inertial><mass value="2"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="x" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>
+<limit lower="-2" upper="2" effort="500" velocity="9"/></joint></robot>"""
+EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.05,torque_offset"
+MASS, KP, KD, VISCOUS, COULOMB, OFFSET = 3.0, 500.0, 40.0, 4.0, 2.0, 1.0
+
+
+def command(t: np.ndarray, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    q = np.zeros_like(t)
+    for k in range(1, 6):
+        a, b = 0.2 * rng.normal(size=2) / k
+        q += a * np.sin(1.3 * k * t) + b * (np.cos(1.3 * k * t) - 1.0)
+    return q * (1.0 - np.exp(-t))
+
+
+@cache
+def log(
+    noise: float = 0.0,
+    ki: float = 0.0,
+    kh: float = 0.0,
+    delay: float = 0.0,
+    seed: int = 0,
+    torque: bool = False,
+) -> Measurements:
+    """20 s at 100 Hz; steps of 0.5 ms."""
+    h = 5e-4
+    t = np.arange(0.0, 20.0, h)
+    told, late = command(t, seed), command(np.maximum(t - delay, 0.0), seed)
+    q, tau = np.empty((2, len(t)))
+    x, v, sums, start = told[0], 0.0, OFFSET / ki if ki else 0.0, told[0]
+    for k in range(len(t)):
+        q[k] = x
+        sums += h * (late[k] - x)
+        drive = KP * (late[k] - x) - KD * v + ki * sums - kh * (x - start)
+        tau[k] = drive
+        v += h * (drive - VISCOUS * v - COULOMB * np.tanh(v / 0.05) - OFFSET) / MASS
+        x += h * v
+    rng = np.random.default_rng(seed + 1)
+    logged = q[::20] + noise * rng.normal(size=len(t[::20]))
+    groups = {"q": logged[:, None], "qcmd": told[::20, None]}
+    groups |= {"tau": tau[::20, None]} if torque else {}
+    return Measurements.of(t[::20], groups, (f"run{seed}",))
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("servo") / "slide.urdf"
+    path.write_text(URDF)
+    return str(path)
+
+
+def value(estimate: Estimate, name: str) -> float:
+    return float(estimate.theta[[p.name for p in estimate.model.parameters].index(name)])
+
+
+def test_a_known_mass_gives_the_gains_and_friction(arm: str, tmp_path: Path) -> None:
+    found = identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
+    assert found.details["servo"]["law"] == "PD"
+    assert found.details["servo"]["delay"] == 0.0
+    assert found.certificate.worst == 0.0
+    assert found.certificate.gap is not None
+    assert found.certificate.gap < 1e-6
+    assert value(found, "m1") == pytest.approx(MASS, rel=0.01)
+    assert value(found, "kp1") == pytest.approx(KP, rel=0.02)
+    assert value(found, "kd1") == pytest.approx(KD + VISCOUS, rel=0.02)  # seen as a sum
+    assert value(found, "f_c1") == pytest.approx(COULOMB, rel=0.05)
+    assert value(found, "f_o1") == pytest.approx(OFFSET, rel=0.05)
+    found.save(tmp_path / "model.json")
+    again = load_estimate(tmp_path / "model.json")
+    np.testing.assert_array_equal(again.theta, found.theta)
+    assert compare(again, log())[0].relative_error_percent < 3.0
+    export(found, tmp_path / "arm.xml")
+    (loop,) = etree.parse(str(tmp_path / "arm.xml")).findall("actuator/position")
+    assert float(loop.get("kp")) == value(found, "kp1")
+    assert float(loop.get("kv")) == value(found, "kd1")
+    export(found, tmp_path / "model.h")
+    assert "Servo gains (kd holds viscous friction): kp1 =" in (tmp_path / "model.h").read_text()
+    told = follow(found, log(seed=3), drive="servo")
+    assert float(told.free[0].rms[0]) < 1e-3
+
+
+def test_a_known_gain_is_given_and_sets_the_scale(arm: str) -> None:
+    found = identify(arm, log(), effects=EFFECTS, known={"kp1": 2.0 * KP})
+    assert value(found, "kp1") == 2.0 * KP
+    assert (
+        dict(zip([p.name for p in found.model.parameters], found.sources, strict=True))["kp1"] == "given"
+    )
+    assert value(found, "m1") == pytest.approx(2.0 * MASS, rel=0.02)
+
+
+def test_without_a_scale_it_is_said_that_there_is_none(arm: str) -> None:
+    found = identify(arm, log(), effects=EFFECTS)
+    assert found.details["servo"]["scale"].startswith("unknown: all torques, masses and gains share")
+    assert value(found, "kp1") / value(found, "m1") == pytest.approx(KP / MASS, rel=0.02)
+
+
+def test_the_law_is_chosen_and_its_delay_found(arm: str) -> None:
+    pid = identify(arm, log(ki=700.0, delay=0.03), effects=EFFECTS, known={"m1": MASS})
+    assert pid.details["servo"]["law"] == "PID"
+    assert pid.details["servo"]["delay"] == pytest.approx(0.03, abs=2e-3)
+    assert value(pid, "ki1") == pytest.approx(700.0, rel=0.05)
+    loop = identify(arm, log(ki=1000.0, kh=80.0), effects=EFFECTS, known={"m1": MASS})
+    assert loop.details["servo"]["law"] == "cascade"
+    assert value(loop, "kh1") == pytest.approx(80.0, rel=0.05)
+
+
+def test_instruments_take_the_bias_of_noise_away(arm: str) -> None:
+    """Positions to 3 mm: least squares are wrong by many times what instruments are."""
+    errors: dict[str, list[float]] = {"command": [], "none": []}
+    for how, own in errors.items():
+        for s in (1, 2):
+            run = log(3e-3, seed=s)
+            found = identify(arm, run, effects=EFFECTS, known={"kp1": KP}, instruments=how)
+            own.append(value(found, "m1") / MASS - 1.0)
+    with_them, without = (np.abs(np.mean(errors[how])) for how in ("command", "none"))
+    assert with_them < 0.05
+    assert without > 3.0 * with_them
+
+
+def test_instruments_serve_a_log_with_torque_as_well(arm: str) -> None:
+    """Noise of 3 mm, and a filter that lets it through: without them the mass is too small."""
+    wide = Preprocessing(state_cutoff=6.0, torque_cutoff=8.0)
+    errors: dict[str, list[float]] = {"command": [], "none": []}
+    for how, own in errors.items():
+        for s in (1, 2, 3):
+            run = log(3e-3, seed=s, torque=True)
+            found = identify(arm, run, effects=EFFECTS, preprocessing=wide, instruments=how)
+            own.append(value(found, "m1") / MASS - 1.0)
+    with_them, without = (np.abs(np.mean(errors[how])) for how in ("command", "none"))
+    assert with_them < 0.02
+    assert without > 3.0 * with_them
+
+
+@pytest.mark.parametrize(
+    ("known", "said"),
+    [
+        ({"total": 3.0}, "a total is no scale"),
+        ({"m2": 3.0}, "the model has no such parameter"),
+        ({"mx1": 3.0}, "motion shows it only in sums with others"),
+    ],
+)
+def test_what_sets_no_scale_is_refused(arm: str, known: dict[str, float], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        identify(arm, log(), effects=EFFECTS, known=known)
+
+
+def test_neither_torque_nor_command_is_refused(arm: str) -> None:
+    run = log()
+    silent = Measurements.of(run.t, {"q": run.q, "current": run.q}, ("run",))
+    with pytest.raises(InputError, match="neither torque nor commands"):
+        identify(arm, silent, effects=EFFECTS)
+    with_torque = Measurements.of(run.t, {"q": run.q, "tau": run.q}, ("run",))
+    plain = identify(arm, with_torque, effects=EFFECTS)
+    with pytest.raises(InputError, match="cross-validation needs a torque"):
+        cross_validate(arm, run, effects=EFFECTS)
+    with pytest.raises(InputError, match="no servo that would stand for it"):
+        driven(plain, run)
