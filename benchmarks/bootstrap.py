@@ -1,7 +1,7 @@
 """Block bootstrap of the SDP: the same problem a thousand times with other data, every draw certified.
 
 Time blocks of the compressed data are drawn with replacement (Kuensch, Annals of Statistics 1989). A
-draw's data are one small Cholesky factor; its fit starts from the central path of all the data's fit.
+draw's fit starts from the central path of all the data's fit.
 """
 
 from __future__ import annotations
@@ -11,24 +11,20 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import lapack
 
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Fit, Task
 from sdp_vs_penalty.estimators.lmi_sdp import PosedSdp
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.regression.regression import LeastSquares, Regression, triangular
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.solvers.objective import Objective
 
 Array = NDArray[np.float64]
 
 #: What a draw's solver is asked for; its certified gap is at most ten times that.
 _ACCURACY = 1e-9
-#: Relative error of a triangle up to which Gram matrices are merged.
-_ROUNDING = 1e-8
 
 
 @dataclass(frozen=True)
@@ -64,11 +60,7 @@ def joined(blocks: Sequence[LeastSquares], counts: NDArray[np.int64]) -> LeastSq
 
 @dataclass(frozen=True)
 class Resampler:
-    """One task and its blocks; ``task.constraints`` hold every demand, the minimum thickness too.
-
-    What the blocks see lies in the row space of what all of them see together, R = R[:, leading] D: a
-    draw's triangle is that of its ``leading`` columns and torques, times D.
-    """
+    """One task and its blocks; ``task.constraints`` hold every demand, the minimum thickness too."""
 
     task: Task
     blocks: tuple[LeastSquares, ...]
@@ -81,49 +73,9 @@ class Resampler:
     def whole(self) -> Fit:
         return self.posed.fit(Objective(self.task.data), _ACCURACY)
 
-    @cached_property
-    def grams(self) -> tuple[Array, Array]:
-        """[Y tau]^T [Y tau] (blocks, r + 1, r + 1) of the leading columns, and D (r, p)."""
-        norms = self.task.data.column_norms
-        scale = np.where(norms > 0.0, 1.0 / np.where(norms > 0.0, norms, 1.0), 0.0)
-        r, pivots = scipy.linalg.qr(self.task.data.R * scale, mode="r", pivoting=True)
-        rank = int(np.sum(np.abs(np.diagonal(r)) > 1e-10 * abs(r[0, 0])))
-        dependence = np.zeros((rank, len(norms)))
-        dependence[:, pivots] = scipy.linalg.solve_triangular(r[:rank, :rank], r[:rank])
-        leading = pivots[:rank]
-        rows = [
-            triangular([np.column_stack([b.R[:, leading] * scale[leading], b.rho])]) for b in self.blocks
-        ]
-        visible = np.where(norms > 0.0, norms, 0.0)
-        return np.array([t.T @ t for t in rows]), dependence * visible
-
-    def data(self, counts: NDArray[np.int64]) -> LeastSquares:
-        """Of a draw, by its Gram matrix where rounding cannot reach what QR would keep.
-
-        With columns of unit length the Cholesky factor's relative error is at most (r + 1)^2 eps times
-        |L^-1|^2 (Higham 2002, sec. 10.1): above ``_ROUNDING`` the rows are factorised instead.
-        """
-        grams, dependence = self.grams
-        gram = np.tensordot(counts.astype(float), grams, axes=(0, 0))
-        size = np.sqrt(np.diagonal(gram))
-        if np.all(size > 0.0):
-            triangle, failed = lapack.dpotrf(gram / np.outer(size, size))
-            inverse, singular = lapack.dtrtri(triangle)
-            r, eps = len(size) - 1, float(np.finfo(float).eps)
-            error = (r + 1) ** 2 * eps * float(np.sum(np.triu(inverse) ** 2))
-            if not failed and not singular and error <= _ROUNDING:
-                triangle = triangle * size
-                pairs = list(zip(self.blocks, counts.tolist(), strict=True))
-                squared = float(triangle[r, r] ** 2) + sum(c * b.residual_norm**2 for b, c in pairs)
-                torque = float(sum(c * b.tau_squared for b, c in pairs))
-                rows = int(sum(c * b.rows for b, c in pairs))
-                R = triangle[:r, :r] @ dependence
-                return LeastSquares(R, triangle[:r, r].copy(), float(np.sqrt(squared)), torque, rows)
-        return joined(self.blocks, counts)
-
     def draw(self, counts: NDArray[np.int64]) -> tuple[Array, float, float, bool]:
         """theta, loss, certified relative gap of one draw, and whether Clarabel had to solve it."""
-        data = self.data(counts)
+        data = joined(self.blocks, counts)
         fit = self.posed.fit(Objective(data), _ACCURACY, self.whole)
         return fit.theta, data.loss(fit.theta), fit.gap, fit.details["solver"] == "clarabel"
 

@@ -1,30 +1,85 @@
-"""How cost grows: with samples, joints, runs, the library; memory; 60 links; resamples.
+"""How cost grows: with samples, runs, joints, the library; and what long recordings cost.
 
-Parts of `benchmarks/run.py`, which says how they are started and draws what they return.
+Parts of `benchmarks/run.py`, which says how they are started and writes what they return. For
+recordings a Panda moves for so many samples at 1 kHz on sums of sines that never come back; its torque
+is that of a model of the authors' run, with a Stribeck friction that this lacks and white noise. Each
+command is a process of its own on one thread; memory is its peak beyond that of the same command on an
+input error (imports).
 """
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import bootstrap
-import default_path
-import long_runs
 import numpy as np
-from pairs import METHOD, Row, cpu, peak, to_and_fro
+from speed import METHOD, cpu
 
 import sdp_vs_penalty.diagnosis.library as library
-from sdp_vs_penalty import diagnose, identify
+from sdp_vs_penalty import Estimate, diagnose, identify
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.shootout.regular import chain_task
+from sdp_vs_penalty.shootout import regular
+
+_PART = 50_000
+_NOISE = np.array([0.15, 0.2, 0.15, 0.15, 0.08, 0.08, 0.06])  # N m
+_CENTRE = np.array([0.0, -0.3, 0.0, -1.8, 0.0, 1.9, 0.3])  # rad
+
+
+def write(path: Path, rows: int, model: Estimate) -> None:
+    """A recording as CSV, a part at a time."""
+    rng, n = np.random.default_rng(5), 7
+    omega = 2.0 * np.pi * rng.uniform(0.05, 0.6, (n, 6))
+    size = 0.14 * rng.uniform(0.6, 1.4, omega.shape) / (1.0 + omega / 4.0)
+    phase = rng.uniform(0.0, 2.0 * np.pi, omega.shape)
+    with path.open("w") as file:
+        file.write(",".join(["t", *(f"{x}{j + 1}" for x in ("q", "tau") for j in range(n))]) + "\n")
+        for start in range(0, rows, _PART):
+            t = np.arange(start, min(rows, start + _PART)) / 1000.0
+            at = t[:, None, None] * omega + phase
+            q = _CENTRE + (size * np.sin(at)).sum(axis=2)
+            dq = (size * omega * np.cos(at)).sum(axis=2)
+            tau = model.predict(q, dq, (-size * omega**2 * np.sin(at)).sum(axis=2))
+            tau[:, 3] += 0.8 * np.exp(-((dq[:, 3] / 0.05) ** 2)) * np.tanh(dq[:, 3] / 0.005)
+            q, tau = q + rng.normal(0.0, 2e-5, q.shape), tau + rng.normal(size=q.shape) * _NOISE
+            np.savetxt(file, np.column_stack([t, q, tau]), ["%.3f"] + ["%.6f"] * n + ["%.4f"] * n, ",")
+
+
+#: Run by a small process: a child's peak begins with the memory of the process that starts it.
+_WORK = """
+import resource, subprocess, sys
+quiet = subprocess.DEVNULL
+subprocess.run([sys.executable, "-m", "sdp_vs_penalty", *sys.argv[1:]], stdout=quiet, stderr=quiet)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+"""
+
+
+def measured(*words: str) -> tuple[float, float]:
+    """Processor time [s] and peak memory [MB] of one command."""
+    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    command, env = [sys.executable, "-c", _WORK, *words], {**os.environ, **threads}
+    done = subprocess.run(command, env=env, check=True, capture_output=True, text=True)
+    seconds, peak = map(float, done.stdout.split())
+    return seconds, peak
+
+
+def commands(run: str, model: str, out: str) -> dict[str, list[str]]:
+    return {
+        "identify": ["identify", "panda", "--data", run, "--out", out],
+        "identify --no-check": ["identify", "panda", "--data", run, "--no-check", "--out", out],
+        "check": ["check", run, "--problem", "panda"],
+        "compare": ["compare", model, "--data", run],
+        "convert": ["convert", run, "--out", out.replace(".json", ".npz")],
+        "diagnose": ["diagnose", model, "--data", run],
+    }
 
 
 @dataclass(frozen=True)
@@ -54,49 +109,40 @@ def _series(
     return Series(what, of, [float(x) for x in sizes], seconds)
 
 
-def samples(problem: Problem, run: Measurements) -> list[Series]:
-    """The whole identification in process, of a part of the run and of the run to and fro."""
+def to_and_fro(run: Measurements, times: int) -> Measurements:
+    """One long run: the motion forwards, backwards, forwards, ... under one clock."""
+    span = run.t[-1] - run.t[0] + float(np.median(np.diff(run.t)))
+    t, q, tau = [], [], []
+    for k in range(times):
+        forth = k % 2 == 0
+        t.append(k * span + (run.t - run.t[0] if forth else run.t[-1] - run.t[::-1]))
+        q.append(run.q if forth else run.q[::-1])
+        tau.append(run.tau if forth else run.tau[::-1])
+    return Measurements(np.concatenate(t), np.concatenate(q), np.concatenate(tau))
 
-    def of(count: int) -> Callable[[], object]:
+
+def growing(problem: Problem, run: Measurements) -> dict[str, Callable[[], Series]]:
+    """How cost grows: with samples, runs of 5 s, joints, and effects of the library."""
+    piece, rng = run.rows(slice(0, 5_000)), np.random.default_rng(0)
+
+    def of_samples(count: int) -> Callable[[], object]:
         some = run if count <= len(run.t) else to_and_fro(run, -(-count // len(run.t)))
         part = some.rows(slice(0, count))
         return lambda: identify(problem, part, METHOD)
 
-    sizes = [5_000, 10_000, 20_000, 40_000, 80_000, 160_000]
-    return [_series("identify", "samples", sizes, of, 2)]
-
-
-def runs(problem: Problem, run: Measurements) -> list[Series]:
-    """The same of as many runs of 5 s each."""
-    piece, rng = run.rows(slice(0, 5_000)), np.random.default_rng(0)
-
-    def of(count: int) -> Callable[[], object]:
+    def of_runs(count: int) -> Callable[[], object]:
         noise = 1e-4 * rng.normal(size=(count, *piece.tau.shape))
         pieces = [Measurements(piece.t + 10.0 * k, piece.q, piece.tau + x) for k, x in enumerate(noise)]
         return lambda: identify(problem, pieces, METHOD)
 
-    return [_series("identify", "runs of 5 000 samples", [1, 2, 4, 8, 16], of, 2)]
+    def of_joints(count: int) -> Callable[[], object]:
+        task = regular.chain_task(count)
+        return lambda: make_estimator(METHOD).fit(task).gap
 
-
-def joints() -> list[Series]:
-    """From compressed data to a certified fit of chains with so many links."""
-
-    def of(count: int) -> Callable[[], object]:
-        task = chain_task(count)
-        return lambda: make_estimator(METHOD).fit(task)
-
-    return [_series("certified fit", "joints", [4, 7, 14, 30, 60], of, 3)]
-
-
-def effects(problem: Problem, run: Measurements) -> list[Series]:
-    """A diagnosis of the Panda's first 7.6 s with a part of the library's effects."""
-    given, test = run.window(0.0, 7.6), run.window(8.0, 13.2)
-    model = identify(
-        problem, given, effects="rigid_body,viscous_friction,coulomb_friction,torque_offset"
-    )
-    every = list(effect_types().items())
-
-    def of(count: int) -> Callable[[], object]:
+    def of_library(count: int) -> Callable[[], object]:
+        given, test, every = run.window(0.0, 7.6), run.window(8.0, 13.2), list(effect_types().items())
+        plain = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
+        model = identify(problem, given, effects=plain)
         chosen = dict(every[k] for k in np.linspace(0, len(every) - 1, count).round().astype(int))
 
         def work() -> None:
@@ -105,43 +151,18 @@ def effects(problem: Problem, run: Measurements) -> list[Series]:
 
         return work
 
-    sizes = [4, 8, 16, len(every)]
-    return [_series("diagnose", "effects in the library", sizes, of, 1)]
-
-
-def chain(links: int = 60) -> list[Row]:
-    """A certified fit of a long chain by our own method and by Clarabel, and its memory."""
-    task = chain_task(links)
-    estimator = make_estimator(METHOD)
-    other = cpu(lambda: replace(estimator, solver="clarabel").fit(task), 2)
-    ours, memory = cpu(lambda: estimator.fit(task), 3), peak(lambda: estimator.fit(task))
-    return [
-        Row(f"certified fit of {links} links, CPU", ours, other, "s", other / ours, "<= 0.35 s",
-            ours <= 0.35, f"{memory:.0f} MB beyond the data; other: the same loop with Clarabel")
-    ]  # fmt: skip
-
-
-def resamples(draws: int = 1000) -> list[Row]:
-    """A block bootstrap, every draw certified, against a loop over fresh CVXPY problems."""
-    source, instance, blocks = default_path.measured_panda()
-    start = time.process_time()
-    found = bootstrap.bootstrap(instance.task, blocks, draws, 0)
-    ours = time.process_time() - start
-    loop = draws // 50
-    start = time.process_time()
-    for k in range(loop):
-        data = bootstrap.joined(blocks, bootstrap.draw_counts(len(blocks), k, 0))
-        default_path.fresh_cvxpy(instance, data)
-    other = (time.process_time() - start) / loop * draws
-    note = (
-        f"{source}; largest certified gap {found.gap.max():.1e}, {found.again} solved again; "
-        f"theirs: fresh CVXPY problems, {loop} of the same draws, none certified"
+    samples, runs, links = (
+        [5_000, 10_000, 20_000, 40_000, 80_000, 160_000],
+        [1, 2, 4, 8, 16],
+        [4, 7, 14, 30, 60],
     )
-    return [
-        Row(
-            f"bootstrap, {draws} draws, CPU", ours, other, "s", other / ours, "<= 3 s", ours <= 3.0, note
-        )
-    ]
+    effects = [4, 8, 16, len(effect_types())]
+    return {
+        "samples": lambda: _series("identify", "samples", samples, of_samples, 2),
+        "runs": lambda: _series("identify", "runs of 5 000 samples", runs, of_runs, 2),
+        "joints": lambda: _series("certified fit", "joints", links, of_joints, 3),
+        "library": lambda: _series("diagnose", "effects in the library", effects, of_library, 1),
+    }
 
 
 def memory(run: Measurements, problem: Problem, rows: Sequence[int]) -> list[list[str]]:
@@ -152,11 +173,11 @@ def memory(run: Measurements, problem: Problem, rows: Sequence[int]) -> list[lis
         true = identify(problem, run)
         true.save(Path(folder, "model.json"))
         log, model, out = (str(Path(folder, x)) for x in ("run.csv", "model.json", "out.json"))
-        imports = {v: long_runs.measured(*long_runs.commands(log + "x", model, out)[v]) for v in verbs}
+        imports = {v: measured(*commands(log + "x", model, out)[v]) for v in verbs}
         for count in rows:
-            long_runs.write(Path(log), count, true)
+            write(Path(log), count, true)
             for verb in verbs:
-                seconds, most = long_runs.measured(*long_runs.commands(log, model, out)[verb])
+                seconds, most = measured(*commands(log, model, out)[verb])
                 lines.append([verb, str(count), f"{seconds:.1f}", f"{most - imports[verb][1]:.0f}"])
                 print("  ", *lines[-1], file=sys.stderr, flush=True)
     return lines
@@ -166,26 +187,12 @@ def picture(series: Sequence[Series], path: Path) -> None:
     """Seconds against size, a panel for each kind of size, with the exponent of each line."""
     from matplotlib.figure import Figure
 
-    kinds = list(dict.fromkeys(s.of for s in series))
-    figure = Figure(figsize=(3.1 * len(kinds), 3.0), layout="constrained")
-    for axes, kind in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
-        for s in (x for x in series if x.of == kind):
-            axes.loglog(s.sizes, s.seconds, "o-", label=f"{s.what}: exponent {s.exponent:.2f}")
-        sizes = sorted({x for s in series if s.of == kind for x in s.sizes})
-        axes.set_xticks(sizes, [f"{x:g}" if x < 1e4 else f"{1e-3 * x:g}k" for x in sizes], fontsize=7)
+    figure = Figure(figsize=(3.1 * len(series), 3.0), layout="constrained")
+    for axes, s in zip(figure.subplots(1, len(series), squeeze=False)[0], series, strict=True):
+        axes.loglog(s.sizes, s.seconds, "o-", label=f"{s.what}: exponent {s.exponent:.2f}")
+        ticks = [f"{x:g}" if x < 1e4 else f"{1e-3 * x:g}k" for x in s.sizes]
+        axes.set_xticks(s.sizes, ticks, fontsize=7)
         axes.minorticks_off()
-        axes.set_xlabel(kind)
-        axes.set_ylabel("processor time [s]")
+        axes.set(xlabel=s.of, ylabel="CPU [s]")
         axes.legend(fontsize=7)
-        axes.grid(alpha=0.3, which="both")
-    figure.savefig(path, dpi=110)
-
-
-def growing(problem: Problem, run: Measurements) -> dict[str, Callable[[], list[Series]]]:
-    """Each part by its name."""
-    return {
-        "samples": lambda: samples(problem, run),
-        "runs": lambda: runs(problem, run),
-        "joints": joints,
-        "library": lambda: effects(problem, run),
-    }
+    figure.savefig(path, dpi=150, metadata={"Software": None})

@@ -1,14 +1,13 @@
 """Every figure of speed and memory, by one command.
 
     python benchmarks/run.py [--data DATA] [--figaroh PYTHON] [--mujoco PYTHON]
-                             [--only PART ...] [--again] [--out results]
+                             [--only PART ...] [--rows N ...] [--out results]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda; default:
 SDP_VS_PENALTY_DATA). PYTHON is the interpreter of an environment with figaroh==1.0.2, and of one with
-mujoco[sysid]==4.0.0; without it that comparison says so. Each part runs in a process of its own on one
-thread and leaves its figures in build/benchmarks; a part that is there is not measured again unless
---again is given, so that a run that was stopped goes on. Figures are ratios within one part. Writes
-benchmarks.csv, benchmarks.md and benchmarks.png of all parts that are there.
+mujoco[sysid]==4.0.0. Each part runs in a process of its own on one thread; figures are ratios within one
+part. Writes benchmarks.csv, benchmarks.md and benchmarks.png; parts that are not measured this time keep
+what the files there hold of them, with its date.
 """
 
 from __future__ import annotations
@@ -21,62 +20,61 @@ import os
 import platform
 import subprocess
 import sys
-import time
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
-STATE = HERE.parent / "build" / "benchmarks"
-#: Name of each part, and what it measures.
 PARTS = {
-    "text": "text files to a certified estimate against the naive way; one penalised loss",
-    "flat": "solve time and memory against the length of a run",
-    "process": "identify as a process against FIGAROH's",
-    "mujoco": "identification beside MuJoCo's toolbox: time, errors, consistency",
-    "chain": "a chain of 60 links",
-    "bootstrap": "1000 certified draws",
+    "text": "from text to an estimate, beside a decimating script",
+    "fits": "compressed data to a certified fit, beside Clarabel",
+    "renewed": "a renewed fit and a bootstrap's draws",
+    "solvers": "every installed solver on one problem",
+    "processes": "commands as processes, beside bare imports and FIGAROH",
+    "workers": "two processes against one",
+    "mujoco": "beside MuJoCo's system identification toolbox",
     "samples": "exponent in samples",
     "runs": "exponent in runs",
     "joints": "exponent in joints",
     "library": "exponent of a diagnosis in the library's size",
     "memory": "processor time and peak memory of whole commands on long recordings",
 }
+NAMES = ["part", "what", "ours", "other", "unit", "ratio", "note", "when"]
 
 
 def measure(part: str, given: argparse.Namespace) -> dict[str, Any]:
     """Rows of pairs, series of growth, or lines of the memory table."""
     import growth
-    import mujoco_pair
-    import pairs
+    import speed
 
     from sdp_vs_penalty import load_measurements, load_problem
     from sdp_vs_penalty.estimation.certify import versions
 
-    problem = load_problem("panda")
-    folder = given.data / "panda"
+    problem, folder = load_problem("panda"), given.data / "panda"
     run = load_measurements(folder, joints=7)
-    rows, series, lines = [], [], []
+    rows: list[speed.Row] = []
+    series, lines = [], []
     if part == "text":
-        rows = pairs.text_and_loss(problem, folder, run)
-    elif part == "flat":
-        rows = pairs.flat_in_samples(problem, run)
-    elif part == "process":
-        rows = pairs.whole_process(problem, run, given.figaroh)
+        rows = speed.text(problem, folder)
+    elif part == "processes":
+        rows = speed.processes(problem, run, given.figaroh)
     elif part == "mujoco":
-        rows = mujoco_pair.beside_mujoco(problem, run, given.mujoco)
-    elif part == "chain":
-        rows = growth.chain()
-    elif part == "bootstrap":
-        rows = growth.resamples()
+        if given.mujoco is not None:
+            import mujoco_pair
+
+            rows = mujoco_pair.beside_mujoco(problem, run, given.mujoco)
     elif part == "memory":
         lines = growth.memory(run, problem, given.rows)
+    elif part in ("fits", "renewed", "solvers", "workers"):
+        rows = getattr(speed, part)(problem, run)
     else:
-        series = growth.growing(problem, run)[part]()
+        one = growth.growing(problem, run)[part]()
+        series = [asdict(one) | {"exponent": one.exponent}]
+    when = f"{datetime.now(UTC):%Y-%m-%d %H:%M}, load {os.getloadavg()[0]:.0f}"
     return {
-        "rows": [asdict(r) for r in rows],
-        "series": [asdict(s) for s in series],
+        "rows": [asdict(r) | {"part": part, "ratio": r.other / r.ours, "when": when} for r in rows],
+        "series": series,
         "lines": lines,
         "versions": versions(),
     }
@@ -91,7 +89,6 @@ def main() -> None:
     parser.add_argument("--mujoco", help="interpreter of an environment with mujoco[sysid]")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
                         help=", ".join(PARTS))  # fmt: skip
-    parser.add_argument("--again", action="store_true", help="measure parts that are there, too")
     parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000],
                         help="lengths of the memory part")  # fmt: skip
     parser.add_argument("--out", type=Path, default=HERE.parent / "results")
@@ -99,65 +96,68 @@ def main() -> None:
     given = parser.parse_args()
     if given.data is None:
         parser.error("name the folder of the measurements: --data, or SDP_VS_PENALTY_DATA")
+    given.data = Path(given.data)
     if given.measure:
         print(json.dumps(measure(given.measure, given)))
         return
-    STATE.mkdir(parents=True, exist_ok=True)
     words = ["--data", str(given.data), "--rows", *map(str, given.rows)]
     for name in ("figaroh", "mujoco"):
         words += [f"--{name}", getattr(given, name)] if getattr(given, name) else []
     threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
+    found = {}
     for number, part in enumerate(given.only, 1):
-        kept = STATE / f"{part}.json"
-        if kept.exists() and not given.again:
-            print(f"{number}/{len(given.only)} {part}: there already", flush=True)
-            continue
         print(f"{number}/{len(given.only)} {part}: {PARTS[part]}", flush=True)
         command = [sys.executable, __file__, "--measure", part, *words]
-        begin = time.monotonic()
         done = subprocess.run(command, env=os.environ | threads, stdout=subprocess.PIPE, text=True)
         if done.returncode:
             print(f"  {part} failed; the others go on", flush=True)
             continue
-        found = json.loads(done.stdout.splitlines()[-1])
-        found |= {"when": f"{datetime.now(UTC):%Y-%m-%d %H:%M}", "seconds": time.monotonic() - begin}
-        found["load"] = os.getloadavg()[0]
-        kept.write_text(json.dumps(found))
-    write(given.out)
+        found[part] = json.loads(done.stdout.splitlines()[-1])
+    write(given.out, found)
 
 
-def write(out: Path) -> None:
-    """benchmarks.csv, benchmarks.md and benchmarks.png of the parts that are there."""
+def write(out: Path, found: dict[str, Any]) -> None:
+    """The three files, of what was measured now and of what they hold of other parts."""
     from growth import Series, picture
 
     from sdp_vs_penalty.files import write_text
 
-    parts = {
-        p: json.loads((STATE / f"{p}.json").read_text()) for p in PARTS if (STATE / f"{p}.json").exists()
-    }
-    names = ["what", "ours", "other", "unit", "ratio", "target", "met", "note"]
+    rows = [row for part in found.values() for row in part["rows"]]
+    new = {(row["part"], row["what"]) for row in rows}
+    kept = []
+    if (out / "benchmarks.csv").exists():
+        with (out / "benchmarks.csv").open(newline="") as file:
+            old = list(csv.DictReader(file))
+        kept = [row for row in old if (row["part"], row["what"]) not in new and
+                (row["part"] not in found or not found[row["part"]]["rows"])]  # fmt: skip
+    order = list(PARTS)
     cells = [
-        [r["what"], f"{r['ours']:.3g}", f"{r['other']:.3g}", r["unit"], f"{r['ratio']:.3g}", r["target"],
-         "yes" if r["met"] else "no", r["note"]]
-        for found in parts.values() for r in found["rows"]
-    ]  # fmt: skip
+        [str(row[name]) if isinstance(row[name], str) else f"{row[name]:.3g}" for name in NAMES]
+        for row in sorted([*kept, *rows], key=lambda row: order.index(row["part"]))
+    ]
     buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerows([names, *cells])
+    csv.writer(buffer, lineterminator="\n").writerows([NAMES, *cells])
     write_text(out / "benchmarks.csv", buffer.getvalue())
-    series = [Series(**s) for found in parts.values() for s in found["series"]]
-    text = ["# Speed and memory", "", _about(parts), "", *_table(names, cells)]
+    state = out / "benchmarks.json"
+    grown: dict[str, Any] = (
+        json.loads(state.read_text()) if state.exists() else {"series": {}, "lines": []}
+    )
+    grown["series"] |= {name: part["series"][0] for name, part in found.items() if part["series"]}
+    for part in found.values():
+        grown["lines"] = part["lines"] or grown["lines"]
+        grown["versions"] = part["versions"]
+    write_text(state, json.dumps(grown, indent=1) + "\n")
+    text = [
+        "# Speed and memory",
+        "",
+        _about(grown.get("versions", {})),
+        "",
+        *_table(NAMES[1:], [c[1:] for c in cells]),
+    ]
+    series = list(grown["series"].values())
     if series:
-        picture(series, out / "benchmarks.png")
-        grown = [
-            [
-                s.what,
-                s.of,
-                f"{s.sizes[0]:.6g} to {s.sizes[-1]:.6g}",
-                f"{s.seconds[0]:.3g} to {s.seconds[-1]:.3g}",
-                f"{s.exponent:.2f}",
-            ]
-            for s in series
-        ]
+        own = ("what", "of", "sizes", "seconds")
+        picture([Series(**{name: s[name] for name in own}) for s in series], out / "benchmarks.png")
         text += [
             "",
             "## How cost grows",
@@ -165,10 +165,14 @@ def write(out: Path) -> None:
             "Processor seconds; the exponent is that of the larger sizes.",
             "",
         ]
-        text += _table(["what", "in", "sizes", "seconds", "exponent"], grown)
+        lines = [
+            [s["what"], s["of"], f"{s['sizes'][0]:.6g} to {s['sizes'][-1]:.6g}",
+             f"{s['seconds'][0]:.3g} to {s['seconds'][-1]:.3g}", f"{s['exponent']:.2f}"]
+            for s in series
+        ]  # fmt: skip
+        text += _table(["what", "in", "sizes", "seconds", "exponent"], lines)
         text += ["", "![Processor time against size](benchmarks.png)"]
-    if parts.get("memory"):
-        head = ["command", "rows", "CPU [s]", "peak memory beyond imports [MB]"]
+    if grown["lines"]:
         text += [
             "",
             "## Long recordings",
@@ -176,12 +180,7 @@ def write(out: Path) -> None:
             "Whole commands, a process each, on recordings at 1 kHz.",
             "",
         ]
-        text += _table(head, parts["memory"]["lines"])
-    absent = [
-        p for p in PARTS if p not in parts or not any(parts[p][k] for k in ("rows", "series", "lines"))
-    ]
-    if absent:
-        text += ["", f"Not measured: {', '.join(f'{p} ({PARTS[p]})' for p in absent)}."]
+        text += _table(["command", "rows", "CPU [s]", "peak memory beyond imports [MB]"], grown["lines"])
     write_text(out / "benchmarks.md", "\n".join([*text, ""]))
     print("\n".join(text))
 
@@ -190,15 +189,10 @@ def _table(head: list[str], lines: list[list[str]]) -> list[str]:
     return ["| " + " | ".join(line) + " |" for line in [head, ["---"] * len(head), *lines]]
 
 
-def _about(parts: dict[str, Any]) -> str:
-    used = next((f["versions"] for f in parts.values()), {})
-    when = [f["when"] for f in parts.values()] or [""]
-    loads = [f["load"] for f in parts.values()] or [0.0]
-    machine = f"{platform.machine()}, one thread used, load {min(loads):.0f} to {max(loads):.0f}"
+def _about(used: dict[str, str]) -> str:
     return (
-        "Panda, the authors' run of 20 544 samples; the figures of a row or a line were measured in one "
-        "process or in turn, part by part, by `python benchmarks/run.py` between "
-        f"{min(when)} and {max(when)} UTC ({machine}; "
+        "Panda, the authors' run of 20 544 samples; ratios are within one process or in turn, by "
+        f"`python benchmarks/run.py` ({platform.machine()}, one thread; "
         f"{', '.join(f'{name} {version}' for name, version in used.items())})."
     )
 

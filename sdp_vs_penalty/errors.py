@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+#: Characters of a sentence about an error.
+_LONGEST = 1500
+
 
 class InputError(ValueError):
     """What the user gave cannot be used.
@@ -19,7 +22,10 @@ class InputError(ValueError):
     def __init__(self, what: str, remedy: str = "", where: Any = None) -> None:
         self.what, self.remedy, self.where = what, remedy, where
         place = "" if where is None else f"{where}: "
-        super().__init__(f"{place}{what}" + (f": {remedy}." if remedy else ""))
+        text = f"{place}{what}" + (f": {remedy}." if remedy else "")
+        # Names out of a broken file may hold anything; a sentence is one line that can be printed.
+        text = "".join(c if c.isprintable() else "?" for c in text)
+        super().__init__(text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ...")
 
     def within(self, where: Any) -> InputError:
         """The same error of a place that holds this one's: a file that holds the field."""

@@ -61,7 +61,7 @@ class LinkCheck:
         out: dict[str, Any] = {
             "link": self.link,
             "mass": self.mass,
-            "triangle_margin": self.triangle_margin,
+            "triangle_margin": show.finite(self.triangle_margin),
             "pseudo_inertia_margin": self.pseudo_inertia_margin,
             "consistent": self.consistent,
             "verdict": self.verdict,

@@ -212,7 +212,7 @@ def explain(error: BaseException) -> tuple[str, int]:
         return "interrupted; existing files are unchanged.", 130
     if isinstance(error, InputError):
         return str(error), 2
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or "failed to map segment" in str(error):  # of a library
         return "not enough memory: use fewer or shorter runs.", 2
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # typer's usage errors
         context = getattr(error, "ctx", None)

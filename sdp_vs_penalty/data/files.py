@@ -15,8 +15,9 @@ from sdp_vs_penalty.data.formats import bag, csv, format_of, panda_folder, suffi
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, Origin, concatenate
 from sdp_vs_penalty.data.store import PART, parts
-from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.errors import InputError, other_robot, unreadable
 from sdp_vs_penalty.files import reading
+from sdp_vs_penalty.files.inputs import nameable
 
 
 def load_measurements(
@@ -58,6 +59,8 @@ def run_files(path: str | Path) -> list[Path]:
     Raises InputError for a pattern that matches nothing.
     """
     path = Path(path)
+    if not nameable(path):
+        return [path]  # whoever reads it says so
     if path.is_dir() and format_of(path) is panda_folder and not panda_folder.is_log(path):
         return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes()) or [path]
     if any(c in str(path) for c in "*?[") and not path.exists():
@@ -104,8 +107,12 @@ def read_run(
     names, topic, rename : see :class:`sdp_vs_penalty.data.formats.columns.Choice`.
     """
     path = Path(path)
-    if not path.exists():
-        raise InputError("no such file", "check its name", path)
+    try:
+        path.stat()
+    except FileNotFoundError:
+        raise InputError("no such file", "check its name", path) from None
+    except (OSError, ValueError) as error:
+        raise unreadable(error, path) from error
     home = format_of(path) or csv
     if topic is not None and home is not bag:
         raise InputError("only ROS bags and MCAP files have topics", "leave --topic out", path)

@@ -139,7 +139,7 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
         shared = shared + np.einsum("kj,kj->j", travelled, expected)
     for j, joint in enumerate(robot.joints):
         energy, common, way = energies[j], shared[j], ways[j]
-        if joint.kind != "revolute" or energy == 0.0 or way == 0.0:
+        if joint.kind != "revolute" or 0.0 in (energy, way, common):
             continue
         if common**2 < 0.5 * energy * way:
             continue  # noise, or a coarse encoder: nothing to conclude from

@@ -53,6 +53,8 @@ def _one(
     part: Any, joints: int | None, names: Sequence[str] | None, what: str, number: int, usable: bool
 ) -> Measurements:
     if isinstance(part, Measurements):
+        for run in part.runs() if usable else ():
+            check_usable(run.names[0], run)
         return part
     if isinstance(part, str | Path):
         if usable:

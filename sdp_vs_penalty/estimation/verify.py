@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.data.sources import Source, as_measurements
-from sdp_vs_penalty.errors import InputError, unreadable
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.files import reading
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.proof import Proof
 
@@ -30,10 +31,11 @@ def verify_proof_file(
     if data is not None and model is None:
         raise InputError("verify(data=...) without a model", "give the model too")
     try:
-        proof = verify_proof.read(path)
+        with reading(path, verify_proof.MAX_BYTES):
+            proof = verify_proof.read(path)
         found = verify_proof.check(proof)
-    except OSError as error:
-        raise unreadable(error, Path(path)) from error
+    except InputError:
+        raise
     except Exception as error:
         return False, f"refused: {path}: {error or type(error).__name__}"
     if found is None:

@@ -34,7 +34,7 @@ from sdp_vs_penalty.solvers.identification import (
     moving_scale,
 )
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
-from sdp_vs_penalty.solvers.primal_dual import Iterate, minimise
+from sdp_vs_penalty.solvers.primal_dual import minimise
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 from sdp_vs_penalty.solvers.small_cones import SmallCones
 from sdp_vs_penalty.solvers.verified import proves_infeasible
@@ -222,10 +222,12 @@ class PosedSdp:
         self, cones: SmallCones, objective: Objective, accuracy: float, near: Fit | None
     ) -> Fit | None:
         data = objective.least_squares
-        starts: list[Array | Iterate] = [_start(self.task, data, self.interior), self.interior]
+        found = None
         if near is not None and near.central is not None:
-            starts.insert(0, near.central)
-        found = minimise(cones, data, starts, accuracy)
+            found = minimise(cones, data, [near.central], accuracy)
+        if found is None:
+            starts = [_start(self.task, data, self.interior), self.interior]
+            found = minimise(cones, data, starts, accuracy)
         if found is None:
             return None
         multipliers, slopes = cones.multipliers(found.multipliers)

@@ -17,8 +17,11 @@ from sdp_vs_penalty.page.view import View
 #: The colour is full where the error is so many times its noise floor, or where that is not known its
 #: own root mean square.
 _FULL = 4.0
-#: The camera's distance in radii of what it sees, at 75 degrees.
-_AWAY = 1.4
+#: The camera's direction and angle of view (NiceGUI's), and the share of the picture that is filled.
+_TOWARDS = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
+_ANGLE, _FILLED = np.deg2rad(75.0), 0.94
+#: Half axes beyond this [m] belong to links that the data hardly determine: they may leave the picture.
+_LONGEST = 0.3
 #: Colours of the measured arm (where no error colours it) and of the simulated one, and how solid.
 _LOOKS = (("link", "#0072b2", 0.75), ("simulated", "#d55e00", 0.45))
 
@@ -67,8 +70,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
         turned = Rotation.from_matrix(read["poses"][..., :3, :3].reshape(-1, 3, 3)).as_quat()
         turned = turned.reshape(*read["poses"].shape[:2], 4)
         placed = np.concatenate([read["poses"][..., :3, 3], turned], axis=-1)
-        centre, radius = _around(read["poses"][:, : len(joints)], bodies)
-        camera = centre + _AWAY * radius * np.array([0.58, -0.63, 0.52])
+        camera, centre = _camera(read["poses"][:, : len(joints)], bodies)
         (x, y, z), (a, b, c) = camera.tolist(), centre.tolist()
         scene.move_camera(x, y, z, a, b, c, duration=0.0)
         moves = {
@@ -90,7 +92,7 @@ def _one_arm(
     for joint in about["joints"]:
         if float(np.linalg.norm(joint["at"])) > 1e-6:
             with scene if joint["parent"] < 0 else groups[joint["parent"]]:
-                scene.line([0.0, 0.0, 0.0], joint["at"]).material("#888888")
+                _capsule(scene, np.array(joint["at"]), 0.02 * reach)
     for k, group in enumerate(groups):
         with group:
             scene.sphere(0.02 * reach, 12, 8).material("#888888")
@@ -102,16 +104,33 @@ def _one_arm(
     return groups
 
 
-def _around(poses: Any, bodies: list[dict[str, Any]]) -> tuple[Any, float]:
-    """Centre and radius of a ball around base, joints and links in all poses (F, k, 4, 4) of a run."""
-    joints = poses[..., :3, 3].reshape(-1, 3)
-    points, sizes = [np.zeros((1, 3)), joints], [np.zeros(1 + len(joints))]
+def _capsule(scene: Any, end: Any, radius: float) -> None:
+    """A rod from the frame's origin to a point."""
+    length = float(np.linalg.norm(end))
+    turned, _ = Rotation.align_vectors([end / length], [[0.0, 1.0, 0.0]])
+    rod = scene.cylinder(radius, radius, length, 12).material("#888888")
+    rod.move(*(0.5 * end)).rotate_R(turned.as_matrix().tolist())
+
+
+def _camera(poses: Any, bodies: list[dict[str, Any]]) -> tuple[Any, Any]:
+    """Where a camera stands (3,), and what it looks at, so that base, joints and links in all poses
+    (F, k, 4, 4) of a run fill its picture."""
+    places = [np.zeros((1, 3)), poses[..., :3, 3].reshape(-1, 3)]
     for body in bodies:
-        points.append((poses[:, body["joint"]] @ np.array(body["place"]))[:, :3, 3])
-        sizes.append(np.full(len(poses), max(body["half"])))
-    places = np.vstack(points)
-    centre = 0.5 * (places.min(axis=0) + places.max(axis=0))
-    return centre, float(np.max(np.linalg.norm(places - centre, axis=1) + np.concatenate(sizes)))
+        frames = poses[:, body["joint"]] @ np.array(body["place"])
+        for k, half in enumerate(body["half"]):
+            arm = min(half, _LONGEST) * frames[:, :3, k]
+            places += [frames[:, :3, 3] + arm, frames[:, :3, 3] - arm]
+    points = np.vstack(places)
+    right = np.cross(_TOWARDS, [0.0, 0.0, 1.0])
+    axes = np.stack([right / np.linalg.norm(right), np.zeros(3), _TOWARDS])
+    axes[1] = np.cross(axes[0], axes[2])  # across, up (or down), towards the camera
+    seen = points @ axes.T
+    middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
+    seen = np.abs(seen - middle) * [1.0, 1.0, 0.0] + (seen - middle) * [0.0, 0.0, 1.0]
+    away = float(np.max(seen[:, 2] + seen[:, :2].max(axis=1) / (_FILLED * np.tan(0.5 * _ANGLE))))
+    centre = middle @ axes
+    return centre + max(away, 0.05) * _TOWARDS, centre
 
 
 def torque_errors(model: Rung, read: Mapping[str, Any]) -> Any:

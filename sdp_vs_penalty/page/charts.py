@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.report.pictures import shades
 from sdp_vs_penalty.report.plots import (
     COLOURS,
     SIGNALS,
@@ -59,6 +60,30 @@ def torque_chart(
         ring["marker"] = {"size": 7, "symbol": "circle-open", "color": COLOURS[3]}
         made["data"] = [*made["data"], {**ring, "x": _short(t[rows]), "y": _short(left)}]
     return made
+
+
+def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
+    """Positions, velocities and torques of all joints on one time axis."""
+    from plotly.graph_objects import Scatter
+    from plotly.subplots import make_subplots
+
+    plot = make_subplots(3, 1, shared_xaxes=True, vertical_spacing=0.04)
+    t = read["t"] - read["t"][0]
+    for row, name in enumerate(("q", "dq", "torque"), start=1):
+        for j in range(len(units)):
+            line = {"color": COLOURS[j % len(COLOURS)], "width": 1.2}
+            named = {"name": f"joint {j + 1}", "legendgroup": f"{j}", "showlegend": row == 1}
+            plot.add_trace(Scatter(x=t, y=read[name][:, j], line=line, **named), row=row, col=1)
+    kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
+    for row, said in enumerate((f"q [{kinds}]", f"dq [{kinds}/s]", "tau"), start=1):
+        plot.update_yaxes(title_text=said, row=row, col=1)
+    plot.update_xaxes(title_text="time [s]", row=3, col=1)
+    return _ready(styled(plot, 460))
+
+
+def with_shades(made: dict[str, Any], stretches: Sequence[tuple[float, float, str]]) -> dict[str, Any]:
+    """A torque chart with the stretches in which the error is large, by cause."""
+    return {**made, "layout": {**made["layout"], "shapes": shades(stretches, ("x", "x2"))}}
 
 
 @lru_cache(32)

@@ -47,7 +47,7 @@ from sdp_vs_penalty.page.run_jobs import (
     runs_of,
     simulate,
 )
-from sdp_vs_penalty.page.summary import summary, violation
+from sdp_vs_penalty.page.summary import drawn_arm, summary, violation
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.fields import entries
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
@@ -88,6 +88,7 @@ def robot(request: Request, progress: Progress) -> Answer:
         "joints": list(problem.robot.joint_names),
         "units": [show.plain_unit(unit) for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
+        "drawn": drawn_arm(problem.robot, problem.nominal_links),
         "torque_side": problem.torque_side,
         "own_gravity": list(problem.robot.gravity),
         "known": _known(problem),

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data.datasets import DATASETS, cache_folder
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
@@ -16,6 +18,7 @@ from sdp_vs_penalty.data.texts import pairs
 from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.page.options import number
+from sdp_vs_penalty.page.summary import placed, save_arrays
 from sdp_vs_penalty.problem.convert import convert
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -187,9 +190,11 @@ def keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[
     (found,) = check(problem, part, thorough=False)
     file = f"run-{part.data_hash[:16]}.npz"
     save(part, folder / file)
+    _preview(problem, part, folder / f"view-{part.data_hash[:16]}.npz")
     seconds = float(part.t[-1] - part.t[0])
     return {
         "file": file,
+        "view": f"view-{part.data_hash[:16]}.npz",
         "name": name,
         "given": name,
         "use": "train",
@@ -201,6 +206,20 @@ def keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[
         "whole": found.unexplained is not None,
         "findings": [{word: getattr(f, word) for word in _SHOWN} for f in found.problems],
     }
+
+
+#: Samples of a run that the page draws before anything is identified.
+_DRAWN = 1200
+
+
+def _preview(problem: Problem, part: Measurements, out: Path) -> None:
+    """What the page shows of a run at once: t, q, dq, tau at some instants, and the arm's poses."""
+    keep = np.unique(np.linspace(0, len(part.t) - 1, _DRAWN).astype(int))
+    t, q = part.t[keep], part.q[keep]
+    dq = np.gradient(part.q, part.t, axis=0)[keep] if part.dq is None else part.dq[keep]
+    arrays = {"t0": t, "q0": q, "dq0": dq, "torque0": part.tau[keep], "modelled0": part.tau[keep]}
+    arrays["tf0"], arrays["poses0"] = placed(problem.robot, part.t, part.q)
+    save_arrays(out, arrays)
 
 
 def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, float]]] | None:

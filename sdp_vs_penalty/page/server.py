@@ -36,6 +36,7 @@ from sdp_vs_penalty.page.steps.take_away import FILES, LOAD, MADE, MORE
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
 from sdp_vs_penalty.page.workshop import Work, Workshop
+from sdp_vs_penalty.report.pictures import LOOK as PICTURES
 
 #: Tried first, so that the page can be bookmarked.
 PORT = 8137
@@ -252,7 +253,7 @@ def _build(page: Page, session: Session) -> None:
     client = ui.context.client
     limits = f"<script>const LARGEST = {uploads.LARGEST_FILE};</script>"
     shown = ", ".join(f"[data-at={s.anchor}] [data-step={s.anchor}]" for s in STEPS)
-    look = f"{(_HERE / 'look.css').read_text()}\n:is({shown}) {{ display: block; }}"
+    look = f"{(_HERE / 'look.css').read_text()}\n{PICTURES}\n:is({shown}) {{ display: block; }}"
     ui.add_head_html(f"<style>{look}</style>")
     ui.add_head_html(f"{limits}<script>{(_HERE / 'workbench.js').read_text()}</script>")
     bench = Workbench(View(session, page.catalogue, page.folder, client, page.forms))

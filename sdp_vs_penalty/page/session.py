@@ -14,6 +14,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.state import METHOD, Notice, TabState
 from sdp_vs_penalty.page.summary import Rung
+from sdp_vs_penalty.report.demo import ARM, HIDDEN, JOINT, LEVEL
 
 #: What belongs to a robot, and is put aside with it.
 _OF_A_ROBOT = (
@@ -21,6 +22,8 @@ _OF_A_ROBOT = (
     "made_by", "models", "curve_texts",
 )  # fmt: skip
 _OTHER_RUNS = "The runs have changed: identify again."
+#: The seed of the runs that :meth:`Session.show_me` simulates.
+SHOWN_SEED = 7
 #: Seconds of a run that is long enough to be split into one to identify from and one to test on.
 _LONG = 10.0
 
@@ -140,22 +143,21 @@ class Session(TabState):
 
     def identify(self) -> None:
         """The first model of a new ladder."""
+        self._start(f"Identifying by {self.method}", self._identify())
 
-        async def do() -> None:
-            if not self.effects:
-                raise InputError("No effect is chosen", "choose at least rigid_body")
-            self._refuse_meaningless()
-            answer = await self._job(
-                "fit",
-                effects=",".join(self.effects),
-                method=self.method,
-                options=self.options,
-                out=self._next_file(),
-            )
-            self.forget_models()
-            self._take_ladder([Rung(**{**answer, "label": "identified"})])
-
-        self._start(f"Identifying by {self.method}", do())
+    async def _identify(self) -> None:
+        if not self.effects:
+            raise InputError("No effect is chosen", "choose at least rigid_body")
+        self._refuse_meaningless()
+        answer = await self._job(
+            "fit",
+            effects=",".join(self.effects),
+            method=self.method,
+            options=self.options,
+            out=self._next_file(),
+        )
+        self.forget_models()
+        self._take_ladder([Rung(**{**answer, "label": "identified"})])
 
     def open_model(self, path: str, name: str) -> None:
         """Go on from a model.json, identified from other runs perhaps: how a payload is found."""
@@ -169,31 +171,31 @@ class Session(TabState):
 
     def diagnose(self) -> None:
         """What the current model misses."""
+        self._start("Looking for what is missing", self._diagnose())
 
-        async def do() -> None:
-            self._refuse_meaningless()
-            answer = await self._job("find", model=self._current(), frozen=self.frozen)
-            self.findings = Diagnosis.from_dict(answer["diagnosis"])
-            self.curve_texts = answer["curves"]
-            self.found_for, self.found_in = len(self.ladder), answer["seconds"]
-
-        self._start("Looking for what is missing", do())
+    async def _diagnose(self) -> None:
+        self._refuse_meaningless()
+        answer = await self._job("find", model=self._current(), frozen=self.frozen)
+        self.findings = Diagnosis.from_dict(answer["diagnosis"])
+        self.curve_texts = answer["curves"]
+        self.found_for, self.found_in = len(self.ladder), answer["seconds"]
+        self.changed()
 
     def add(self, texts: list[str]) -> None:
         """Add effects to the current model, a rung of the ladder each."""
+        named = ", ".join(text.partition("@")[0] for text in texts)
+        self._start(f"Adding {named}", self._add(texts))
 
-        async def do() -> None:
-            frozen = self.frozen or (self.findings is not None and self.findings.frozen)
-            model, rungs = self._current(), []
-            for text in texts:
-                details = {"effect": text, "frozen": frozen, "out": self._next_file()}
-                answer = await self._job("extend", model=model, **details)
-                new = {"label": f"+ {text.partition('@')[0]}", "added": (text,), "frozen": frozen}
-                rungs.append(Rung(**{**answer, **new}))
-                model = rungs[-1].file
-            self._take_ladder([*self.ladder, *rungs])
-
-        self._start(f"Adding {', '.join(text.partition('@')[0] for text in texts)}", do())
+    async def _add(self, texts: list[str]) -> None:
+        frozen = self.frozen or (self.findings is not None and self.findings.frozen)
+        model, rungs = self._current(), []
+        for text in texts:
+            details = {"effect": text, "frozen": frozen, "out": self._next_file()}
+            answer = await self._job("extend", model=model, **details)
+            new = {"label": f"+ {text.partition('@')[0]}", "added": (text,), "frozen": frozen}
+            rungs.append(Rung(**{**answer, **new}))
+            model = rungs[-1].file
+        self._take_ladder([*self.ladder, *rungs])
 
     def ask(self, job: str, title: str, ready: Callable[[str], None] | None = None, **on: Any) -> None:
         """A job that changes nothing: its answer is kept; ``ready`` hears of the files that it made."""
@@ -216,10 +218,37 @@ class Session(TabState):
         """One model back."""
         if self.busy or len(self.ladder) < 2:
             return
-        self.ladder.pop()
+        self.undone.append(self.ladder.pop())
         if len(self.ladder) < self.found_for:
             self.findings = None
         self.changed()
+
+    def redo(self) -> None:
+        """The model that was left last, once more."""
+        if not self.busy and self.undone:
+            self.ladder.append(self.undone.pop())
+            self.changed()
+
+    def show_me(self) -> None:
+        """The whole job in small, on simulated runs with something hidden: the verb ``demo``."""
+
+        async def do() -> None:
+            self._remember()
+            answer = await self._job("robot", source=ARM)
+            self.robot = {**answer, "source": ARM, "gravity": None, "file": None}
+            self.runs, self.effects, self.method = [], list(answer["effects"]), METHOD
+            self.forget_models()
+            hidden = {"effect": HIDDEN, "joints": [JOINT + 1], "level": LEVEL, "seed": SHOWN_SEED}
+            await self._take_runs("simulate", **hidden)
+            self.made_by = ["--hide", f"{HIDDEN}:{JOINT + 1}", "--level", LEVEL, "--seed"]
+            self.made_by += [str(SHOWN_SEED), "--out", "."]
+            await self._identify()
+            await self._diagnose()
+            assert self.findings is not None
+            sure = [f.text for f in self.findings.effects if f.confidence == "confident"]
+            await self._add(sure)
+
+        self._start("Showing the whole job on a simulated arm", do())
 
     def take(self, name: str, ready: Callable[[str], None], options: Mapping[str, str]) -> None:
         """Make a file to take away; ``ready`` hears its name. options : the flange, for a payload."""

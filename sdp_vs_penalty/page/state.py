@@ -86,6 +86,8 @@ class TabState:
     #: Identify even from runs that the check calls meaningless.
     anyway: bool = False
     ladder: list[Rung] = field(default_factory=list)
+    #: Models that were undone, the last one first to come back.
+    undone: list[Rung] = field(default_factory=list)
     #: All models of this robot, those that have left the ladder too.
     models: list[Rung] = field(default_factory=list)
     findings: Diagnosis | None = None
@@ -225,7 +227,7 @@ class TabState:
         return text.replace(f"{self.folder}/", "")
 
     def forget_models(self) -> None:
-        self.ladder, self.findings, self.answers = [], None, {}
+        self.ladder, self.undone, self.findings, self.answers = [], [], None, {}
         self._read.clear()
 
     def cancel(self) -> None:
@@ -291,7 +293,7 @@ class TabState:
 
     def _take_ladder(self, ladder: list[Rung]) -> None:
         """Another ladder; the session remembers every model that was on one."""
-        self.ladder = ladder
+        self.ladder, self.undone = ladder, []
         self.models += [rung for rung in ladder if rung.file not in {m.file for m in self.models}]
 
     def _refuse_meaningless(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -82,14 +82,6 @@ def violation(estimate: Estimate) -> dict[str, float]:
 def about(estimate: Estimate) -> dict[str, Any]:
     """The parameters as the page shows them: rows, links, words and friction as in the report, and the
     arm in 3D: of each joint its parent and place there, of each link its joint and ellipsoid."""
-    robot = estimate.robot
-    bodies = []
-    for k, link in enumerate(estimate.links if len(estimate.model.rigid_indices) else []):
-        if (body := half_axes(link)) is not None:
-            frame = robot.tree[robot.link_joints[k]].link_frame
-            half, axes, com = body
-            place = frame @ np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
-            bodies.append({"link": k, "joint": robot.link_joints[k], "half": half, "place": place})
     friction = [
         {"velocity": c.velocity, "torque": c.torque, "half": NORMAL_95 * c.std}
         for c in friction_curves(estimate)
@@ -99,12 +91,22 @@ def about(estimate: Estimate) -> dict[str, Any]:
         "links": link_rows(estimate),
         "words": plausibility(estimate),
         "friction": _plain(friction),
-        "bodies": _plain(bodies),
         "certificate": certificate_rows([estimate]),
-        "joints": [
-            {"parent": j.parent, "at": [float(x) for x in j.placement[:3, 3]]} for j in robot.tree
-        ],
+        **drawn_arm(estimate.robot, estimate.links if len(estimate.model.rigid_indices) else []),
     }
+
+
+def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
+    """The arm in 3D: of each joint its parent and place there, of each link its joint and ellipsoid."""
+    bodies = []
+    for k, link in enumerate(links):
+        if (body := half_axes(link)) is not None:
+            frame = robot.tree[robot.link_joints[k]].link_frame
+            half, axes, com = body
+            place = frame @ np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
+            bodies.append({"link": k, "joint": robot.link_joints[k], "half": half, "place": place})
+    joints = [{"parent": j.parent, "at": [float(x) for x in j.placement[:3, 3]]} for j in robot.tree]
+    return {"bodies": _plain(bodies), "joints": joints}
 
 
 def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:

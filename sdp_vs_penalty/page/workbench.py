@@ -11,7 +11,7 @@ from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
 from sdp_vs_penalty.page.step import Step, Verdict
-from sdp_vs_penalty.page.steps import STEPS
+from sdp_vs_penalty.page.steps import STAGES, STEPS
 from sdp_vs_penalty.page.view import View
 
 _COLOURS = frozenset({"good", "usable", "bad"})
@@ -92,12 +92,16 @@ class Workbench:
 
     def _rail(self) -> None:
         with tag("nav", style="steps", aria_label="Steps"):
-            for k, step in enumerate(STEPS, start=1):
-                with tag("a", href="#", data_key=f"nav-{k}", data_to=step.anchor) as link:
-                    tag("span", str(k), "number", aria_hidden="true")
-                    tag("span", step.title)
-                    self._levels[step.anchor] = tag("span", style="unseen")
-                self._links[step.anchor] = link
+            k = 0
+            for stage, steps in STAGES.items():
+                tag("span", stage, "stage", aria_hidden="true")
+                for step in steps:
+                    k += 1
+                    with tag("a", href="#", data_key=f"nav-{k}", data_to=step.anchor) as link:
+                        tag("span", str(k), "number", aria_hidden="true")
+                        tag("span", step.title)
+                        self._levels[step.anchor] = tag("span", style="unseen")
+                    self._links[step.anchor] = link
 
     def _stage(self, k: int, step: Step) -> None:
         with tag("section", style="step", data_step=step.anchor) as section:

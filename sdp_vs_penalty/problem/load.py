@@ -13,6 +13,7 @@ import numpy as np
 from sdp_vs_penalty.data.texts import numbers, pairs
 from sdp_vs_penalty.errors import InputError, given
 from sdp_vs_penalty.files import problems_folder, read_table, read_toml
+from sdp_vs_penalty.files.inputs import nameable
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.problem.fields import check_fields, entries
@@ -154,9 +155,9 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
     path = Path(source)
     if str(source) in problem_names():
         path = problems_folder() / str(source)
-    if (path / "problem.toml").is_file():
+    if nameable(path) and (path / "problem.toml").is_file():
         problem = read_toml(path / "problem.toml", partial(_from_toml, path))
-    elif path.is_file():
+    elif nameable(path) and path.is_file():
         problem = _from_urdf(path)
     else:
         raise InputError(

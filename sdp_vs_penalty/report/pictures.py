@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.diagnosis.causes import CAUSES
 from sdp_vs_penalty.show import plain_unit
 
+#: How bars and legends look.
+LOOK = (Path(__file__).parent / "pictures.css").read_text()
 #: Of each cause the colour of its stretches; the last is for those without one.
 SHADES = dict(
     zip(
@@ -58,7 +61,7 @@ def bars(
             shapes += f'<line class="floor" x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="24"/>'
         drawn = f'<svg viewBox="0 0 {_WIDTH:g} 24" preserveAspectRatio="none" aria-hidden="true">'
         rows.append(
-            f'<tr><th scope="row">joint {j + 1}</th><td class="track">{drawn}{shapes}</svg></td>'
+            f'<tr><th scope="row">joint {j + 1}</th><td class="drawn">{drawn}{shapes}</svg></td>'
             f'<td class="number">{said}</td>{note}</tr>'
         )
     caption = "Error over the noise floor of each joint" if known else "RMS error of each joint"

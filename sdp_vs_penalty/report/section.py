@@ -17,6 +17,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.report.pictures import LOOK as PICTURES
 from sdp_vs_penalty.report.plots import styled
 from sdp_vs_penalty.signals.preprocessing import Rows
 from sdp_vs_penalty.simulation.follow import Following
@@ -129,6 +130,7 @@ def number(value: float | None, digits: int = 4) -> str:
 
 #: How the page looks, and what draws a figure once it is about to be seen, one at a time.
 _STYLE, _DRAW = (f"\n{(Path(__file__).parent / name).read_text()}" for name in ("look.css", "draw.js"))
+_STYLE = f"{_STYLE}\n{PICTURES}"
 
 
 def page(title: str, sections: Sequence[Section], script: str) -> str:

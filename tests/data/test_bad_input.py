@@ -160,7 +160,7 @@ def test_bad_npz(arrays: dict[str, Any], words: list[str], tmp_path: Path) -> No
 
 def test_files_and_folders_that_are_not_there(tmp_path: Path) -> None:
     refusal(lambda: load_measurements(tmp_path / "nowhere.csv"), "nowhere.csv", "no such file")
-    refusal(lambda: load_measurements(tmp_path), "exciting_traj_time.txt is missing")
+    refusal(lambda: load_measurements(tmp_path), "no runs in this folder")
     refusal(load_measurements, "name at least one RUN.csv")
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -23,7 +23,6 @@ from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 
 CORPUS = Path(__file__).parent / "corpus"
@@ -91,73 +90,3 @@ def test_a_models_own_filters_keep_the_budget(two_link: Problem, tmp_path: Path)
     model.write_text(json.dumps(content))
     with within_budget(run, model):
         assert run_cli("compare", model, "--data", run) == 2
-
-
-def flipped(content: bytes, rng: np.random.Generator) -> bytes:
-    at = int(rng.integers(len(content)))
-    return content[:at] + bytes([content[at] ^ (1 << int(rng.integers(8)))]) + content[at + 1 :]
-
-
-def cut(content: bytes, rng: np.random.Generator) -> bytes:
-    begin, end = sorted(rng.integers(len(content), size=2).tolist())
-    return content[:begin] + content[end:] if rng.random() < 0.5 else content[begin:]
-
-
-def doubled(content: bytes, rng: np.random.Generator) -> bytes:
-    begin = int(rng.integers(len(content)))
-    part = content[begin : begin + int(rng.integers(1, 200))]
-    return content[:begin] + part * int(rng.integers(2, 20)) + content[begin:]
-
-
-def put(content: bytes, rng: np.random.Generator) -> bytes:
-    odd = [
-        b"\0" * 8,
-        b"\xff" * 8,
-        b"\x7f\xff\xff\xff",
-        b"\x80",
-        b",",
-        b"\n",
-        b'"',
-        b"nan",
-        b"-1e999",
-        b"\r",
-    ]
-    at, part = int(rng.integers(len(content))), odd[int(rng.integers(len(odd)))]
-    return content[:at] + part + content[at + (len(part) if rng.random() < 0.7 else 0) :]
-
-
-DEEDS: tuple[Callable[[bytes, np.random.Generator], bytes], ...] = (flipped, cut, doubled, put)
-
-
-def mutated(seed: int, folder: Path) -> Path:
-    """One of the corpus, or a sound run, changed in one to six places."""
-    rng = np.random.default_rng(seed)
-    sources = [*FILES, *sorted(folder.glob("sound.*"))]
-    source = sources[int(rng.integers(len(sources)))]
-    content = source.read_bytes()
-    for _ in range(int(rng.integers(1, 7))):
-        if content:
-            content = DEEDS[int(rng.integers(len(DEEDS)))](content, rng)
-    path = folder / f"mutated{source.suffix}"
-    path.write_bytes(content)
-    return path
-
-
-@pytest.mark.fuzz
-def test_mutated_files_for_twenty_seconds(tmp_path: Path) -> None:
-    """Other files each day, none of them chosen; the seed of a failure is in the message."""
-    run = small_run(load_problem("two_link"), seconds=0.5)
-    for suffix in (".csv", ".npz", ".mat", ".parquet"):
-        if suffix != ".parquet" or pytest.importorskip("pyarrow"):
-            save(run, tmp_path / f"sound{suffix}")
-    seed, end = int(time.time()) // 86400 * 1_000_000, time.monotonic() + 20.0
-    while time.monotonic() < end:
-        seed += 1
-        path, begin = mutated(seed, tmp_path), time.process_time()
-        try:
-            load_measurements(path)
-        except InputError:
-            pass
-        except Exception as error:
-            raise AssertionError(f"seed {seed} ({path.suffix}): {error!r}") from error
-        assert time.process_time() - begin < SECONDS, f"seed {seed} ({path.suffix})"

@@ -211,7 +211,9 @@ def test_a_model_can_be_brought(
     assert alert(page).startswith("new.json: written by a newer version")
 
 
-def test_undo_takes_the_last_step_back(story: dict[str, Any], browser: Browser, server: Server) -> None:
+def test_undo_takes_the_last_step_back_and_redo_brings_it_again(
+    story: dict[str, Any], browser: Browser, server: Server
+) -> None:
     """In a second tab on the same session: both show it."""
     page = open_page(story["context"], server, story["page"].url.removeprefix(server.address))
     go(page, "ladder")
@@ -220,7 +222,8 @@ def test_undo_takes_the_last_step_back(story: dict[str, Any], browser: Browser, 
     go(page, "findings")
     page.wait_for_selector(key("add-0"))
     story["page"].wait_for_selector(key("undo"), state="detached")
-    page.click(key("add-0"))
+    go(page, "ladder")
+    page.click(key("redo"))
     page.wait_for_selector(key("undo"))
     idle(page)
     assert errors(page) == story["errors"]
@@ -249,7 +252,7 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")  # past the header
     page.keyboard.press("Tab")
-    assert page.evaluate("document.activeElement.dataset.key").startswith("robot-")
+    assert page.evaluate("document.activeElement.dataset.key") == "show-me"
     walk("robot-two_link")
     page.keyboard.press("Enter")
     walk("next-robot")
@@ -264,8 +267,10 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
     choosers[0].set_files([str(files[0]), str(files[1]), str(files[3])])
     page.wait_for_selector("table.runs")
     idle(page)
-    walk("next-runs")
-    page.keyboard.press("Enter")
+    for step in ("runs", "check"):
+        page.wait_for_selector(key(f"next-{step}"))
+        walk(f"next-{step}")
+        page.keyboard.press("Enter")
     page.wait_for_selector(key("identify"))
     walk("identify")
     page.keyboard.press("Space")
@@ -273,7 +278,7 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
     idle(page)
     expect(page.locator("[aria-live=polite]")).to_have_text("Identifying by lmi-sdp. Done.")
     # The focus is at the step that came, so that the way goes on from there.
-    assert page.evaluate("document.activeElement.innerText") == "Measured against modelled"
+    assert page.evaluate("document.activeElement.innerText") == "Verdict: measured against modelled"
     walk("joint-2")
     page.keyboard.press("Enter")
     expect(page.locator(key("joint-2"))).to_have_attribute("aria-pressed", "true")

@@ -136,7 +136,9 @@ def test_what_changes_nothing_is_what_the_verbs_say(
     proved = s.answer("prove")
     assert proved is not None
     assert proved["holds"]
-    low, high = json.loads(proved["said"].rpartition(" in ")[2])
+    interval = re.search(r"\[[^\]]*\]", proved["said"])
+    assert interval is not None
+    low, high = json.loads(interval[0])
     assert low <= model.certificate.upper * (1 + 1e-9)
     assert high >= model.certificate.lower * (1 - 1e-9)
     about = json.loads((s.folder / "problem.cbf.json").read_text())
@@ -450,7 +452,8 @@ def test_of_a_dropped_run_only_its_samples_are_kept(
 
     s = asyncio.run(story())
     assert [run["name"] for run in s.runs] == ["dropped.csv", "own.csv"]
-    assert sorted(p.name for p in s.folder.iterdir()) == sorted(run["file"] for run in s.runs)
+    kept = [run[what] for run in s.runs for what in ("file", "view")]
+    assert sorted(p.name for p in s.folder.iterdir()) == sorted(kept)
     assert (tmp_path / "own.csv").is_file()
 
 

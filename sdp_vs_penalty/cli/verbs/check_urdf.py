@@ -35,7 +35,7 @@ def verb(
             "links": [c.to_dict() for c in checks],
             "moving_links_without_inertial": massless,
         }
-        write_text(json_file, json.dumps(content, indent=1).replace("NaN", "null") + "\n")
+        write_text(json_file, json.dumps(content, indent=1, allow_nan=False) + "\n")
     verdict, *remarks = inertials.sentences(checks, massless)
     console.say(verdict, style="bold")
     if checks:

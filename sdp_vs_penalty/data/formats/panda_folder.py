@@ -31,6 +31,8 @@ def read(folder: Path, choice: Choice) -> Measurements:
     columns = {}
     for key, name in (("t", "time"), ("q", "positions"), ("dq", "velocity"), ("tau", "torques")):
         path = folder / f"exciting_traj_{name}.txt"
+        if not is_log(folder):
+            raise InputError("no runs in this folder", "name the file of the run", folder)
         if not path.exists():
             raise InputError(
                 f"{path.name} is missing, and a folder is read as the authors' Panda log",

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import Any
 
+from nicegui import ui
+
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import new_motion
 from sdp_vs_penalty.page.arm import draw_arm, torque_errors
 from sdp_vs_penalty.page.charts import (
@@ -13,6 +17,7 @@ from sdp_vs_penalty.page.charts import (
     merged,
     residual_chart,
     torque_chart,
+    with_shades,
 )
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, framed, note, tag
 from sdp_vs_penalty.page.session import Session
@@ -20,6 +25,7 @@ from sdp_vs_penalty.page.step import Verdict, after_model, model_verdict
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held, with_unit
+from sdp_vs_penalty.report.pictures import SHADES, bars, found_shares, heat_rows, legend
 from sdp_vs_penalty.report.plots import SIGNALS
 
 
@@ -33,6 +39,10 @@ def _draw(view: View) -> None:
     view.joint = min(view.joint, robot["n"] - 1)
     if view.run not in model.runs:
         view.run, view.span = model.runs[-1], None
+    first = session.ladder[0].comparison
+    floor = None if None in comparison["noise_floor"] else comparison["noise_floor"]
+    after = comparison["rmse"] if len(session.ladder) > 1 else None
+    ui.html(bars(first["rmse"], after, floor, units), sanitize=False)
     _figures(model)
     chips = _chips(view, model, units)
     parts: dict[str, Any] = {}
@@ -49,7 +59,8 @@ def _draw(view: View) -> None:
         curves = session.curves(model, view.run)
         if len(session.ladder) > 1:
             curves = merged(session.curves(session.ladder[0], view.run), curves)
-        return torque_chart(curves, view.joint or 0, units, view.span, view.marked)
+        shown = torque_chart(curves, view.joint or 0, units, view.span, view.marked)
+        return with_shades(shown, _stretches(view, model))
 
     def reads() -> list[Any]:
         rungs = [session.ladder[0], model][-len(session.ladder) :]
@@ -95,9 +106,12 @@ def _draw(view: View) -> None:
         parts["chart"].on("plotly_relayout", zoom).classes("timed")
         if model.about["bodies"]:
             parts["arm"] = draw_arm(view, model.about, "redder: larger torque error")
+    seen_causes = {s["cause"] for f in model.failures for s in f["stretches"]}
+    ui.html(legend([cause for cause in SHADES if cause in seen_causes]), sanitize=False)
     parts["words"] = tag("p", "", "words")
     if model.failures:
-        _heat(view, model.failures)
+        found = session.findings if session.found_for == len(session.ladder) else None
+        _heat(view, model.failures, found)
     with tag("div", style="pick"):
         across = list(SIGNALS.items())
         up = [("error", "error"), *across]
@@ -141,7 +155,7 @@ def _figures(model: Rung) -> None:
         }
     )
     for line in comparison["verdict"]["lines"]:
-        tag("p", f"{line['about'].capitalize()} ({line['grade']}): {line['text']}", "finding line")
+        tag("p", f"{line['about'].capitalize()} ({line['grade']}): {line['text']}", "line")
 
 
 def _chips(view: View, model: Rung, units: list[str]) -> list[Any]:
@@ -178,29 +192,43 @@ def _words(model: Rung, j: int, unit: str) -> str:
     return " ".join([text, *model.failures[j]["sentences"]])
 
 
-#: The signal that shows what a quantity of the table explains.
+#: The signal that shows what a cause of the table explains.
 _SHOWN_BY = {
-    "position": "q", "velocity": "dq", "acceleration": "ddq", "torque": "torque", "time": "t",
+    "position": "q", "velocity": "dq", "acceleration": "ddq", "load": "torque", "time": "t",
+    "high speed": "dq", "reversal": "dq", "standstill": "dq", "waves per turn": "q",
 }  # fmt: skip
 
 
-def _heat(view: View, failures: list[dict[str, Any]]) -> None:
-    """Which quantity explains how much of each joint's error: darker is more."""
-    tag("h3", "Where it fails")
+def _stretches(view: View, model: Rung) -> list[tuple[float, float, str]]:
+    """Where the chosen joint fails on the run that is shown, in its seconds."""
+    if not model.failures or view.joint is None:
+        return []
+    start = float(view.session.recording(model, view.run)["t"][0])
+    return [
+        (s["start"] - start, s["stop"] - start, s["cause"])
+        for s in model.failures[view.joint]["stretches"]
+        if s["run"].startswith(view.run.partition(", ")[0])
+    ]
+
+
+def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -> None:
+    """Which cause explains how much of each joint's error: darker is more; findings first."""
+    tag("h3", "Where it fails, and why")
     note(
-        "Share of each joint's error that a smooth function of a quantity explains on held-out data, "
-        "in per cent. Click a cell to see the joint."
+        "Share of each joint's error that a function of a cause explains on held-out data, in per "
+        "cent; causes that explain nothing are left out. Click a cell to see the joint."
     )
     heads = "".join(f'<th scope="col">{failure["joint"]}</th>' for failure in failures)
     rows = ""
-    for name in failures[0]["held_out_shares"]:
-        rows += f'<tr><th scope="row">{name}</th>'
-        for failure in failures:
-            j, share = failure["joint"], failure["held_out_shares"][name]
+    for name, shares in heat_rows(failures, found_shares(found, len(failures))):
+        rows += f'<tr><th scope="row">{escape(name)}</th>'
+        for j, share in enumerate(shares, start=1):
+            shown = f"{100 * share:.0f}" if share >= 0.01 else ""
             rows += (
                 f'<td style="--share: {share:.2f}"><button type="button" class="action cell" '
-                f'data-key="heat-{name}-{j}" data-joint="{j}" data-signal="{_SHOWN_BY.get(name, "")}" '
-                f'aria-label="joint {j}, {name}: {100 * share:.0f} %">{100 * share:.0f}</button></td>'
+                f'data-key="heat-{escape(name)}-{j}" data-joint="{j}" '
+                f'data-signal="{_SHOWN_BY.get(name, "")}" '
+                f'aria-label="joint {j}, {escape(name)}: {100 * share:.0f} %">{shown}</button></td>'
             )
         rows += "</tr>"
 
@@ -209,7 +237,7 @@ def _heat(view: View, failures: list[dict[str, Any]]) -> None:
         at = {"joint": min(max(int(joint), 1), len(failures)) - 1}
         view.look(**at, **({"signal": signal} if signal in SIGNALS else {}))
 
-    head = f'<thead><tr><th scope="col">depends on</th>{heads}</tr></thead>'
+    head = f'<thead><tr><th scope="col">cause</th>{heads}</tr></thead>'
     caption = "Share of the error explained by each quantity, by joint"
     framed(caption, f"{head}<tbody>{rows}</tbody>", "heat").on("click", show, js_handler=_CELL)
 
@@ -228,4 +256,6 @@ def _verdict(session: Session) -> Verdict:
     return model_verdict(session.current)
 
 
-FIT = after_model("fit", "Measured against modelled", _draw, _verdict)
+FIT = after_model(
+    "fit", "Verdict: measured against modelled", _draw, _verdict, lambda s: (s.found_for, s.found_in)
+)

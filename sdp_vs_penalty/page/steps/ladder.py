@@ -25,10 +25,14 @@ def _draw(view: View) -> None:
                 relative = figure(model.comparison["relative_error_percent"])
                 tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
     _all_models(view)
+    with tag("div", style="row"):
+        if len(ladder) > 1:
+            button("Undo the last step", session.undo, "undo")
+        if session.undone:
+            button(f"Redo {session.undone[-1].label}", session.redo, "redo")
     if len(ladder) == 1:
         note("Add what is missing and watch the error of each joint fall here.")
         return
-    button("Undo the last step", session.undo, "undo")
     errors = [model.comparison["rmse"] for model in ladder]
     floor = ladder[-1].comparison["noise_floor"]
     names = [m.label for m in ladder]
@@ -87,5 +91,5 @@ def _verdict(session: Session) -> Verdict | None:
 
 
 LADDER = after_model(
-    "ladder", "The falling error", _draw, _verdict, lambda s: [m.file for m in s.models]
+    "ladder", "The falling error", _draw, _verdict, lambda s: ([m.file for m in s.models], len(s.undone))
 )

@@ -22,6 +22,9 @@ def _depends(session: Session) -> Any:
 
 def _draw(view: View) -> None:
     session, robot = view.session, view.session.robot
+    with tag("div", style="row"):
+        button("Show me", session.show_me, "show-me", "primary" if robot is None else "")
+        note("The whole job on a simulated arm with something hidden, in about a minute.")
     with tag("div", style="tiles", role="group", aria_label="Built-in robots"):
         for problem in view.catalogue["problems"]:
             name = problem["name"]

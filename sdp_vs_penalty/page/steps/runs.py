@@ -149,25 +149,6 @@ def _list(view: View) -> None:
                             f"use-{k}",
                             hidden_label=True,
                         )
-    for run, findings in session.checked:
-        for found in findings:
-            with tag("p", style=f"finding {found['severity']}"):
-                tag("strong", f"{run['name']}: {found['kind']}. ")
-                tag("span", f"{found['what']} What to do: {found['remedy']}.")
-            if found["gravity"]:
-                vector = ",".join(f"{g:g}" for g in found["gravity"])
-                button(
-                    f"Apply: gravity {vector}",
-                    partial(session.mount, vector),
-                    f"apply-{run['file']}",
-                    "primary",
-                )
-        if any(found["mends"] for found in run["findings"]):
-            button(
-                f"Repair {run['name']}",
-                partial(session.mend, run["file"]),
-                f"mend-{run['file']}",
-            )
     if session.runs and all(run["use"] == "train" for run in session.runs):
         note(
             "No run is kept for testing: the errors below are training errors, and a diagnosis "
@@ -178,16 +159,9 @@ def _list(view: View) -> None:
 def _verdict(session: Session) -> Verdict | None:
     if not session.runs:
         return None
-    if session.meaningless:
-        return Verdict("bad", f"{session.meaningless[0]}.", "Check failed")
-    warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
     kept = any(run["use"] in ("test", "split") for run in session.runs)
-    if warned or not kept:
-        why = [f"the check found {show.words(warned)}"] if warned else []
-        why += [] if kept else ["nothing is kept for testing"]
-        return Verdict("usable", f"{'; '.join(why).capitalize()}.", "Check")
     runs = show.count(len(session.runs), "run")
-    return Verdict("good", f"Nothing wrong in {runs}; part is kept for testing.", "Check")
+    return Verdict("", f"{runs}; {'part is' if kept else 'nothing is'} kept for testing.")
 
 
 RUNS = Step(

@@ -1,0 +1,214 @@
+"""Every reader with bytes changed, cut and put in, and logs with absurd numbers: a result or a sentence.
+
+`pytest -m fuzz` takes a minute and other cases each day. SDP_VS_PENALTY_FUZZ=SECONDS takes longer.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from peak_memory import peak_memory
+from small_runs import small_run, write_bag
+
+from sdp_vs_penalty import diagnose, identify
+from sdp_vs_penalty.check.urdf import check_urdf, massless_links
+from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.findings import load_diagnosis
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.estimation.verify import verify_proof_file
+from sdp_vs_penalty.exporters.export import export
+from sdp_vs_penalty.problem.load import load_problem, problems_folder
+
+CORPUS = Path(__file__).parent / "data" / "corpus"
+#: CPU seconds that one small file may take, and bytes beyond ten times its size.
+SECONDS, MEMORY = 20.0, 500e6
+
+
+def flipped(content: bytes, rng: np.random.Generator) -> bytes:
+    at = int(rng.integers(len(content)))
+    return content[:at] + bytes([content[at] ^ (1 << int(rng.integers(8)))]) + content[at + 1 :]
+
+
+def cut(content: bytes, rng: np.random.Generator) -> bytes:
+    begin, end = sorted(rng.integers(len(content), size=2).tolist())
+    return content[:begin] + content[end:] if rng.random() < 0.5 else content[begin:]
+
+
+def doubled(content: bytes, rng: np.random.Generator) -> bytes:
+    begin = int(rng.integers(len(content)))
+    part = content[begin : begin + int(rng.integers(1, 200))]
+    return content[:begin] + part * int(rng.integers(2, 20)) + content[begin:]
+
+
+def put(content: bytes, rng: np.random.Generator) -> bytes:
+    odd = [
+        b"\0" * 8,
+        b"\xff" * 8,
+        b"\x7f\xff\xff\xff",
+        b"\x80",
+        b",",
+        b"\n",
+        b'"',
+        b"nan",
+        b"-1e999",
+        b"\r",
+    ]
+    at, part = int(rng.integers(len(content))), odd[int(rng.integers(len(odd)))]
+    return content[:at] + part + content[at + (len(part) if rng.random() < 0.7 else 0) :]
+
+
+DEEDS: tuple[Callable[[bytes, np.random.Generator], bytes], ...] = (flipped, cut, doubled, put)
+
+
+def sound_files(folder: Path) -> list[Path]:
+    """One of every kind that is read, and the files that broke a reader once."""
+    problem = load_problem("two_link")
+    run = small_run(problem, seconds=0.5)
+    for suffix in (".csv", ".npz", ".mat", ".parquet"):
+        if suffix != ".parquet" or pytest.importorskip("pyarrow"):
+            save(run, folder / f"sound{suffix}")
+    for name in (".mcap", ".db3"):
+        write_bag(folder / f"bag{name}", run, mcap=name == ".mcap")
+        (file,) = (folder / f"bag{name}").glob(f"*{name}")
+        file.rename(folder / f"sound{name}")
+    estimate = identify(problem, small_run(problem), proof=folder / "proof.json")
+    estimate.save(folder / "model.json")
+    export(estimate, folder / "sound.urdf")
+    found = diagnose(estimate, small_run(problem)).to_dict()
+    (folder / "findings.json").write_text(json.dumps(found))
+    (folder / "sound.toml").write_bytes((problems_folder() / "two_link" / "problem.toml").read_bytes())
+    return sorted([*folder.glob("sound.*"), *folder.glob("*.json"), *CORPUS.iterdir()])
+
+
+def read(path: Path, source: Path) -> Any:
+    """What the verbs make of such a file."""
+    if source.name == "proof.json":
+        return verify_proof_file(path)
+    if source.name == "findings.json":
+        return load_diagnosis(path)
+    if path.suffix == ".json":
+        return load_estimate(path)
+    if path.suffix == ".toml":
+        home = path.parent / "problem"
+        home.mkdir(exist_ok=True)
+        path.replace(home / "problem.toml")
+        return load_problem(home)
+    if path.suffix == ".urdf":
+        return check_urdf(path), massless_links(path), load_problem(path)
+    return load_measurements(path)
+
+
+def sentence(error: InputError) -> str:
+    """What a refusal has to be; anything else fails the case."""
+    if "\n" in str(error) or len(str(error)) > 2000:
+        raise AssertionError(f"no sentence: {str(error)[:2000]}")
+    return "sentence"
+
+
+def read_mutated(seed: int, sources: list[Path], folder: Path) -> str:
+    """Read one of the files, changed in one to six places; the kind of outcome."""
+    rng = np.random.default_rng(seed)
+    source = sources[int(rng.integers(len(sources)))]
+    content = source.read_bytes()
+    for _ in range(int(rng.integers(1, 7))):
+        if content:
+            content = DEEDS[int(rng.integers(len(DEEDS)))](content, rng)
+    path = folder / f"mutated{source.suffix}"
+    path.write_bytes(content)
+    begin, outcome = time.process_time(), "read"
+    case = f"seed {seed} ({source.name})"
+    try:
+        with peak_memory() as peak, warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            read(path, source)
+    except InputError as error:
+        outcome = sentence(error)
+    except Exception as error:
+        raise AssertionError(f"{case}: {error!r}") from error
+    assert not peak or peak[0] < 10 * len(content) + MEMORY, case
+    assert time.process_time() - begin < SECONDS, case
+    return f"{source.suffix} {outcome}"
+
+
+#: Numbers that overflow, underflow or are none.
+ODD = (0.0, -0.0, 5e-324, 1e-300, 1e-160, 1e16, 1e100, 1e160, 1e300, np.inf, -np.inf, np.nan)
+
+
+def hostile_log(seed: int) -> Measurements:
+    """A small run in which one to four things are absurd: numbers, stamps, gaps, constant channels."""
+    rng = np.random.default_rng(seed)
+    run = small_run(load_problem("two_link"), seconds=float(rng.uniform(1.0, 6.0)), seed=seed % 7)
+    for _ in range(int(rng.integers(1, 5))):
+        name = str(rng.choice(["t", "q", "dq", "tau"]))
+        values = getattr(run, name)
+        if values is None:
+            continue
+        values = values.copy()
+        begin = int(rng.integers(len(values)))
+        rows = slice(begin, begin + int(rng.choice([1, 1, 3, 50, len(values)])))
+        deed = int(rng.integers(5))
+        if deed == 0:
+            values[rows] = rng.choice(ODD)
+        elif deed == 1:
+            with np.errstate(all="ignore"):
+                values *= float(rng.choice([0.0, 1e-300, 1e-12, 1e12, 1e150, 1e300]))
+        elif deed == 2:
+            values[rows] = values[begin]
+        elif deed == 3:
+            values[rows] = np.sort(values[rows], axis=0)[::-1]
+        else:
+            with np.errstate(all="ignore"):
+                values = values + rng.choice([1e9, 1e15, -1e300])
+        run = replace(run, **{name: values})
+    return run
+
+
+def identify_hostile(seed: int) -> str:
+    """A model or a sentence, and no warning of NumPy."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            identify("two_link", hostile_log(seed))
+        return "log identified"
+    except InputError as error:
+        return f"log {sentence(error)}"
+    except Exception as error:
+        raise AssertionError(f"log {seed}: {error!r}") from error
+
+
+def fuzzed(seconds: float, seed: int, folder: Path) -> Counter[str]:
+    """Cases by outcome: for so long, changed files, and every hundredth time a log."""
+    sources, seen, end = sound_files(folder), Counter[str](), time.monotonic() + seconds
+    while time.monotonic() < end:
+        seed += 1
+        seen[identify_hostile(seed) if seed % 100 == 0 else read_mutated(seed, sources, folder)] += 1
+    return seen
+
+
+@pytest.mark.fuzz
+def test_a_minute_of_other_files_each_day(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    seconds = float(os.environ.get("SDP_VS_PENALTY_FUZZ", "60"))
+    seen = fuzzed(seconds, int(time.time()) // 86400 * 10_000_000, tmp_path)
+    with capsys.disabled():
+        print(f"\n{seen.total()} cases, no failure: {dict(sorted(seen.items()))}")
+    assert seen.total() > 100
+
+
+def test_a_second_of_the_same_files_each_time(tmp_path: Path) -> None:
+    sources = sound_files(tmp_path)
+    for seed in range(300):
+        read_mutated(seed, sources, tmp_path)
+    for seed in range(20):
+        identify_hostile(seed)
