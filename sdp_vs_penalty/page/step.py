@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Verdict:
     """What a step has come to, in a sentence; level : its colour, "" for none; word : what it begins
-    with. Only the step Model against data grades the model (estimation/verdict.py)."""
+    with. Only the step Verdict grades the model (estimation/verdict.py)."""
 
     level: Literal["good", "usable", "bad", ""]
     text: str
