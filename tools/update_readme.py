@@ -26,7 +26,7 @@ METHOD_COLUMNS = {
 #: The methods of that table that are shown here.
 METHODS = ("ols", "penalty-paper", "penalty", "lmi-sdp")
 #: Methods of the picture and of the second table, in the order of the legend.
-SHOWN = ("ols", "lmi-sdp", "lmi-sdp-entropic", "penalty")
+SHOWN = ("ols, joint prior", "lmi-sdp-plain, joint prior", "penalty, joint prior", "lmi-sdp")
 
 
 def rows_of(table: str, data: str = "measured") -> list[dict[str, str]]:
