@@ -155,7 +155,6 @@ def test_a_file_without_the_training_motion_loads_and_says_so(two_link: Problem,
     (tmp_path / "old.json").write_text(json.dumps(old))
     judged = compare(tmp_path / "old.json", run)[0]
     assert judged.new_motion_share is None
-    assert judged.warning is None
     assert "not recorded" in repr(judged)
 
 
