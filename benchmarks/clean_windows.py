@@ -21,7 +21,7 @@ from geared_arms import geared
 from unseen_arms import unseen
 
 from sdp_vs_penalty import load_measurements, load_problem
-from sdp_vs_penalty.check import check
+from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem

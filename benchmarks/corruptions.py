@@ -32,8 +32,8 @@ from geared_arms import geared
 from unseen_arms import DEVELOPED, JUDGES, unseen
 
 from sdp_vs_penalty import identify
-from sdp_vs_penalty.check import check
-from sdp_vs_penalty.check.issue import Issue
+from sdp_vs_penalty.checks import check
+from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
 

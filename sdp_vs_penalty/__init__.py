@@ -11,7 +11,7 @@ from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
     from sdp_vs_penalty import effects as effects
-    from sdp_vs_penalty.check import check as check
+    from sdp_vs_penalty.checks import check as check
     from sdp_vs_penalty.data.datasets import fetch as fetch
     from sdp_vs_penalty.data.files import load_measurements as load_measurements
     from sdp_vs_penalty.data.measurements import Measurements as Measurements
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 # Lazily, so that `--help` and one-line scripts do not pay for Pinocchio and SciPy.
 _HOME = {
     "add": "diagnosis.adding",
-    "check": "check",
+    "check": "checks",
     "compare": "diagnosis.comparison",
     "convert": "problem.convert",
     "cross_validate": "estimation.cross_validation",

@@ -21,7 +21,7 @@ from peak_memory import peak_memory
 from small_runs import small_run, write_bag
 
 from sdp_vs_penalty import diagnose, identify
-from sdp_vs_penalty.check.urdf import check_urdf, massless_links
+from sdp_vs_penalty.checks.urdf import check_urdf, massless_links
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.findings import load_diagnosis

@@ -100,7 +100,7 @@ def refuse_meaningless(
     Raises InputError where that work would be meaningless.
     """
     from sdp_vs_penalty import show
-    from sdp_vs_penalty.check import check
+    from sdp_vs_penalty.checks import check
 
     if not measurements.torque_logged:  # the check weighs torque
         return

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.check import urdf
+from sdp_vs_penalty.checks import urdf
 from sdp_vs_penalty.data.files import windowed
 from sdp_vs_penalty.data.texts import time_windows
 from sdp_vs_penalty.estimation.estimate import load_estimate

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.check import check
+from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data.datasets import DATASETS, cache_folder
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate

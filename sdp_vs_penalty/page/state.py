@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from sdp_vs_penalty.check import contradicted
+from sdp_vs_penalty.checks import contradicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.options import FormField, words

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sdp_vs_penalty.data.files import read_run, save
+from sdp_vs_penalty.data.formats.recognition import scaled
 from sdp_vs_penalty.data.headless import read_headless
 from sdp_vs_penalty.data.joint_side import to_joints
 from sdp_vs_penalty.data.measurements import Measurements
@@ -25,6 +26,7 @@ def convert(
     rename: Mapping[str, str] | None = None,
     motors: str | Sequence[str] | bool = False,
     rate: float | None = None,
+    scale: Mapping[str, str] | None = None,
 ) -> Measurements:
     """Read measurements of another program, and write them in the format of ``out``'s suffix.
 
@@ -36,6 +38,9 @@ def convert(
     motors : the channels were logged at the motors: each motor's position as a formula of the joints'
         ("32 q5 + 32 q6"), several separated by commas or in a sequence, or True for the transmission of
         ``problem``. The run is written on the joint side, which is what every other verb reads.
+        Columns of common loggers are recognised without it; ``{"q*": "actual_q_*"}`` names one a joint.
+    scale : what t, q, dq, tau are multiplied by: a unit (deg, ms, mNm), a number, or numbers joint by
+        joint separated by colons, as drive gains are.
     rate : of a table without header and clock [Hz]: 3 n columns, q1..qn, dq1..dqn, tau1..taun.
     Raises InputError for a file that cannot be read, or columns that are missing.
     """
@@ -47,6 +52,8 @@ def convert(
         if rate is not None
         else read_run(source, None, joints, topic, rename)
     )
+    if scale:
+        run = scaled(run, scale)
     if transmission is not None:
         run = to_joints(run, transmission)
     if out is not None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.check import Report
+from sdp_vs_penalty.checks import Report
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
 from sdp_vs_penalty.diagnosis.findings import Diagnosis

@@ -18,7 +18,7 @@ from peak_memory import peak_memory
 from small_runs import small_run
 
 from sdp_vs_penalty import identify
-from sdp_vs_penalty.check import check
+from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Measurements

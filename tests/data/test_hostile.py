@@ -14,7 +14,7 @@ from peak_memory import peak_memory
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty.check import check
+from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data.files import load_measurements, read_run, save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError

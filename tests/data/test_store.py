@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty.check import check
+from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data import store
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Measurements

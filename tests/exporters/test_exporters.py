@@ -19,7 +19,7 @@ import random_robots
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty.check.urdf import check_urdf, massless_links, nearest_inertia
+from sdp_vs_penalty.checks.urdf import check_urdf, massless_links, nearest_inertia
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.effects import parse_effects

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from starlette.requests import ClientDisconnect
 
-from sdp_vs_penalty.check.urdf import check_urdf
+from sdp_vs_penalty.checks.urdf import check_urdf
 from sdp_vs_penalty.cli.verbs import identify as identify_verb
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.diagnosis.curves.curve import Curve

@@ -13,7 +13,7 @@ from sdp_vs_penalty.data.texts import numbers
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.check import Report
+    from sdp_vs_penalty.checks import Report
 
 
 def verb(
@@ -25,7 +25,7 @@ def verb(
         Path | None,
         typer.Option(
             metavar="fixed.csv",
-            help="Repaired copy to write (and beside it what was changed), a folder for several runs.",
+            help="Repaired copy to write (and beside it what was changed), or a folder.",
         ),
     ] = None,
     verbose: Annotated[
@@ -37,7 +37,7 @@ def verb(
     Exit code 1 where an identification would be meaningless.
     Example: sdp-vs-penalty check run.csv --problem panda --fix mended.csv
     """
-    from sdp_vs_penalty.check import check, of_one_arm
+    from sdp_vs_penalty.checks import check, of_one_arm
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
     from sdp_vs_penalty.files import write_text
@@ -45,6 +45,7 @@ def verb(
 
     robot = load_problem(problem, None if gravity is None else numbers("--gravity", gravity, 3))
     data = [file for path in data for file in run_files(path)]
+    folder = fix is not None and (len(data) > 1 or not fix.suffix or fix.is_dir())
     if fix is not None and len(data) > 1 and fix.suffix:
         raise InputError(f"--fix {fix}: {len(data)} runs are given", "name a folder for their copies")
     if fix is not None and any(path.resolve() == fix.resolve() for path in data):
@@ -68,7 +69,7 @@ def verb(
         raise InputError("--fix: a run is too long to be repaired", "cut it into files of 250 000 rows")
     if fix is not None:
         for path, report in zip(data, reports, strict=True):
-            target = fix if len(data) == 1 else fix / f"{path.stem}.csv"
+            target = fix / f"{path.stem}.csv" if folder else fix
             save(report.fixed, target)
             console.written(target)
             note = target.with_name(f"{target.stem}_changes.txt")

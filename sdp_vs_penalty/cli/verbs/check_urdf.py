@@ -24,7 +24,7 @@ def verb(
     Exit code 1 where one is impossible.
     Example: sdp-vs-penalty check-urdf robot.urdf
     """
-    from sdp_vs_penalty.check import urdf as inertials
+    from sdp_vs_penalty.checks import urdf as inertials
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.files import write_text
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sdp_vs_penalty.data.texts import pairs
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.data.measurements import Measurements
 
 
 def verb(
@@ -35,7 +38,17 @@ def verb(
     rename: Annotated[
         str | None,
         typer.Option(
-            metavar="t=time,q=qm", help="Columns or variables that are t, q, dq, tau (or q1, q2 ...)."
+            metavar="t=time,q*=pos_*",
+            help="Columns that are t, q, dq, tau (or q1 ...); common loggers' are recognised.",
+        ),
+    ] = None,
+    scale: Annotated[
+        str | None,
+        typer.Option(
+            "--scale",
+            "--units",
+            metavar="q=deg,tau=10:10.7:8.5",
+            help="Units (deg, ms, mNm), factors, or one a joint (drive gains).",
         ),
     ] = None,
     motors: Annotated[
@@ -73,6 +86,17 @@ def verb(
         rename=pairs("--rename", rename),
         motors=motor_side if motors is None else motors,
         rate=rate,
+        scale=pairs("--scale", scale),
     )
     velocity = "" if run.dq is None else ", velocities"
+    _first_rows(run)
     console.written(out, f"{len(run.t)} samples of {show.count(run.n, 'joint')}{velocity}")
+
+
+def _first_rows(run: Measurements) -> None:
+    """The first five rows as they are written, so that a wrong column or unit is seen."""
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.data.formats.columns import columns_of
+
+    for name, column in columns_of(run.rows(slice(0, 5))).items():
+        console.say(f"  {name:<6} " + " ".join(f"{x:>11.5g}" for x in column))

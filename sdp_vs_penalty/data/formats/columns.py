@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty.data.formats.recognition import expanded, taken
 from sdp_vs_penalty.data.measurements import COMMANDED, Measurements
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
@@ -76,7 +77,12 @@ def from_columns(
     Raises InputError where t, q or tau (and qcmd) is missing, or lengths differ.
     """
     what = what or str(path)
-    names = dict(rename or {})
+    found = None if rename else taken(Path(path), list(columns), None)
+    if found is not None:
+        scaled = ((n, o, found.scale.get(o, 1.0)) for o, n in found.rename.items())
+        columns = {n: columns[n] if x == 1.0 else columns[n] * x for n, o, x in scaled}
+        rename = found.rename
+    names = expanded(rename or {}, list(columns))
     for ours, theirs in names.items():
         if theirs not in columns:
             known = ", ".join(sorted(columns)) or "none"

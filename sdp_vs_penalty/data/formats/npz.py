@@ -16,6 +16,7 @@ from sdp_vs_penalty.data.formats.columns import (
     groups_of,
     run_of,
 )
+from sdp_vs_penalty.data.formats.recognition import recognised
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
@@ -27,9 +28,10 @@ SUFFIXES = (".npz",)
 
 def read(path: Path, choice: Choice) -> Measurements:
     """The run of an archive; InputError naming the array that cannot be used."""
-    if choice.rename:
-        return from_columns(path, numeric_arrays(path), choice.rename)
-    return _read_npz(path)
+    arrays = numeric_arrays(path)
+    if choice.rename or ("t" not in arrays and recognised(list(arrays)) is not None):
+        return from_columns(path, arrays, choice.rename)
+    return _read_npz(path, arrays)
 
 
 def write(measurements: Measurements, path: Path) -> None:
@@ -42,8 +44,7 @@ def write(measurements: Measurements, path: Path) -> None:
                     member.write(np.ascontiguousarray(part).data)
 
 
-def _read_npz(path: Path) -> Measurements:
-    arrays = numeric_arrays(path)
+def _read_npz(path: Path, arrays: dict[str, Array]) -> Measurements:
     if "q" in arrays:  # whole arrays q (N, n), tau (N, n) instead of one a joint
         for name in GROUPS:
             block = arrays.pop(name, None)

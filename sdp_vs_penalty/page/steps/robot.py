@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.check.urdf import HEADS
+from sdp_vs_penalty.checks.urdf import HEADS
 from sdp_vs_penalty.page.controls import button, details, drop, note, table, tag, text_field
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step, Verdict

@@ -1,0 +1,225 @@
+"""Are these measurements any good? Issues with what, where, how sure and what to do.
+
+:func:`check` is the verb. Rules about rows and clock come first (one table); then one likelihood of
+the arm's dynamics judges compositions of transformations of the log (transformations/), and what is
+reported is the net repair, each number once. Several runs are compared with each other at last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty import show
+from sdp_vs_penalty.checks.content import Content, content
+from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.rules import mended
+from sdp_vs_penalty.checks.several import compare
+from sdp_vs_penalty.data.files import check_usable
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.plausibility import check_plausible, check_torque
+from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.show import Shown, Summary, Table
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+__all__ = ["Issue", "Report", "check"]
+
+#: Samples that are looked at as a whole, and those of each window of a longer run.
+_MOST, _WINDOW = 1 << 18, 1 << 16
+#: Issues with what all runs of an arm share.
+_OF_THE_ARM = ("encoder offset", "gravity direction")
+#: Kind and place of an issue.
+Key = tuple[str, str]
+
+
+@dataclass(frozen=True, repr=False)
+class Report(Shown):
+    """issues : of one run, the gravest first; mended : the run with every repair made, those that are
+    only likely included; fixed : with the certain ones only; unexplained : share of the torques' energy
+    that the arm's dynamics leave over, after mending.
+    """
+
+    run: str
+    issues: tuple[Issue, ...]
+    mended: Measurements
+    fixed: Measurements
+    unexplained: float | None
+    content: Content | None = field(default=None, compare=False)
+
+    @property
+    def meaningless(self) -> bool:
+        """Whether to identify from these data as they are would mean nothing."""
+        return any(f.severity == "error" for f in self.issues)
+
+    @property
+    def problems(self) -> tuple[Issue, ...]:
+        """Errors and warnings, without notes."""
+        return tuple(f for f in self.issues if f.severity != "note")
+
+    @property
+    def verdict(self) -> str:
+        """How many problems there are, and how well the arm's dynamics explain the torque."""
+        found = show.count(len(self.problems), "problem")
+        if self.unexplained is None:
+            return f"{self.run}: {found}; nothing to identify from"
+        share = 100.0 * self.unexplained**0.5
+        return f"{self.run}: {found}; the arm's dynamics leave {share:.2g} % of the torque unexplained"
+
+    def _summary(self) -> Summary:
+        return self.verdict, [(f.severity, f.what) for f in self.issues]
+
+    def _table(self) -> Table | None:
+        rows = [(f.kind, f.where, f.certainty, f.remedy) for f in self.issues]
+        return (("kind", "where", "certainty", "remedy"), rows) if rows else None
+
+    def changes(self, name: str) -> str:
+        """What a repaired copy of the file of this name differs in from it, and what is left to do."""
+        done = [f for f in self.issues if f.mends]
+        left = [f for f in self.problems if not f.mends]
+        lines = [f"Repaired copy of {name}, in the order of repair:" if done else f"Copy of {name}:"]
+        lines += [f"- {f.kind} ({f.where}): {f.what} Done: {f.remedy}. ({f.certainty})" for f in done]
+        lines += [] if done else ["- nothing was changed"]
+        lines += ["Not repaired:"] if left else []
+        lines += [f"- {f.kind} ({f.where}): {f.what} To do: {f.remedy}." for f in left]
+        return "\n".join(lines) + "\n"
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "run": self.run,
+            "meaningless": self.meaningless,
+            "unexplained_percent": None if self.unexplained is None else 100.0 * self.unexplained**0.5,
+            "findings": [f.to_dict() for f in self.issues],
+        }
+
+
+def check(
+    problem: str | Path | Problem,
+    measurements: Source,
+    preprocessing: Preprocessing | None = None,
+    *,
+    thorough: bool = True,
+) -> list[Report]:
+    """One report a run. The measurements need not be usable: clock and numbers are checked as well.
+
+    problem : a built-in name, a folder, a URDF file, or a Problem; measurements : whatever
+        :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than
+        the problem's.
+    thorough : also look at the excitation; without, only for what would make an identification wrong
+        (what `identify` does by itself).
+    Raises InputError where robot and measurements differ in their number of joints, or every torque
+    is zero.
+    """
+    problem = as_problem(problem, "check(problem=...)")
+    measurements = as_measurements(
+        measurements, problem.robot.n, problem.robot.joint_names, "check(measurements=...)", usable=False
+    )
+    check_torque(measurements)
+    if measurements.n != problem.robot.n:
+        raise other_robot(measurements.n, problem.robot.n, measurements.names[0])
+    settings = preprocessing or problem.preprocessing
+    reports = [report for run in measurements.runs() for report in _unusable(run)]
+    windows = [window for run in measurements.runs() for window in _windows(run)]
+    return reports + of_one_arm([_check_run(problem, w, settings, thorough) for w in windows])
+
+
+def of_one_arm(reports: Sequence[Report]) -> list[Report]:
+    """Runs of one arm share its mounting, its zeros, its gains and its load: where one run's differ,
+    it is named; what is only likely to be wrong with the arm is a warning where at least as many runs,
+    checked to their end, do not show it."""
+    found = [{(f.kind, f.where) for f in r.problems} for r in reports]
+    without = contradicted(found, [r.unexplained is not None for r in reports])
+
+    def weighed(issue: Issue) -> Issue:
+        key = issue.kind, issue.where
+        if issue.severity != "error" or key not in without or issue.mends:
+            return issue
+        sure = f"{issue.certainty.rstrip('.')}; {without[key]} of {len(reports)} runs do not show it"
+        return replace(issue, severity="warning", certainty=sure)
+
+    out = [replace(r, issues=gravest_first(map(weighed, r.issues))) for r in reports]
+    places = [k for k, r in enumerate(out) if r.content is not None and r.content.settled]
+    whole = [c for k in places if (c := out[k].content) is not None]
+    scenes = [c.scene for c in whole if c.scene is not None]
+    named = [out[k].run for k in places]
+    for k, issue in compare(scenes, [c.repair for c in whole], named):
+        report = out[places[k]]
+        out[places[k]] = replace(report, issues=gravest_first((*report.issues, issue)))
+    return out
+
+
+def contradicted(found: Sequence[set[Key]], whole: Sequence[bool]) -> dict[Key, int]:
+    """Issues of the arm that at least as many runs lack as show, and how many lack them.
+
+    found : kind and place of each run's issues; whole : whether it was checked to its end, since only
+    then a run can lack one.
+    """
+    out = {}
+    for key in {key for one in found for key in one if key[0] in _OF_THE_ARM}:
+        without = sum(key not in one for one, end in zip(found, whole, strict=True) if end)
+        if without >= sum(key in one for one in found):
+            out[key] = without
+    return out
+
+
+def gravest_first(issues: Iterable[Issue]) -> tuple[Issue, ...]:
+    """In the order of their severity, otherwise as they came."""
+    order = ("error", "warning", "note")
+    return tuple(sorted(issues, key=lambda f: order.index(f.severity)))
+
+
+def _windows(run: Measurements) -> list[Measurements]:
+    """A run, or of a long one the windows that are checked; their rows count from their first."""
+    if run.samples <= _MOST:
+        return [run]
+    count = _MOST // _WINDOW
+    starts = [(run.samples - _WINDOW) * k // (count - 1) for k in range(count)]
+    name = run.names[0]
+    return [run.rows(slice(k, k + _WINDOW), f"{name} from sample {k + 1} on") for k in starts]
+
+
+def _unusable(run: Measurements) -> list[Report]:
+    """A report where a long run has a broken clock or numbers that are not finite, anywhere."""
+    if run.samples <= _MOST:
+        return []
+    try:
+        check_usable(run.names[0], run)
+    except InputError as error:
+        issue = _stopped("unusable rows", error, "certain: read from the file")
+        return [Report(run.names[0], (issue,), run, run, None)]
+    return []
+
+
+def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool) -> Report:
+    issues, work, fixed = mended(run, problem.robot, settings.standstill)
+    found = None
+    try:
+        found = content(problem, work, settings, thorough)
+    except InputError as error:
+        issues.append(_stopped("too little data", error, "certain: the filters need more"))
+    if found is not None:
+        issues += found.issues
+        work, fixed = found.mend(work, certain=False), found.mend(fixed, certain=True)
+    if not any(f.severity == "error" for f in issues):
+        issues += _refused(problem, run, settings)
+    unexplained = None if found is None else found.unexplained
+    return Report(run.names[0], gravest_first(issues), work, fixed, unexplained, found)
+
+
+def _refused(problem: Problem, run: Measurements, settings: Preprocessing) -> list[Issue]:
+    """What `identify` refuses of a run as it was recorded: its own calls, in its order and words."""
+    try:
+        check_usable(run.names[0], run)
+        check_plausible(problem.robot, run)
+    except InputError as error:
+        return [_stopped("not usable", error, "certain: `identify` refuses it")]
+    return []
+
+
+def _stopped(kind: str, error: InputError, sure: str) -> Issue:
+    remedy = error.remedy or "record a longer motion"
+    return Issue(kind, "error", "the run", f"{error.what.rstrip('.')}.", sure, remedy)

@@ -1,0 +1,141 @@
+"""The rows of one log that hypotheses are judged on: filtered as an identification filters them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.checks.columns import independent_columns, own_columns, shared_model
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.kernels import LowPass
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
+from sdp_vs_penalty.signals.runs import Stretch, moving_joints
+
+#: Leads [s] of the torque at which it is filtered; between them it is interpolated.
+LEADS = np.linspace(-0.25, 0.25, 11)
+#: Rows for each independent sample of the low-passed torque.
+_DENSE = 1.2
+#: A joint slides at this share of its usual speed: slower, dry friction holds any torque between limits.
+SLIDES = 0.2
+
+
+@dataclass(frozen=True)
+class RegressionData:
+    """At M instants of one log at which the arm moves.
+
+    motion : (M, n) low-passed states; torque, rate : (K, M, n) low-passed channels and their time
+    derivatives, each LEADS[k] later than the motion; own : (n, M, k) columns that each joint's own
+    motion makes; heard : (M, n) 1 where a joint slides, 0 where its torque is not asked; moving : (n,);
+    shared : the effects whose columns joints share, ``independent`` of their parameters stand for all;
+    nominal : (10 links,) parameters of a plausible arm.
+    """
+
+    shared: Model | None
+    independent: NDArray[np.bool_]
+    motion: Motion
+    torque: Array
+    rate: Array
+    own: Array
+    heard: Array
+    moving: NDArray[np.bool_]
+    nominal: Array
+
+    @property
+    def n(self) -> int:
+        return int(self.motion.q.shape[1])
+
+    @property
+    def count(self) -> int:
+        return len(self.motion.t)
+
+    def part(self, rows: NDArray[np.intp] | slice) -> RegressionData:
+        """The same at some of the instants."""
+        m = self.motion
+        return replace(
+            self,
+            motion=Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows]),
+            torque=self.torque[:, rows],
+            rate=self.rate[:, rows],
+            own=self.own[:, rows],
+            heard=self.heard[rows],
+        )
+
+    def few(self, rows: int) -> RegressionData:
+        """At most so many of the instants, evenly spread."""
+        k = np.unique(np.linspace(0, self.count - 1, min(self.count, rows)).astype(np.intp))
+        return self.part(k)
+
+    @classmethod
+    def of(
+        cls, problem: Problem, run: Measurements, settings: Preprocessing, rows: int
+    ) -> RegressionData:
+        """At most so many instants; ``settings`` resolved. Raises InputError for a log that is shorter
+        than the filters need."""
+        assert settings.torque_cutoff is not None
+        # As much of the band as the rows can hold, each row independent of the next.
+        band = rows / (2.0 * _DENSE * max(float(run.t[-1] - run.t[0]), 1e-9))
+        settings = replace(settings, torque_cutoff=min(settings.torque_cutoff, band))
+        filters = RunFilter(run, settings)
+        margin = filters.state.half + filters.column.half
+        places = filters.moving(margin)
+        count = sum(len(k) for _, k in places)
+        if count == 0:
+            raise no_rows(run, 2 * margin * filters.dt)
+        model = problem.model()
+        chosen = np.unique(np.linspace(0, count - 1, min(rows, count)).round().astype(int))
+        pieces, start = [], 0
+        for part, k in places:
+            at = k[chosen[(chosen >= start) & (chosen < start + len(k))] - start]
+            start += len(k)
+            if len(at):
+                pieces.append(_piece(filters, part, at, model))
+        t, q, dq, ddq = (np.concatenate(x) for x in list(zip(*pieces, strict=True))[:4])
+        torque, rate, own = (np.concatenate(x, axis=1) for x in list(zip(*pieces, strict=True))[4:])
+        shared = shared_model(model)
+        kept = np.zeros(0, bool) if shared is None else independent_columns(shared)
+        moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)  # and its channel is not dead
+        usual = np.sqrt(np.mean(dq**2, axis=0))
+        slides = np.abs(dq) > SLIDES * usual
+        made = cls(
+            shared,
+            kept,
+            Motion(t, q, dq, ddq),
+            torque,
+            rate,
+            own,
+            slides.astype(float),
+            moving,
+            np.asarray(problem.nominal_links.ravel(), float),
+        )
+        # Where all have stopped nothing is asked of any joint.
+        return made.part(np.flatnonzero(np.any(slides[:, moving], axis=1)))
+
+
+def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Model) -> tuple[Array, ...]:
+    """t, q, dq, ddq, torque and rate at all leads, and own columns of one stretch."""
+    coarse = filters.coarse
+    reach = filters.stride * coarse.half
+    dense = filters.motion(part, at[0] - reach, at[-1] + reach)
+    # Off the column grid by at most half a step: both sides of the relation alike would cost more.
+    local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
+    local = np.clip(local, coarse.half, len(dense.t) - 1 - coarse.half)
+    exact = at[0] - reach + local * filters.stride
+    low_pass = coarse.decimator(local)
+    own = np.stack([low_pass @ c for c in own_columns(model, dense)], axis=2)
+    kernel, half = filters.column, filters.column.half
+    shifts = np.rint(LEADS / filters.dt).astype(np.int64)
+    first, last = int(exact[0] + shifts[0]) - half, int(exact[-1] + shifts[-1]) + half + 1
+    around = part.resampled(part.tau, first, last)
+    torque, rate = np.empty((2, len(LEADS), len(exact), around.shape[1]))
+    decimators = [LowPass(x).decimator(exact - exact[0] + half) for x in (kernel.value, kernel.first)]
+    for k, shift in enumerate(shifts - shifts[0]):
+        for out, decimator in zip((torque, rate), decimators, strict=True):
+            out[k] = decimator @ around[shift:]
+    states = (x[local] for x in (dense.q, dense.dq, dense.ddq))
+    return (part.clock(exact), *states, torque, rate, np.moveaxis(own, 1, 0))

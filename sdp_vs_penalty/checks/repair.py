@@ -1,0 +1,111 @@
+"""What is done to a log, as one record: the net repair that every hypothesis is a value of.
+
+A hypothesis changes entries of this record; a composition of hypotheses is again one record. So no
+joint can have two zeros, two gains or two signs, and what is reported is what is done to the raw log:
+
+    q_j   = scale_j q_raw[order_j] + zero_j            time  t = t_0 + rate (t_raw - t_0), or reversed
+    tau_j = gain_j (tau_raw[tau_order_j] earlier by lead_j) + lag_j d(tau_j)/dt - events_j
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.arrays import Array
+
+Order = tuple[int, ...]
+Numbers = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Event:
+    """A change of one joint's torque: a drift over the whole log, or a step at a time ``at`` [s]."""
+
+    joint: int
+    at: float | None = None
+
+
+@dataclass(frozen=True)
+class Repair:
+    """See the module; all tuples have an entry a joint. gravity : [m/s^2] in the base frame, and
+    ``weight``, the share of the arm's weight that each torque channel holds: what a model has to assume,
+    no change of the log."""
+
+    order: Order
+    scale: Numbers
+    zero: Numbers
+    tau_order: Order
+    gain: Numbers
+    lead: Numbers
+    lag: Numbers
+    gravity: tuple[float, float, float]
+    weight: Numbers
+    rate: float = 1.0
+    reversed: bool = False
+    events: tuple[Event, ...] = ()
+
+    @classmethod
+    def none(cls, n: int, gravity: tuple[float, ...]) -> Repair:
+        same, one, zero = tuple(range(n)), (1.0,) * n, (0.0,) * n
+        x, y, z = gravity
+        return cls(same, one, zero, same, one, zero, zero, (x, y, z), one)
+
+    @property
+    def n(self) -> int:
+        return len(self.order)
+
+    def with_entry(self, name: str, joint: int, value: Any) -> Repair:
+        """One joint's entry of one of the tuples."""
+        values = list(getattr(self, name))
+        values[joint] = value
+        changed: dict[str, Any] = {name: tuple(values)}
+        return replace(self, **changed)
+
+    def with_swap(self, a: int, b: int, positions: bool, torques: bool) -> Repair:
+        """The channels that joints a and b take, exchanged."""
+        out = self
+        for name, asked in (("order", positions), ("tau_order", torques)):
+            if asked:
+                values = list(getattr(out, name))
+                values[a], values[b] = values[b], values[a]
+                changed: dict[str, Any] = {name: tuple(values)}
+                out = replace(out, **changed)
+        return out
+
+    @property
+    def motion_key(self) -> tuple[Any, ...]:
+        """What the links' regressor depends on."""
+        return self.order, self.scale, self.zero, self.rate, self.gravity, self.weight
+
+    @property
+    def leaves_log(self) -> bool:
+        """Whether only what a model assumes is changed."""
+        none = Repair.none(self.n, self.gravity)
+        return replace(self, weight=none.weight, events=()) == none
+
+    def positions(self, q: Array) -> Array:
+        """(N, n) true positions from those of the log."""
+        return np.asarray(q[:, list(self.order)] * np.array(self.scale) + np.array(self.zero))
+
+    def apply(self, run: Measurements) -> Measurements:
+        """The log repaired; gravity, weight and events are the model's matter and are left alone."""
+        t, q, tau = run.t, self.positions(run.q), run.tau[:, list(self.tau_order)]
+        dq = None
+        if run.dq is not None:
+            dq = run.dq[:, list(self.order)] * np.array(self.scale) / self.rate
+        for j, late in enumerate(self.lead):
+            if late:
+                tau[:, j] = np.interp(t + late, t, tau[:, j])
+        tau = tau * np.array(self.gain)
+        keep = (t + max(self.lead) <= t[-1]) & (t + min(self.lead) >= t[0])
+        t = run.t[0] + self.rate * (run.t - run.t[0])
+        out = replace(run, t=t, q=q, tau=tau, dq=dq).rows(keep)
+        if not self.reversed:
+            return out
+        back = out.rows(np.arange(len(out.t))[::-1])
+        dq = None if back.dq is None else -back.dq
+        return replace(back, t=out.t[0] + out.t[-1] - back.t, dq=dq)

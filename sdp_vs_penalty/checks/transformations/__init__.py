@@ -1,0 +1,23 @@
+"""Transformations of a log, one idea a file: a file here is tried after it is listed below."""
+
+from sdp_vs_penalty.checks.transformations.clock import Clock
+from sdp_vs_penalty.checks.transformations.degrees import Degrees
+from sdp_vs_penalty.checks.transformations.delay import Delay
+from sdp_vs_penalty.checks.transformations.event import Change
+from sdp_vs_penalty.checks.transformations.gain import Gain
+from sdp_vs_penalty.checks.transformations.mounting import Mounting, Weight
+from sdp_vs_penalty.checks.transformations.order import Exchange
+from sdp_vs_penalty.checks.transformations.sign import Sign
+from sdp_vs_penalty.checks.transformations.transformation import (
+    Element,
+    Number,
+    Scene,
+    Transformation,
+)
+from sdp_vs_penalty.checks.transformations.zero import Zero
+
+__all__ = ["TRANSFORMATIONS", "Element", "Number", "Scene", "Transformation"]
+
+TRANSFORMATIONS: tuple[Transformation, ...] = (
+    Degrees(), Clock(), Sign(), Exchange(), Mounting(), Weight(), Gain(), Delay(), Change(), Zero(),
+)  # fmt: skip

@@ -1,0 +1,691 @@
+"""Data spoiled in many ways, each named; silence on clean data, measured and simulated."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.checks import Issue, Report, check, of_one_arm
+from sdp_vs_penalty.checks.rules import mended
+from sdp_vs_penalty.cli import main as cli
+from sdp_vs_penalty.cli.runs import consented
+from sdp_vs_penalty.data.datasets import _emps_runs, _ur10e_runs
+from sdp_vs_penalty.data.files import load_measurements, read_run, save
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.simulation.experiment import experiment
+
+Spoil = Callable[[Measurements], Measurements]
+
+
+@pytest.fixture(scope="module")
+def simulated() -> tuple[Problem, Measurements]:
+    """The Panda's exciting trajectory, simulated with the real arm's noise, jitter and quantisation."""
+    problem = load_problem("panda")
+    return problem, experiment(problem).training_run(0)
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[Problem, Measurements]:
+    """The same of two joints, for what a clock or a file shows whatever the arm."""
+    problem = load_problem("two_link")
+    return problem, experiment(problem).training_run(0)
+
+
+def rows(run: Measurements, keep: np.ndarray) -> Measurements:
+    dq = None if run.dq is None else run.dq[keep]
+    return Measurements(run.t[keep], run.q[keep], run.tau[keep], dq, None, run.names)
+
+
+def with_velocity(run: Measurements) -> Measurements:
+    return replace(run, dq=np.gradient(run.q, run.t, axis=0))
+
+
+def flipped(*joints: int) -> Spoil:
+    def spoil(run: Measurements) -> Measurements:
+        signs = np.ones(run.n)
+        signs[[j - 1 for j in joints]] = -1.0
+        return replace(run, tau=run.tau * signs)
+
+    return spoil
+
+
+def exchanged(a: int, b: int) -> Spoil:
+    def spoil(run: Measurements) -> Measurements:
+        order = np.arange(run.n)
+        order[[a - 1, b - 1]] = [b - 1, a - 1]
+        return replace(run, tau=run.tau[:, order])
+
+    return spoil
+
+
+def q_turned(run: Measurements) -> Measurements:
+    q = run.q.copy()
+    q[:, 3] *= -1.0
+    return replace(run, q=q, dq=None)
+
+
+def delayed(run: Measurements) -> Measurements:
+    late = [np.interp(run.t - 0.06, run.t, x) for x in run.tau.T]
+    return replace(run, tau=np.column_stack(late))
+
+
+def shifted_clock(seconds: float) -> Spoil:
+    def spoil(run: Measurements) -> Measurements:
+        t = run.t.copy()
+        t[len(t) // 2 :] += seconds
+        return replace(run, t=t)
+
+    return spoil
+
+
+def two_runs(run: Measurements) -> Measurements:
+    both = rows(run, np.concatenate([np.arange(len(run.t)), np.arange(len(run.t) // 2)]))
+    q = both.q + 0.1 * (np.arange(len(both.t)) < len(run.t))[:, None] * np.eye(run.n)[0]
+    return replace(both, q=q)
+
+
+def gap(run: Measurements) -> Measurements:
+    middle = len(run.t) // 2
+    return rows(run, np.delete(np.arange(len(run.t)), slice(middle, middle + 800)))
+
+
+def repeated(run: Measurements) -> Measurements:
+    return rows(run, np.sort(np.concatenate([np.arange(len(run.t)), [500, 4000]])))
+
+
+def holed(run: Measurements) -> Measurements:
+    tau = run.tau.copy()
+    tau[[70, 900], 2] = np.nan
+    return replace(run, tau=tau)
+
+
+def clipped(run: Measurements) -> Measurements:
+    tau = run.tau.copy()
+    tau[:, 1] = np.clip(tau[:, 1], -0.6 * np.abs(tau[:, 1]).max(), None)
+    return replace(run, tau=tau)
+
+
+def coarse(run: Measurements) -> Measurements:
+    q = run.q.copy()
+    q[:, 2] = np.round(q[:, 2] / 0.01) * 0.01
+    return replace(run, q=q)
+
+
+def knocked(run: Measurements) -> Measurements:
+    bump = np.exp(-0.5 * ((run.t - run.t[0] - 12.0) / 0.05) ** 2)
+    return replace(run, tau=run.tau + bump[:, None] * 0.7 * run.tau.std(axis=0))
+
+
+def still(run: Measurements) -> Measurements:
+    noise = np.random.default_rng(0).normal(size=run.q.shape) * 1e-6
+    return replace(run, q=run.q[0] + noise)
+
+
+def idle_joint(run: Measurements) -> Measurements:
+    q = run.q.copy()
+    q[:, 6] = q[0, 6] + np.random.default_rng(0).normal(size=len(q)) * 1e-6
+    return replace(run, q=q)
+
+
+def sparse(run: Measurements) -> Measurements:
+    return rows(run, np.arange(0, len(run.t), 250))
+
+
+def unrelated(run: Measurements) -> Measurements:
+    return replace(run, tau=np.random.default_rng(1).normal(size=run.tau.shape).cumsum(axis=0) / 50.0)
+
+
+def dead(run: Measurements) -> Measurements:
+    tau = run.tau.copy()
+    tau[:, 4] = 0.25
+    return replace(run, tau=tau)
+
+
+DRIVE = np.array([12.0, 14.0, 11.0, 13.0, 9.0, 10.0, 12.0])  # N m per A
+
+#: name : (how the data are spoiled, the kind of the finding, what it must name, its severity)
+SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
+    "positions in degrees": (
+        lambda r: replace(r, q=np.degrees(r.q)),
+        "positions in degrees",
+        "degrees",
+        "error",
+    ),
+    "velocities in rpm": (
+        lambda r: replace(with_velocity(r), dq=with_velocity(r).dq * 30.0 / np.pi),
+        "velocity channel",
+        "revolutions per minute",
+        "warning",
+    ),
+    "torque in mN m": (lambda r: replace(r, tau=1e3 * r.tau), "torque unit", "mN m", "error"),
+    "motor current": (
+        lambda r: replace(r, tau=r.tau / DRIVE / 2.0),
+        "torque channel kind",
+        "current",
+        "warning",
+    ),
+    "sign of torque 4": (flipped(4), "torque sign", "joint 4", "error"),
+    "sign of torque 7": (flipped(7), "torque sign", "joint 7", "error"),
+    "signs of torques 2 and 5": (flipped(2, 5), "torque sign", "joints 2 and 5", "error"),
+    "all signs": (flipped(1, 2, 3, 4, 5, 6, 7), "torque sign", "every joint", "error"),
+    "torques 2 and 4 exchanged": (exchanged(2, 4), "torque order", "joints 2 and 4", "error"),
+    "torques 5 and 6 exchanged": (exchanged(5, 6), "torque order", "joints 5 and 6", "error"),
+    "sign of position 4": (q_turned, "position sign", "joint 4", "error"),
+    "torque delayed by 60 ms": (delayed, "delay", "later", "warning"),
+    "clock set ahead": (shifted_clock(1.5), "clock step", "jumps ahead by up to 1.5", "warning"),
+    "clock set back": (shifted_clock(-1.5), "time runs backwards", "set back", "error"),
+    "two runs": (two_runs, "time runs backwards", "several runs", "error"),
+    "missing samples": (gap, "gap in time", "0.8", "warning"),
+    "rows twice": (repeated, "repeated time", "copies", "error"),
+    "not a number": (holed, "missing numbers", "2 rows", "error"),
+    "saturation": (clipped, "saturation", "tau2", "warning"),
+    "quantisation": (coarse, "quantisation", "q3", "warning"),
+    "a knock": (knocked, "one-off event", "t = 12", "warning"),
+    "no motion": (still, "no motion", "no joint moves", "error"),
+    "an idle joint": (idle_joint, "idle joints", "joint 7", "warning"),
+    "few samples": (sparse, "low sample rate", "too few", "warning"),
+    "another arm's torque": (unrelated, "torque not explained", "No inertia and friction", "error"),
+    "a dead channel": (dead, "dead channel", "tau5 is 0.25", "error"),
+}
+
+
+#: What the arm has no part in.
+OF_THE_FILE = (
+    "clock set ahead", "clock set back", "two runs", "missing samples", "rows twice", "few samples",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def arm_of(
+    simulated: tuple[Problem, Measurements], small: tuple[Problem, Measurements]
+) -> Callable[[str], tuple[Problem, Measurements]]:
+    """The clean run that a kind spoils, with its problem."""
+    return lambda name: small if name in OF_THE_FILE else simulated
+
+
+@pytest.fixture(scope="module")
+def checked(arm_of: Callable[[str], tuple[Problem, Measurements]]) -> Callable[[str], Report]:
+    """What the check says of a spoiled run, by its name; each is checked once."""
+
+    def report(name: str) -> Report:
+        problem, run = arm_of(name)
+        return check(problem, SPOILED[name][0](run))[0]
+
+    return cache(report)
+
+
+@pytest.fixture(scope="module")
+def unspoiled(arm_of: Callable[[str], tuple[Problem, Measurements]]) -> Callable[[str], float]:
+    """What the clean run leaves unexplained."""
+
+    @cache
+    def left(of_the_file: bool) -> float:
+        unexplained = check(*arm_of(OF_THE_FILE[0] if of_the_file else ""))[0].unexplained
+        assert unexplained is not None
+        return unexplained
+
+    return lambda name: left(name in OF_THE_FILE)
+
+
+@pytest.mark.parametrize("name", SPOILED)
+def test_what_is_wrong_is_named(name: str, checked: Callable[[str], Report]) -> None:
+    _, kind, words, severity = SPOILED[name]
+    report = checked(name)
+    found = {f.kind: f for f in report.problems}
+    assert kind in found, [f.kind for f in report.problems]
+    finding = found[kind]
+    assert words in finding.what, finding.what
+    assert finding.severity == severity
+    assert finding.certainty.split(":")[0] in ("certain", "likely", "possible")
+    assert finding.remedy
+    assert report.meaningless == (severity == "error")
+    # No other gross mistake is invented beside it.
+    gross = {"torque sign", "torque order", "gravity direction", "position sign", "positions in degrees"}
+    assert {f.kind for f in report.problems} & gross <= {kind}
+
+
+MENDABLE = (
+    "positions in degrees",
+    "torque in mN m",
+    "sign of torque 4",
+    "all signs",
+    "torques 2 and 4 exchanged",
+    "sign of position 4",
+    "torque delayed by 60 ms",
+    "clock set ahead",
+    "clock set back",
+    "rows twice",
+    "not a number",
+)
+
+
+def test_only_what_is_certain_is_fixed(simulated: tuple[Problem, Measurements]) -> None:
+    """A knock is likely, a clock that is read from the file certain: the first is left to the user."""
+    problem, run = simulated
+    (report,) = check(problem, knocked(SPOILED["rows twice"][0](run)))
+    assert {f.kind for f in report.problems} >= {"one-off event"}
+    assert len(report.mended.t) < len(report.fixed.t) <= len(run.t)
+    done, left = report.changes("run.csv").split("Not repaired:")
+    assert "Done: " in done
+    assert "one-off event" not in done
+    assert "one-off event" in left
+
+
+@pytest.mark.parametrize("name", MENDABLE)
+def test_what_is_mended_is_clean(
+    name: str,
+    checked: Callable[[str], Report],
+    arm_of: Callable[[str], tuple[Problem, Measurements]],
+    unspoiled: Callable[[str], float],
+) -> None:
+    """The mended copy has no problem left, and explains itself as well as the data before."""
+    again = check(arm_of(name)[0], checked(name).mended)[0]
+    assert not again.problems, [f.what for f in again.problems]
+    assert again.unexplained is not None
+    assert again.unexplained < 1.2 * unspoiled(name)
+
+
+def test_runs_in_one_file_are_put_one_after_another(
+    checked: Callable[[str], Report], small: tuple[Problem, Measurements]
+) -> None:
+    """No row is lost, and the gap between them splits them for everything that follows."""
+    problem, run = small
+    mended = checked("two runs").mended
+    assert len(mended.t) == len(two_runs(run).t)
+    assert np.diff(mended.t).min() > 0.0
+    assert [f.kind for f in check(problem, mended)[0].problems] == ["gap in time"]
+
+
+@pytest.mark.parametrize(
+    ("gravity", "words"),
+    [
+        ((9.81, 0.0, 0.0), "sideways"),
+        ((0.0, 0.0, 9.81), "ceiling"),
+        ((0.0, -9.81 * 0.5, -9.81 * 3**0.5 / 2), "30 degrees"),
+    ],
+)
+def test_gravity_is_found(
+    gravity: tuple[float, float, float], words: str, simulated: tuple[Problem, Measurements]
+) -> None:
+    """The arm stood upright; believing otherwise is found, with the angle and the vector to use."""
+    problem, run = simulated
+    finding = next(
+        f
+        for f in check(problem.with_gravity(gravity), run, thorough=False)[0].problems
+        if f.gravity is not None
+    )
+    assert finding.kind == "gravity direction"
+    assert words in finding.what
+    assert finding.gravity == pytest.approx((0.0, 0.0, -9.81), abs=0.02)
+    assert "--gravity 0,0,-9.81" in finding.remedy
+
+
+def test_an_arm_on_the_ceiling_is_no_flipped_sign() -> None:
+    """Light links: one sign turned leaves little of a weight that points up, gravity leaves less."""
+    problem = load_problem(str(Path(__file__).parents[2] / "docs" / "my_arm.urdf"))
+    run = experiment(problem).training_run(0)
+    report = check(problem.with_gravity((0.0, 0.0, 9.81)), run)[0]
+    assert [f.kind for f in report.problems] == ["gravity direction"]
+    assert "--gravity 0,0,-9.81" in report.problems[0].remedy
+
+
+def test_two_mistakes_at_once(simulated: tuple[Problem, Measurements]) -> None:
+    problem, run = simulated
+    spoiled = flipped(3)(replace(run, q=np.degrees(run.q)))
+    report = check(problem, spoiled)[0]
+    assert [f.kind for f in report.problems] == ["positions in degrees", "torque sign"]
+    assert "joint 3" in report.problems[1].what
+
+
+def test_silence_on_simulated_data() -> None:
+    for name in ("panda", "two_link", "ur10e"):
+        problem = load_problem(name)
+        setup = experiment(problem)
+        setup = replace(setup, validation=(1, setup.validation[1]))
+        for run in (setup.training_run(1), *setup.validation_runs(2)):
+            assert not check(problem, run)[0].problems, (name, run.names)
+
+
+def ur10e_runs(folder: Path) -> dict[str, Measurements]:
+    return _ur10e_runs(folder / "ur10e", lambda _: None)
+
+
+@pytest.mark.real_data
+def test_silence_on_the_real_panda_and_how_long_it_takes(
+    panda: Problem, panda_run: Measurements
+) -> None:
+    begin = time.process_time()
+    report = check(panda, panda_run)[0]
+    assert time.process_time() - begin < 3.0
+    assert not report.problems
+    assert report.unexplained is not None
+    assert report.unexplained < 0.02
+
+
+@pytest.mark.real_data
+def test_silence_on_real_ur10e_and_emps(data_folder: Path) -> None:
+    runs = [("ur10e", run) for run in ur10e_runs(data_folder).values()]
+    runs += [("emps", run) for run in _emps_runs(data_folder / "emps", lambda _: None).values()]
+    for name, run in runs:
+        report = check(load_problem(name), run)[0]
+        if "joint_" in run.names[0]:  # one joint moves alone: that, and nothing else, is a problem
+            assert {f.kind for f in report.problems} == {"idle joints", "poor excitation"}
+        else:
+            assert not report.problems, (run.names, [f.what for f in report.problems])
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_a_joint_that_rests_between_two_moves_is_not_frozen(frozen: bool, two_link: Problem) -> None:
+    """From point to point, with an encoder that counts one by one; and stopped in mid-motion."""
+    t, rest = np.arange(0.0, 16.0, 0.002), 0.0 if frozen else 1.2
+    into = np.clip(t / 3.0, 0.0, 1.0)
+    later = np.maximum(t - 3.0 - rest, 0.0)
+    slow = 0.6 * (10.0 * into**3 - 15.0 * into**4 + 6.0 * into**5) - 0.3 * (1.0 - np.cos(1.5 * later))
+    slow = np.round(slow * 2**15) / 2**15
+    if frozen:
+        slow = np.where((t > 1.0) & (t < 2.5), slow[500], slow)
+    q, tau = np.column_stack([np.sin(3.0 * t), slow]), np.column_stack([np.cos(t), np.sin(t)])
+    run = Measurements(t, q, tau)
+    found = [issue.kind for issue in mended(run, two_link.robot, 0.005)[0]]
+    assert ("frozen position" in found) == frozen, found
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("joint", [1, 2, 4, 7])
+def test_a_flipped_sign_is_named_on_the_real_panda(
+    joint: int, panda: Problem, panda_run: Measurements
+) -> None:
+    report = check(panda, flipped(joint)(panda_run))[0]
+    assert [(f.kind, f.where) for f in report.problems] == [("torque sign", f"joint {joint}")]
+
+
+@pytest.mark.real_data
+def test_mistakes_are_named_on_the_real_ur10e(data_folder: Path) -> None:
+    """Motor-side torques full of friction: signs, order, currents, ceiling mounting."""
+    problem = load_problem("ur10e")
+    run = ur10e_runs(data_folder)["ur-20_02_19_15harm50sec"]
+    for joint in (1, 5):
+        report = check(problem, flipped(joint)(run))[0]
+        assert [(f.kind, f.where) for f in report.problems] == [("torque sign", f"joint {joint}")]
+    report = check(problem, exchanged(4, 5)(run))[0]
+    assert [(f.kind, f.where) for f in report.problems] == [("torque order", "joints 4 and 5")]
+    report = check(problem, replace(run, tau=run.tau / 9.5))[0]
+    assert [f.kind for f in report.problems] == ["torque channel kind"]
+    report = check(problem.with_gravity((0.0, 0.0, 9.81)), run)[0]
+    assert [f.kind for f in report.problems] == ["gravity direction"]
+    assert "ceiling" in report.problems[0].what
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("inertials", [True, False])
+def test_a_robot_that_is_only_a_urdf(inertials: bool, data_folder: Path, tmp_path: Path) -> None:
+    """The same measurements with nothing but kinematics known: no masses, no torque side, no bounds."""
+    text = (data_folder / "ur10e" / "ur10e.urdf").read_text()
+    path = tmp_path / "robot.urdf"
+    path.write_text(text if inertials else re.sub(r"<inertial>.*?</inertial>", "", text, flags=re.S))
+    problem = load_problem(path)
+    run = ur10e_runs(data_folder)["ur-20_02_12-50sec_12harm"]
+    spoiled = {
+        "torque sign": check(problem, flipped(3)(run)),
+        "torque unit": check(problem, replace(run, tau=1e3 * run.tau)),
+        "gravity direction": check(problem.with_gravity((0.0, 9.81, 0.0)), run),
+    }
+    assert not check(problem, run)[0].problems
+    for kind, reports in spoiled.items():
+        assert [f.kind for f in reports[0].problems] == [kind]
+
+
+@pytest.mark.real_data
+def test_the_force_of_the_real_emps_turned(data_folder: Path) -> None:
+    run = _emps_runs(data_folder / "emps", lambda _: None)["tracking"]
+    report = check(load_problem("emps"), replace(run, tau=-run.tau))[0]
+    assert [(f.kind, f.where) for f in report.problems] == [("torque sign", "joint 1")]
+
+
+def test_other_effects_and_no_gravity(two_link: Problem) -> None:
+    """A weightless arm without friction: nothing to divide by, nothing to say about gravity."""
+    problem = two_link.with_gravity((0.0, 0.0, 0.0))
+    setup = experiment(problem)
+    report = check(problem, setup.training_run(0))[0]
+    assert not [f for f in report.problems if f.kind == "gravity direction"]
+
+
+@pytest.mark.parametrize("samples", [1, 2, 5, 40])
+def test_short_runs_are_findings(samples: int, simulated: tuple[Problem, Measurements]) -> None:
+    problem, run = simulated
+    report = check(problem, rows(run, np.arange(5000, 5000 + samples)))[0]
+    assert report.meaningless
+    assert {f.kind for f in report.problems} <= {"too little data", "no motion"}
+
+
+def test_wrong_number_of_joints(two_link: Problem, simulated: tuple[Problem, Measurements]) -> None:
+    with pytest.raises(InputError, match="7 joint"):
+        check(two_link, simulated[1])
+
+
+def run_cli(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as code:
+        cli.main([str(a) for a in arguments])
+    assert isinstance(code.value.code, int)
+    return code.value.code
+
+
+def test_the_verb(tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit codes, the JSON file, and a mended copy that is clean; the original stays as it was."""
+    good, bad, mended = tmp_path / "good.csv", tmp_path / "bad.csv", tmp_path / "mended.csv"
+    run = experiment(two_link).training_run(0)
+    save(run, good)
+    save(flipped(2)(run), bad)
+    before = bad.read_bytes()
+    assert run_cli("check", good, "--problem", "two_link") == 0
+    out = tmp_path / "out.json"
+    assert run_cli("check", bad, "--problem", "two_link", "--json", out, "--fix", mended) == 1
+    shown = capsys.readouterr().out
+    for words in ("joint 2", "How sure: ", "What to do: flip the sign of tau2 (--fix does it)"):
+        assert words in shown
+    report = json.loads(out.read_text())["runs"][0]
+    assert report["meaningless"] is True
+    assert report["findings"][0]["kind"] == "torque sign"
+    assert report["findings"][0]["figures"]["joints"] == [2]
+    assert bad.read_bytes() == before
+    assert load_measurements(mended).tau == pytest.approx(run.tau, abs=0)
+    note = (tmp_path / "mended_changes.txt").read_text()
+    assert "torque sign (joint 2)" in note
+    assert "Done: flip the sign of tau2" in note
+    assert run_cli("check", mended, "--problem", "two_link") == 0
+    assert run_cli("check", bad, "--problem", "two_link", "--fix", bad) == 2
+    assert run_cli("check", good, bad, "--problem", "two_link", "--fix", tmp_path / "all") == 1
+    assert sorted(p.name for p in (tmp_path / "all").iterdir()) == [
+        "bad.csv", "bad_changes.txt", "good.csv", "good_changes.txt",
+    ]  # fmt: skip
+
+
+def test_a_file_that_identify_refuses_can_be_mended(tmp_path: Path, two_link: Problem) -> None:
+    path, mended = tmp_path / "bad.csv", tmp_path / "mended.csv"
+    save(holed_two(repeated(experiment(two_link).training_run(0))), path)
+    with pytest.raises(InputError):
+        load_measurements(path)
+    assert read_run(path).n == 2
+    assert run_cli("check", path, "--problem", "two_link", "--fix", mended) == 1
+    assert load_measurements(mended).n == 2
+
+
+def holed_two(run: Measurements) -> Measurements:
+    q = run.q.copy()
+    q[11, 1] = np.inf
+    return replace(run, q=q)
+
+
+def test_identify_refuses_meaningless_data_by_itself(
+    tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In one sentence and without a model, unless it is told not to check."""
+    bad, good, model = tmp_path / "bad.csv", tmp_path / "good.csv", tmp_path / "model.json"
+    run = experiment(two_link).training_run(0)
+    save(flipped(2)(run), bad)
+    save(run, good)
+    to = ("--method", "ols", "--out", model)
+    assert run_cli("identify", "two_link", "--data", bad, *to) == 2
+    said = capsys.readouterr().err
+    assert not model.exists()
+    assert len(said.splitlines()) == 1
+    for words in ("bad.csv: the torque of joint 2 has the wrong sign: flip", "--fix", "--no-check"):
+        assert words in said
+    assert run_cli("identify", "two_link", "--data", bad, "--no-check", *to) == 0
+    assert model.exists()
+    # Whoever wanted that model is not asked again about the same runs; about others they are.
+    consents = [consented(load_estimate(model), load_measurements(path)) for path in (bad, good)]
+    assert consents == [True, False]
+    assert run_cli("identify", "two_link", "--data", good, *to) == 0
+    assert not consented(load_estimate(model), load_measurements(good))
+
+
+def test_the_next_command_trains_on_no_test_run(
+    tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for k, name in enumerate(("run1.csv", "My_Test.csv")):
+        save(experiment(two_link).training_run(k), tmp_path / name)
+    files = tmp_path / "run1.csv", tmp_path / "My_Test.csv"
+    assert run_cli("check", *files, "--problem", "two_link") == 0
+    (said,) = (x for x in " ".join(capsys.readouterr().out.split()).split("Next: ")[1:])
+    assert "run1.csv" in said
+    assert "My_Test.csv" not in said
+    assert run_cli("check", files[1], "--problem", "two_link") == 0
+    assert "identify two_link --data" in " ".join(capsys.readouterr().out.split())
+
+
+def test_what_a_motion_cannot_show_is_said(two_link: Problem) -> None:
+    """The first joint turns about gravity, or anyhow: only the weight of what lies in between tells."""
+    run = experiment(two_link).training_run(0)
+    (report,) = check(two_link, run)
+    shown = {f.kind: f.figures for f in report.issues}
+    assert "not visible" not in shown or max(shown["not visible"]["zeros"].values()) > 0.03
+
+
+@pytest.mark.parametrize("spoil", [still, lambda run: rows(run, np.arange(len(run.t)) < 150)])
+def test_a_run_without_rows_is_named_once(
+    spoil: Spoil, tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "lame.csv"
+    save(spoil(experiment(two_link).training_run(0)), path)
+    assert run_cli("check", path, "--problem", "two_link") == 1
+    assert capsys.readouterr().out.count("lame.csv") == 1
+    assert run_cli("identify", "two_link", "--data", path, "--out", tmp_path / "model.json") == 2
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert said.count("lame.csv") == 1
+    assert said.count(": record") == 1
+
+
+def test_report_orders_by_gravity(simulated: tuple[Problem, Measurements]) -> None:
+    problem, run = simulated
+    report: Report = check(problem, flipped(3)(knocked(run)))[0]
+    assert [f.severity for f in report.issues] == sorted(
+        (f.severity for f in report.issues), key=("error", "warning", "note").index
+    )
+    assert report.to_dict()["findings"][0]["can_fix"] is True
+
+
+#: What a problem says wrongly : (field, value, effort limits known, kind of the finding, its words)
+WRONG_PROBLEMS: dict[str, tuple[str, object, bool, str, str]] = {
+    "no gravity": ("gravity", (0.0, 0.0, 0.0), True, "gravity of the problem", ""),
+    "gravity in mm/s^2": ("gravity", (0, 0, -9810.0), True, "gravity of the problem", ""),
+    "too light": ("total_mass", (0.5, 1.0), True, "masses of the problem", "masses are wrong"),
+    "too heavy": ("total_mass", (900.0, 1000.0), True, "masses of the problem", "masses are wrong"),
+    "too light, no limits": ("total_mass", (0.5, 1.0), False, "torque unit", "0.5 to 1 kg"),
+    "too heavy, no limits": ("total_mass", (900.0, 1e3), False, "torque channel kind", "900 to 1000 kg"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_PROBLEMS)
+def test_a_wrong_problem_is_named_rather_than_the_data(
+    name: str, simulated: tuple[Problem, Measurements]
+) -> None:
+    """Where effort limits witness the torques' size, masses are doubted; torques are never rescaled."""
+    problem, run = simulated
+    field, value, limits, kind, words = WRONG_PROBLEMS[name]
+    joints = problem.robot.joints
+    if not limits:
+        joints = tuple(replace(joint, effort=np.inf) for joint in joints)
+    wrong = replace(problem, robot=replace(problem.robot, joints=joints))
+    wrong = wrong.with_gravity(value) if field == "gravity" else replace(wrong, total_mass=value)
+    report = check(wrong, run, thorough=False)[0]
+    (finding,) = report.problems
+    assert finding.kind == kind
+    assert words in finding.what
+    if field == "gravity":  # the direction is stated as measured, at the length of gravity
+        stated = re.search(r"points along \((.+), (.+), (.+)\) m/s\^2", finding.what)
+        assert stated is not None
+        assert np.allclose([float(x) for x in stated.groups()], (0.0, 0.0, -9.81), atol=0.03)
+    assert "masses" in finding.remedy or field == "gravity" or "total_mass" in finding.remedy
+    assert report.mended.tau is run.tau
+
+
+CLOCKS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+
+
+@pytest.mark.parametrize("velocity", ["none", "rad/s", "deg/s"])
+@pytest.mark.parametrize("unit", CLOCKS)
+def test_a_clock_in_another_unit_is_named_and_mended(
+    unit: str, velocity: str, small: tuple[Problem, Measurements]
+) -> None:
+    problem, run = small
+    if velocity != "none":
+        run = with_velocity(run)
+        assert run.dq is not None
+        run = replace(run, dq=run.dq * (180.0 / np.pi if velocity == "deg/s" else 1.0))
+    report = check(problem, replace(run, t=CLOCKS[unit] * run.t), thorough=False)[0]
+    wanted = {"time unit"} | ({"velocity channel"} if velocity == "deg/s" else set())
+    assert {f.kind for f in report.problems} == wanted
+    assert unit in report.issues[0].what
+    assert report.meaningless
+    assert report.mended.t == pytest.approx(run.t)
+
+
+def test_a_slow_log_keeps_its_seconds(simulated: tuple[Problem, Measurements]) -> None:
+    """Few samples a second are a finding of their own, a quasi-static motion is none."""
+    problem, run = simulated
+    slow = replace(run, t=run.t[0] + 50.0 * (run.t - run.t[0]))
+    for changed in (sparse(run), slow):
+        kinds = {f.kind for f in check(problem, changed, thorough=False)[0].issues}
+        assert "time unit" not in kinds
+
+
+@pytest.mark.parametrize(
+    ("runs", "sure", "severity"),
+    [
+        ("x.", "likely: it mends", "warning"),
+        ("x..", "likely: it mends", "warning"),
+        ("xx.", "likely: it mends", "error"),
+        ("x", "likely: it mends", "error"),
+        ("x-", "likely: it mends", "error"),
+        ("x.", "certain: it mends", "error"),
+    ],
+)
+def test_one_arm_has_one_mounting(
+    runs: str, sure: str, severity: str, simulated: tuple[Problem, Measurements]
+) -> None:
+    """What is likely of an arm's zeros (x) is no error where as many runs (.) do not show it; a run that
+    could not be checked (-) says nothing."""
+    _, run = simulated
+    issue = Issue("encoder offset", "error", "joint 2", "the zero", sure, "add", repair=lambda m: m)
+    given = [
+        Report(str(k), (issue,) if r == "x" else (), run, run, None if r == "-" else 0.0)
+        for k, r in enumerate(runs)
+    ]
+    reports = of_one_arm(given)
+    assert reports[0].issues[0].severity == severity
+    assert reports[0].meaningless == (severity == "error")
+    assert ("runs do not show it" in reports[0].issues[0].certainty) == (severity == "warning")

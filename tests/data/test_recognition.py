@@ -1,0 +1,76 @@
+"""Logs of common programs are read without a typed column."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import convert, load_measurements
+from sdp_vs_penalty.data.formats.recognition import recognised
+from sdp_vs_penalty.errors import InputError
+
+UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
+
+
+def columns(*patterns: str, first: int = 0, n: int = 6) -> list[str]:
+    return [p.format(k) for p in patterns for k in range(first, first + n)]
+
+
+LAYOUTS = {
+    "RTDE": ["timestamp", *columns("target_q_{}", "actual_q_{}", "actual_qd_{}", "actual_current_{}")],
+    "RTDE in ms": ["timestamp_ms", *columns("actual_q_{}", "actual_current_{}")],
+    "rostopic echo": [
+        "%time", *columns("field.position{}", "field.velocity{}", "field.effort{}")
+    ],
+    "joint states by name": [
+        "__time", *(f"/joint_states/{j}_joint/{k}" for j in UR for k in ("position", "effort"))
+    ],
+    "joint states by number": [
+        "__time", *columns("/joint_states/position[{}]", "/joint_states/effort[{}]")
+    ],
+    "franka": ["time", *columns("q[{}]", "dq[{}]", "tau_J[{}]", "tau_ext_hat_filtered[{}]", "q_d[{}]")],
+    "xArm": ["time", *columns("joint{}_angle_deg", "joint{}_torque", first=1)],
+    "Kinova": ["timestamp", *columns("actuator_{}_position", "actuator_{}_torque")],
+    "plain": ["t", *columns("q_{}", "qd_{}", "tau_{}")],
+    "axes": ["Time", *columns("A{} position", "A{} torque", first=1)],
+    "blocks": ["Time", "jointPositions", "jointVelocities", "jointTorques"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_a_layout_is_recognised(name: str) -> None:
+    found = recognised(LAYOUTS[name], [f"{j}_joint" for j in UR])
+    assert found is not None
+    assert {"t"} < set(found.rename)
+    assert "target" not in " ".join(found.rename.values())
+    assert {"q", "tau"} <= set(found.rename) or {"q1", "q6", "tau1", "tau6"} <= set(found.rename)
+    assert found.scale.get("t") == (1e-3 if "ms" in name else None)
+
+
+def test_what_is_no_log_is_not_recognised() -> None:
+    assert recognised(["a", "b", "c"]) is None
+    assert recognised(["time", "price", "volume"]) is None
+    assert recognised(["time", *columns("q_{}", first=3)]) is None  # three joints are missing
+
+
+def test_a_log_is_read_and_converted(tmp_path: Path) -> None:
+    path = tmp_path / "ur.csv"
+    t = 8.0 * np.arange(20)
+    x = np.random.default_rng(0).normal(size=(20, 4))
+    head = "timestamp_ms,actual_q_0,actual_q_1,actual_current_0,actual_current_1"
+    rows = np.column_stack([t, x]).tolist()
+    path.write_text(head + "\n" + "\n".join(",".join(map(repr, r)) for r in rows) + "\n")
+    with pytest.warns(UserWarning, match="columns recognised"):
+        run = load_measurements(path)
+    np.testing.assert_allclose(run.t, 1e-3 * t)
+    np.testing.assert_array_equal(run.q, x[:, :2])
+    rename = {"t": "timestamp_ms", "q*": "actual_q_*", "tau*": "actual_current_*"}
+    run = convert(path, rename=rename, scale={"t": "ms", "tau": "10:8.5", "q": "deg"})
+    np.testing.assert_allclose(run.tau, x[:, 2:] * [10.0, 8.5])
+    np.testing.assert_allclose(run.q, np.radians(x[:, :2]))
+    with pytest.raises(InputError, match="3 factors"):
+        convert(path, rename=rename, scale={"tau": "1:2:3"})
+    with pytest.raises(InputError, match="give a number"):
+        convert(path, rename=rename, scale={"tau": "furlong"})
