@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.fit import orthonormal
+from sdp_vs_penalty.diagnosis.score import orthonormal
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.separation import RIGHT, Hypotheses, separate

@@ -19,10 +19,10 @@ from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.fit import orthonormal
-from sdp_vs_penalty.diagnosis.library import Candidacy, spread_columns
+from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
-from sdp_vs_penalty.diagnosis.stage import model_columns, white_rows
+from sdp_vs_penalty.diagnosis.score import orthonormal
+from sdp_vs_penalty.diagnosis.whitening import model_columns, spread_columns, white_rows, whitened
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Effect
@@ -45,11 +45,10 @@ def beyond_one_name(logged: Sequence[Logged], estimate: Estimate, joint: int) ->
     hidden = _white(logged, estimate, False, 0)
     rows, Q, M = hidden.rows, hidden.Q, len(hidden.rows.t)
     mine = slice(joint * M, (joint + 1) * M)
-    library = Candidacy(rows, estimate.model, False).white(hidden.noise, rows)
     best = 0.0
-    for group in library.groups:
-        if group.joint == joint:
-            Z = library.columns(group)[joint]
+    for batch in library(whitened(rows, hidden.noise, estimate, False)).batches:
+        for f in range(len(batch.forms)) if batch.joints == (joint,) else ():
+            Z = batch.columns(f)[joint]
             overlap = Q[mine].T @ Z
             gram, pull = Z.T @ Z - overlap.T @ overlap, Z.T @ hidden.left[mine]
             best = max(best, float(pull @ np.linalg.lstsq(gram, pull, rcond=1e-9)[0]))
@@ -80,8 +79,9 @@ def _white(logged: Sequence[Logged], estimate: Estimate, frozen: bool, k: int) -
     noise = noise_in(rows, rows.residual - silent.residual)
     without = _filtered([x.ideal.tau - x.shares[k] for x in logged], logged, estimate)
     columns = model_columns(rows, estimate, frozen)
-    white, change = white_rows(rows, noise, columns, silent.residual - without.residual)
-    Q = orthonormal(white)
+    white, apart = white_rows(rows, noise, columns, silent.residual - without.residual)
+    change = apart.ravel()
+    Q = orthonormal(white.reshape(len(change), -1))
     return _White(rows, noise, Q, change - Q @ (Q.T @ change))
 
 

@@ -37,11 +37,6 @@ if TYPE_CHECKING:
 TRAINING = "the training data"
 #: Base parameters of the prior that are named.
 _LISTED = 8
-#: What `weak` means, where findings are called so.
-_WEAK = (
-    "weak = at least one of: an alternative fits as well; size uncertain by > 20 %; small gain; no "
-    "improvement on held-out data; torque shared with other findings; more error left than explained"
-)
 
 
 def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
@@ -240,7 +235,7 @@ def diagnosis(
     for curve in result.curves:
         explain(f"curve: {curve.sentence(units)}")
     beyond = np.sqrt(np.maximum(result.unexplained, 0.0)) * result.noise_floor
-    known = result.noise_source == "repetition"
+    known = result.noise_source != "residual"
     left = ", ".join(f"{x:.2g} {plain_unit(u)}" for x, u in zip(beyond, units, strict=True))
     say(f"error left beyond the noise, per joint: {left if known else 'not known'}")
     lines = event_lines(result.events, verbose)
@@ -267,12 +262,14 @@ def undecided(result: Diagnosis, model: Path) -> None:
 
 
 def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding]) -> None:
+    from sdp_vs_penalty.diagnosis.reasons import legend
+
     kinds = ", ".join(dict.fromkeys(map(plain_unit, units)))
     retuned = bool(result.retuned)
     title = f"Held-out RMSE [{kinds}] of each joint below {number(result.band_hz)} Hz"
     errors = [result.held_out_rmse_before, result.effects[0].held_out_rmse_before][: 1 + retuned]
     errors += [f.held_out_rmse_after for f in shown]
-    noise = "noise" if result.noise_source == "repetition" else "noise?"
+    noise = "noise?" if result.noise_source == "residual" else "noise"
     names = ["model", "retuned"][: 1 + retuned]
     weak = (" weak" if f.confidence == "weak" else "" for f in shown)
     names += [*(f"+ {k}.{mark}" for k, mark in enumerate(weak, start=1)), noise]
@@ -287,12 +284,13 @@ def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding])
         if rest == "" and finding.indistinguishable_from:
             rest = f". Indistinguishable from {', '.join(finding.indistinguishable_from)} in these data."
         said.add(finding.effect)
-        explain(f"{k}. {head}{rest}")
+        why = f" Weak: {'; '.join(finding.remarks)}." if finding.remarks else ""
+        explain(f"{k}. {head}{rest}{why}")
     if len(shown) < len(result.effects):
         more = ", ".join(f.text.partition("@")[0] for f in result.effects[len(shown) :])
         explain(f"further weak candidates: {more}")
     if any(f.confidence == "weak" for f in result.effects):
-        explain(_WEAK)
+        explain(legend())
 
 
 def worth_showing(effects: Sequence[Finding]) -> Sequence[Finding]:

@@ -12,10 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.library import Form, Library
 from sdp_vs_penalty.diagnosis.refit import weighting_of
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
-from sdp_vs_penalty.diagnosis.stage import Stage, prepare
-from sdp_vs_penalty.diagnosis.state import SearchState
+from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.whitening import prepare
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
@@ -24,9 +25,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.joint_shapes import settled
 from sdp_vs_penalty.estimation.shape_constants import free_constants
 from sdp_vs_penalty.estimation.shape_folds import FOLDS
-from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate, with_shapes
-from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
 
 #: Chance of folds that agree by luck, below which other shape constants are confirmed.
 _CHANCE = 0.025
@@ -47,46 +46,33 @@ def shaped_effects(
     given: Sequence[frozenset[str]],
     measurements: Measurements,
     frozen: bool,
-    seed: int,
 ) -> list[Effect]:
     """The effects with all constants that were not given estimated, one effect a joint where so."""
     out: list[Effect] = []
-    stage: Stage | None = None
+    search: Search | None = None
     for effect, fixed in zip(wanted, given, strict=True):
         if all_given(effect, fixed):
             out.append(effect)
             continue
         fixed = fixed | (set(effect.shape) - set(type(effect).shapes))
-        if stage is None:
+        if search is None:
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
-            stage = prepare(rows, estimate, frozen, seed)
+            search = Search(prepare(rows, estimate, frozen), Library((), (), {}))
         joints = [None] if effect.whole_robot else effect.joints[:1] if effect.joins else effect.joints
-        out += [_shaped(stage, effect, joint, fixed) for joint in joints]
+        out += [_shaped(search, effect, joint, fixed) for joint in joints]
     return out
 
 
-def _shaped(stage: Stage, effect: Effect, joint: int | None, fixed: frozenset[str]) -> Effect:
-    """One joint's effect with the shape that explains most of the residual; given ones stay."""
-    fit, judge = SearchState.start(stage).fit, stage.candidates
-    start = min(float(s.motion.t[0]) for s in stage.rows.segments)
+def _shaped(search: Search, effect: Effect, joint: int | None, fixed: frozenset[str]) -> Effect:
+    """One joint's effect with the shape that scores most; given ones stay."""
+    start = min(float(s.motion.t[0]) for s in search.data.rows.segments)
     given = {key: effect.shape[key] for key in fixed}
-    trials = [
-        judge.judged(fit, (effect.name, joint), one, judge.white_columns(one))
-        for one in effect.candidates(effect.robot, joint, start, **given)
+    forms = [
+        Form((effect.name, joint), one) for one in effect.candidates(effect.robot, joint, start, **given)
     ]
-    best = max(trials, key=lambda h: h.chi2)
-    return judge.tuned(fit, best, fixed).effect
-
-
-def refitted(
-    estimate: Estimate, shapes: Sequence[ShapeEstimate], measurements: Measurements
-) -> Estimate:
-    """The model with other shape constants, refitted by least squares: what a search starts from."""
-    model = replace(estimate.model, effects=with_shapes(estimate.model.effects, shapes))
-    regression = compress(measurements, model, estimate.preprocessing)
-    theta = make_task(estimate.problem, model, regression, weighting_of(estimate)).ols
-    return replace(estimate, model=model, theta=theta)
+    best = max((search.judged(search.fit, form) for form in forms), key=lambda t: t.J)
+    return search.refined(search.fit, best, fixed).form.effect
 
 
 def found_together(

@@ -15,9 +15,9 @@ from sdp_vs_penalty.diagnosis.added_shapes import (
     all_given,
     confirmed,
     found_together,
-    refitted,
     shaped_effects,
 )
+from sdp_vs_penalty.diagnosis.adopted import adopted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.refit import (
     estimator_beside,
@@ -123,7 +123,7 @@ def add(
 
     def extended(base: Estimate, own: Sequence[Effect]) -> Estimate:
         progress("estimating shape constants")
-        new = shaped_effects(base, added, given, measurements, frozen, seed)
+        new = shaped_effects(base, added, given, measurements, frozen)
         # Refuses constants that are there already.
         Model(estimate.robot, (*estimate.model.effects, *new))
         if frozen:
@@ -135,7 +135,7 @@ def add(
     base, declared = estimate, _declared(estimate)
     if declared:
         # The model's own constants may have taken what is the new effects' torque.
-        base = refitted(estimate, declared, measurements)
+        base = adopted(estimate, declared, measurements)
     found = extended(base, _own(estimate, retuned, declared))
     together = found_together(found, added, given, measurements)
     if together is None:

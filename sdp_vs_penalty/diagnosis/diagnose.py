@@ -2,61 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
-from sdp_vs_penalty.diagnosis import explanations
-from sdp_vs_penalty.diagnosis.candidates import Candidate
-from sdp_vs_penalty.diagnosis.curves.measure import measured_curves, stood_in
-from sdp_vs_penalty.diagnosis.findings import (
-    EFFECT_MISSING,
-    NOTHING_MISSING,
-    UNKNOWN,
-    Diagnosis,
-    Finding,
-    Invisible,
-)
-from sdp_vs_penalty.diagnosis.held_out import HeldOut, OnFolds, OnTest
-from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
-from sdp_vs_penalty.diagnosis.library import turning
-from sdp_vs_penalty.diagnosis.own_shapes import moved
-from sdp_vs_penalty.diagnosis.parsimony import (
-    INVISIBLE,
-    believable,
-    bent,
-    correlated,
-    overshadowed,
-    seen_sliding,
-)
-from sdp_vs_penalty.diagnosis.remaining import remaining
-from sdp_vs_penalty.diagnosis.retunes import retunes
+from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited
+from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
+from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.held_out import RAISES, HeldOut, folds_of, on_folds, on_test, raises
+from sdp_vs_penalty.diagnosis.library import library
+from sdp_vs_penalty.diagnosis.retunes import shape_estimate, told
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
-from sdp_vs_penalty.diagnosis.scoring import score_library
-from sdp_vs_penalty.diagnosis.search import Found, reverted, search
-from sdp_vs_penalty.diagnosis.sizes import coefficients, torque_errors
-from sdp_vs_penalty.diagnosis.stage import quiet
-from sdp_vs_penalty.diagnosis.state import SearchState
-from sdp_vs_penalty.diagnosis.where_it_fails import carriers
+from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.sizes import size_of_term
+from sdp_vs_penalty.diagnosis.whitening import prepare
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.sources import as_estimate
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.motion import record_motion
-from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
 
-#: How many times farther than Coulomb friction turns a law of velocity has to reach to be none of it.
-_BEYOND = 2.0
-#: By so much other constants of the model may raise a joint's held-out error before they are taken back.
-_RAISED = 1.01
+#: Share of the test run's rows outside of a curve's table from which it is not offered: it would be
+#: judged by what is held constant there.
+OUTSIDE = 0.5
+
+
+def quiet(_: str) -> None:
+    """Says nothing of where the search stands."""
 
 
 def diagnose(
@@ -74,10 +55,10 @@ def diagnose(
 
     estimate : the model in question, or its model.json; measurements : the runs to search in, whatever
     :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; test : a run only for the held-out
-    errors (without it, folds that no selection saw).
+    errors (without it, folds by the phase of the motion).
     frozen : keep the model's parameters, so that changes of the links
-    show (a payload); otherwise they are refitted along with every candidate. seed : of the random
-    signs that the tests compare with; progress : called with a short text of where the search stands;
+    show (a payload); otherwise they are refitted along with every candidate. seed : of the draws of a
+    curve's band; progress : called with a short text of where the search stands;
     noise_from : the runs whose repetition shows the noise (default: those that the measurements are
     windows of, or the measurements); gain_uncertainty : relative
     standard deviation of the torque channels' gains; default: the model's. In a long recording windows
@@ -109,13 +90,18 @@ def diagnose(
         estimate.require_joints(given, "runs for the noise")
         _, given = driven(whole_estimate, given)
         whole = with_estimate(segmented(excerpt(given, settings), settings), estimate)
-    found = search(rows, estimate, frozen, seed, progress, whole)
+    progress("noise, and columns of all candidates")
+    data = prepare(rows, estimate, frozen, whole)
+    search = Search(data, library(data))
+    search.run(progress)
     progress("held-out errors")
+    judge = _Judge(estimate, measurements, test, frozen)
+    found = _offered(search, judge)
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
     share = None if test is None else _new_motion(estimate, measurements, test, settings, frozen)
-    done = conclude(found, measurements, test, settings, gain_errors, share)
+    done = conclude(found, gain_errors, share, seed)
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
 
@@ -133,167 +119,90 @@ def _new_motion(
     return None if record is None else record.new_share_of(test, settings)
 
 
-def conclude(
-    found: Found,
-    data: Measurements,
-    test: Measurements | None,
-    settings: Preprocessing,
-    gain_errors: Array,
-    new_share: float | None = None,
-) -> Diagnosis:
-    """Verdict, findings and held-out errors of a search that has come to its end."""
-    found, held_out = _offered(found, lambda f: OnFolds(f) if test is None else OnTest(f, data, test))
-    major = held_out.minor.count(False)
-    estimate, state, stage = found.estimate, found.state, found.state.stage
-    left, events = remaining(state)
-    retuned = retunes(found.shapes, estimate.robot, held_out.before, held_out.ladder[0])
-    errors = torque_errors(stage, estimate, gain_errors) if state.picks else np.zeros((0, 0))
-    # What minor ones share with the others costs nothing when they are left out.
-    lean = found
-    if major < len(state.picks):
-        lean = replace(found, state=state.with_picks(state.picks[:major]))
-    every = [
-        _finding(lean if k < major else found, k, held_out, errors) for k in range(len(state.picks))
-    ]
-    findings, minor = tuple(every[:major]), tuple(replace(f, confidence="minor") for f in every[major:])
-    doubted = explanations.doubts(findings)
-    rows = None if test is None else (diagnosis_rows(test, estimate, settings), estimate)
-    measured = measured_curves(state, left, [j - 1 for _, j in doubted], rows)
-    findings = stood_in(explanations.doubtful(findings, doubted), measured)
-    verdict = EFFECT_MISSING if findings else NOTHING_MISSING
-    if left.matters or doubted or measured.curves:
-        verdict = UNKNOWN
-    return Diagnosis(
-        verdict,
-        findings,
-        stage.noise.floor,
-        invisible_effects(state),
-        events,
-        stage.noise.source,
-        left.share,
-        held_out.ladder[major],
-        stage.rows.cutoff,
-        explanations.remarks(
-            stage.noise.source,
-            (
-                *doubted.values(),
-                explanations.standstill(held_out.moving, held_out.ladder[-1]),
-                explanations.negligible(left),
-                explanations.turning(left) if stage.noise.source == REPETITION else "",
-            ),
-            held_out.source,
-            new_share,
-        ),
-        held_out.before if retuned else held_out.ladder[0],
-        held_out.source,
-        stage.frozen,
-        new_share,
-        retuned,
-        measured.curves,
-        tuple(carriers(stage.rows, state.residual, left.matters)),
-        tuple((j + 1, float(left.beyond[j])) for j in left.matters),
-        minor,
-    )
+@dataclass(frozen=True)
+class _Judge:
+    """Who has the last word: a test run, or folds."""
 
+    first: Estimate
+    data: Measurements
+    test: Measurements | None
+    frozen: bool
 
-def _offered(found: Found, on: Callable[[Found], OnFolds | OnTest]) -> tuple[Found, HeldOut]:
-    """The search without the picks that may be what others leave, and those that do not lower their
-    joints' error on data left out; with the constants that the model was given on joints whose error
-    there other ones raise. Those that are minor come last."""
-    found = replace(found, state=seen_sliding(found.state))
-    judge, back = on(found), frozenset[int]()
-    while True:
-        found = replace(found, state=believable(found.state))
-        picks = found.state.picks
-        kept = [p for p, pays in zip(picks, judge.pays(picks), strict=True) if pays]
-        if len(kept) < len(picks):
-            found = replace(found, state=found.state.with_picks(kept))
-            continue
-        held_out = judge.errors(picks)
-        worse = held_out.ladder[-1] > _RAISED * held_out.before
-        raised = [j for j in moved(found.first, found.estimate) if worse[j]]
-        if not back.issuperset(raised):
-            back |= frozenset(raised)
-            found = reverted(found, raised)
-            judge = on(found)
-        else:
-            break
-    order = sorted(range(len(picks)), key=lambda k: held_out.minor[k])
-    if order != list(range(len(picks))):
-        found = replace(found, state=found.state.with_picks([picks[k] for k in order]))
-        ladder = judge.errors(found.state.picks).ladder
-        minor = tuple(held_out.minor[k] for k in order)
-        held_out = replace(held_out, ladder=ladder, minor=minor)
-    return found, held_out
+    def of(
+        self,
+        search: Search,
+        effects: Sequence[Effect],
+        estimate: Estimate,
+        by_fold: Mapping[int, Sequence[Effect]] | None = None,
+    ) -> HeldOut:
+        """by_fold : at the places of measured tables, those of the rows outside of each fold."""
+        if self.test is None:
+            return on_folds(search.data, estimate, effects, by_fold)
+        return on_test(estimate, effects, self.data, self.test, self.frozen)
 
-
-def _finding(found: Found, k: int, held_out: HeldOut, errors: Array) -> Finding:
-    estimate, state = found.estimate, found.state
-    pick = state.picks[k]
-    h = pick.candidate
-    beta, covariance = coefficients(state, k, errors)
-    parameters = h.effect.parameters
-    size, std = explanations.size_of(h.effect, beta, covariance)
-    joints = () if h.effect.whole_robot else tuple(j + 1 for j in h.effect.joints)
-    sharing = correlated(state, k)
-    # What a law is with time is no other law than the steady one that it starts from, and a finer form
-    # of it, which fits as well, does not speak against the plain one.
-    others = [r for r in pick.rivals if not refines(r, h)]
-    finer = [r.key[0] for r in pick.rivals if refines(r, h) and not r.effect.follows_clock]
-    alike = [*others, *(p.candidate for p in sharing)]
-    rivals = tuple(dict.fromkeys(_rival_name(h, r) for r in alike))
-    uncertain, small = not abs(size) > 5.0 * std, not pick.gain > 2.0 * MIN_GAIN
-    looks_like = h.effect.looks_like(size, state.stage.rows.seen(h.effect.joints[0]))
-    if h.effect.shape.get(h.effect.beyond_turning, np.inf) < _BEYOND * turning(
-        state.stage.rows, h.effect
-    ):
-        looks_like = (
-            "it hardly outlasts the velocity over which Coulomb friction turns: a width looks so"
+    def outside(self, effect: Effect) -> float:
+        """Share of the test run's rows that leave what an effect is known for; none without one."""
+        if self.test is None:
+            return 0.0
+        rows = with_estimate(
+            segmented(self.test, self.first.preprocessing.resolve(self.test)), self.first
         )
-    over = overshadowed(state, k)
-    larger = bent(estimate, h.effect, size) if over is None else over.candidate.effect.name
-    weak = explanations.weaknesses(bool(others), uncertain, small, bool(sharing), larger, looks_like)
-    return Finding(
-        h.effect.name,
-        joints,
-        dict(h.effect.shape),
-        size,
-        parameters[h.effect.sized_by][0].unit,
-        std,
-        {p.name: float(b) for p, b in zip(parameters, beta, strict=True)},
-        "weak" if weak else "confident",
-        rivals,
-        held_out.ladder[k],
-        held_out.ladder[k + 1],
-        explanations.sentence(h.effect, size, std, rivals, finer),
-        h.effect.text,
-        pick.gain,
-        weak,
-        h.effect.constants,
-        tuple(dict.fromkeys(finer)),
-    )
+        away = np.concatenate(
+            [s.low_pass @ effect.outside(s.motion).astype(float) for s in rows.segments]
+        )
+        return float(np.mean(away[rows.keep.any(axis=1)] > 0.5))
 
 
-def _rival_name(own: Candidate, other: Candidate) -> str:
-    """The rival's name; with its joint, or its constants, where that alone would be the finding's."""
-    if other.key == own.key:
-        return other.effect.text
-    if other.key[0] == own.key[0] and other.key[1] is not None:
-        return f"{other.key[0]}:{other.key[1] + 1}"
-    return other.key[0]
+def _offered(search: Search, judge: _Judge) -> Found:
+    """What data left out do not speak against: constants of the model's own, then findings in order."""
+    first, none = judge.first, np.zeros((search.data.n, len(search.data.rows.t), 0))
+    before = judge.of(search, (), first).errors(()).every
+    own = [t for t in search.terms if t.form.own]
+    now, beside, shapes = first, search, []
+    while own:
+        shapes = [shape_estimate(t, first, size_of_term(search, t, none)) for t in own]
+        now = adopted(first, shapes, judge.data)
+        beside = carried(search, now)
+        after = judge.of(beside, (), now).errors(()).every
+        worse = set(np.flatnonzero(after > (1.0 + RAISES) * before).tolist())
+        worse |= {s.joint for s in shapes if not told(s, before, after)}
+        if not worse:
+            break
+        kept = [t for t in own if t.form.key[1] not in worse]
+        own = kept if len(kept) < len(own) else []
+        now, beside, shapes = first, search, []
+    terms = in_order([t for t in beside.terms if not t.form.own])
+    held_out = judge.of(beside, [t.form.effect for t in terms], now)
+    order = held_out.offered(len(terms))
+    final = limited(beside, [terms[k] for k in order])
+    found = Found(first, now, tuple(shapes), final, held_out, tuple(order), before)
+    left = what_is_left(final)
+    parts = in_parts(final)
+    if not left.matters and not parts:
+        return found
+    curves = measured_curves(final, left.matters, parts, folds_of(final.data))
+    return _with_curves(found, curves, judge)
 
 
-def invisible_effects(state: SearchState) -> tuple[Invisible, ...]:
-    """Candidates whose energy the model's own columns absorb, whatever their shape."""
-    stage = state.stage
-    if stage.frozen:
-        return ()
-    scores = score_library(stage.fit(stage.plain_weighting), stage.white)
-    shares: dict[tuple[str, int | None], float] = {}
-    for group, absorbed in zip(stage.white.groups, scores.absorbed, strict=True):
-        shares[group.key] = min(shares.get(group.key, 1.0), float(absorbed))
-    return tuple(
-        Invisible(name, () if joint is None else (joint + 1,), share)
-        for (name, joint), share in shares.items()
-        if share > INVISIBLE
-    )
+def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Found:
+    """Those curves that raise no joint's held-out error, and whose tables the test run does not leave;
+    each with what it does to the errors."""
+    named, out = [t.form.effect for t in found.search.terms], list[OfferedCurve]()
+    for curve in curves:
+        gone = {id(t) for c in (*(o.curve for o in out), curve) for t in c.replaced}
+        terms = [k for k, t in enumerate(found.search.terms) if id(t) not in gone]
+        every = [*(o.curve for o in out), curve]
+        effects = [*named, *(c.table for c in every)]
+        held = judge.of(
+            found.search,
+            effects,
+            found.estimate,
+            {len(named) + k: c.by_fold for k, c in enumerate(every)},
+        )
+        names = list(range(len(named)))
+        before = held.errors(names).every if not out else out[-1].errors
+        after = held.errors([*terms, *range(len(named), len(effects))]).every
+        lower = after[curve.joint] < before[curve.joint]
+        if lower and not raises(before, after) and judge.outside(curve.table) <= OUTSIDE:
+            out.append(OfferedCurve(curve, float(before[curve.joint]), after))
+    return replace(found, curves=tuple(out))

@@ -1,7 +1,9 @@
 """What happens once: a contact, a knock, a hum. No function of the motion explains it.
 
-A local event is a window of whitened noise with too much energy (signals/outliers.py). A hum is a line
-in the spectrum: at the frequencies of a periodogram the power of whitened noise is exponential.
+Events are rows of which the final model's residual is an outlier. A local one is a window of whitened
+residual with too much energy (:mod:`~sdp_vs_penalty.signals.outliers`), in one repetition of the motion
+only where it repeats. A hum is a line in the spectrum: at the frequencies of a periodogram the power of
+whitened noise is exponential.
 """
 
 from __future__ import annotations
@@ -14,10 +16,29 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.outliers import FALSE_EVENT
+from sdp_vs_penalty.signals.noise import FAINT, REPETITION, SAME_PHASE, differences, rate_features
+from sdp_vs_penalty.signals.outliers import (
+    FALSE_EVENT,
+    local_excess,
+    lone_windows,
+    noise_profile,
+    robust_scale,
+)
+from sdp_vs_penalty.signals.repetition import consecutive, later_rows
+from sdp_vs_penalty.signals.segments import SegmentedRuns
+from sdp_vs_penalty.signals.stillness import SLOW
 
 Mask = NDArray[np.bool_]
+
+#: Events are rare: what fills more than this share of a joint's rows is something else.
+MOST_EVENTS = 0.15
+#: Hz: below, lines are the motion's own harmonics. In units of the row rate: above, what the low-pass
+#: folds has no flat surroundings.
+_SLOWEST_HUM, _FASTEST_HUM = 0.8, 0.45
+#: Share of a window's squares that its loudest rows hold, to which an event is cut down.
+_MOST_OF_IT = 0.98
 
 
 @dataclass(frozen=True)
@@ -45,19 +66,142 @@ class Event:
         )
 
 
-def intervals(
-    mask: Mask, t: Array, pieces: Sequence[NDArray[np.intp]], gap: float
-) -> list[tuple[float, float]]:
-    """First and last instant of the runs of True, joined over gaps shorter than ``gap`` [s]."""
-    out: list[tuple[float, float]] = []
-    for piece in pieces:
-        fresh = True
-        for k in piece[mask[piece]]:
-            if not fresh and t[k] - out[-1][1] <= gap:
-                out[-1] = (out[-1][0], float(t[k]))
-            else:
-                out.append((float(t[k]), float(t[k])))
-                fresh = False
+def events(data: WhiteData, white: Array, residual: Array, named: Sequence[int]) -> list[Event]:
+    """The events of a final model. white (n, M), residual (M, n) [N m or N] : what it leaves; named :
+    the
+    joints (from 0) on which something without a name is left, whose peaks are no events."""
+    rows = data.rows
+    mask = outliers(data, white.T, residual)
+    mask[:, list(named)] = False
+    whole = rows.with_masked(np.zeros((0, 0), bool))
+    found = []
+    for j in range(rows.n):
+        for piece in whole.pieces(j):
+            own = piece[mask[piece, j]]
+            apart = np.flatnonzero(np.diff(rows.t[own]) > 2.0 * SAME_PHASE) + 1
+            for group in np.split(own, apart) if len(own) else ():
+                group = _loudest(group, residual[:, j])
+                found.append(Event(j, float(rows.t[group[0]]), float(rows.t[group[-1]])))
+    return sorted(found + _hums(data, residual), key=lambda e: (e.t_start, e.joint))
+
+
+def _loudest(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
+    """From the first to the last row of those that hold nearly all of a window's energy: windows are
+    longer than what happens in them."""
+    squares = residual[group] ** 2
+    order = np.argsort(-squares)
+    count = int(np.searchsorted(np.cumsum(squares[order]), _MOST_OF_IT * squares.sum())) + 1
+    kept = np.sort(order[:count])
+    return group[kept[0] : kept[-1] + 1]
+
+
+def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
+    """(M, n) rows of which the residual, white (M, n), is an outlier beside what repeats."""
+    rows, noise = data.rows, data.noise
+    out, faint = np.zeros((2, *white.shape), bool)
+    rates = rate_features(rows)
+    for j in range(rows.n):
+        steady = white[:, j] / noise_profile(white[:, j], rates[j], rates[j])
+        # The noise may be larger than was thought; its median does not see an event.
+        steady = steady / max(robust_scale(steady[steady != 0.0]), 1.0)
+        # Friction that turns round lets go a little elsewhere each time.
+        slow = rows.slow[:, j] > SLOW
+        steady[slow] /= max(np.sqrt(np.mean(steady[slow] ** 2)), 1.0) if slow.any() else 1.0
+        degrees = float(noise.degrees[j])
+        found = local_excess(steady, rows.pieces(j), rows.n, degrees)
+        if found.any() and noise.source != REPETITION:
+            found &= _lone(white[:, j], rows, j)
+        if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
+            out[:, j] = found
+            faint[:, j] = found | local_excess(FAINT * steady, rows.pieces(j), rows.n, degrees)
+    out &= ~_comes_back(out, faint, data)
+    out |= _odd_ones(data, residual)
+    return out & ~_of_reversals(out, residual**2, rows)
+
+
+def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
+    """(M,) windows that stand out of a joint's own error, where no repetition tells it from noise."""
+    slow = (rows.slow[:, joint] > SLOW) | (rows.still[:, joint] > 0.0)
+    jerk = np.concatenate(
+        [s.low_pass @ np.gradient(s.motion.ddq[:, joint], s.motion.t) for s in rows.segments]
+    )
+    return lone_windows(white, rows.pieces(joint), slow, jerk, rows.rate, rows.n)
+
+
+def _of_reversals(mask: Mask, energy: Array, rows: SegmentedRuns) -> Mask:
+    """(M, n) the windows of which most energy (M, n) is of rows in which the joint is slow."""
+    out = np.zeros_like(mask)
+    for j in range(rows.n):
+        slowly, marked = energy[:, j] * (rows.slow[:, j] > SLOW), np.flatnonzero(mask[:, j])
+        for piece in np.split(marked, np.flatnonzero(np.diff(marked) != 1) + 1):
+            out[piece, j] = slowly[piece].sum() > 0.5 * energy[piece, j].sum()
+    return out
+
+
+def _comes_back(mask: Mask, faint: Mask, data: WhiteData) -> Mask:
+    """(M, n) windows that come back at the same phase of the motion, if only faintly: error of the
+    model, no event."""
+    out, near = np.zeros_like(mask), _widened(faint, data.rows)
+    for repeat in data.noise.repeats:
+        later = later_rows(data.rows, repeat)
+        out[repeat.rows] |= mask[repeat.rows] & near[later]
+        back = np.zeros_like(mask)
+        np.logical_or.at(back, later, near[repeat.rows])
+        out |= mask & back
+    return out
+
+
+def _odd_ones(data: WhiteData, residual: Array) -> Mask:
+    """(M, n) where the repetitions of a motion differ: an event, in the one that leaves more error."""
+    rows, repeats, suspect = data.rows, data.noise.repeats, data.noise.suspect
+    if not suspect.any():
+        return suspect
+    pairs = [(r.rows, later_rows(rows, r)) for r in repeats]
+    out, near = suspect.copy(), _widened(suspect, rows)
+    width = np.ones(2 * _reach(rows) + 1)
+    energy = np.array([np.convolve(x, width, mode="same") for x in (residual**2).T]).T
+    for one, other in pairs:
+        first_less = energy[one] <= energy[other]
+        out[one] &= ~(near[other] & first_less)
+        lost = np.zeros_like(out)
+        np.logical_or.at(lost, other, near[one] & ~first_less)
+        out &= ~lost
+    return out
+
+
+def _reach(rows: SegmentedRuns) -> int:
+    """Rows within which two windows are at the same phase."""
+    return max(1, round(SAME_PHASE * rows.rate))
+
+
+def _widened(mask: Mask, rows: SegmentedRuns) -> Mask:
+    width = np.ones(2 * _reach(rows) + 1)
+    return np.array([np.convolve(m, width, mode="same") > 0 for m in mask.T]).T
+
+
+def _hums(data: WhiteData, residual: Array) -> list[Event]:
+    """One event a run for each joint in whose residual a spectral line stands.
+
+    Where the motion repeats it is looked for in what does not: a model's error is a comb of lines. The
+    residual is not whitened for it: an autoregression takes a sine for its own colour.
+    """
+    rows, repeats = data.rows, data.noise.repeats
+    slow = rows.slow > SLOW  # reversals are harmonics of the motion
+    if repeats:
+        left, found = differences(rows, rows.residual, repeats), consecutive(repeats)
+        slow = np.concatenate([slow[r.rows] for r in repeats])
+    else:
+        left = residual
+    left = np.where(slow, 0.0, left)
+    out = []
+    for j in range(rows.n):
+        every = found if repeats else rows.pieces(j)
+        longest = max((len(p) for p in every), default=0)
+        series = [left[p, j] for p in every if 2 * len(p) > longest]
+        every_line = spectral_lines(series, rows.rate, rows.n, _SLOWEST_HUM)
+        lines = [f for f in every_line if f < _FASTEST_HUM * rows.rate]
+        for segment in rows.segments if lines else ():
+            out.append(Event(j, float(segment.t[0]), float(segment.t[-1]), "hum", lines[0]))
     return out
 
 
@@ -69,6 +213,8 @@ def spectral_lines(
     series : records of the same channel, each at least 2 s long; ``smooth`` [Hz] : the width over
     which the noise's spectrum is taken as flat.
     """
+    from scipy.ndimage import median_filter
+
     length = min((len(s) for s in series), default=0)
     if length < 2.0 * rate:
         return []
@@ -82,7 +228,8 @@ def spectral_lines(
             pooled += 1
     frequency = np.fft.rfftfreq(length, 1.0 / rate)
     half = max(8, int(smooth / frequency[1]))
-    level = _running_median(power, half) / float(special.gammaincinv(pooled, 0.5)) * pooled
+    level = median_filter(power, size=2 * half + 1, mode="nearest")
+    level = level / float(special.gammaincinv(pooled, 0.5)) * pooled
     with np.errstate(divide="ignore", invalid="ignore"):
         excess = np.where(level > 0.0, power / level, 0.0) * 2 * pooled
     limit = float(special.chdtri(2 * pooled, FALSE_EVENT / (len(power) * tests)))
@@ -91,9 +238,3 @@ def spectral_lines(
     found = (excess > limit) & (frequency > lowest)
     peaks = [k for k in np.flatnonzero(found) if excess[k] >= excess[max(k - 3, 0) : k + 4].max()]
     return [float(frequency[k]) for k in peaks]
-
-
-def _running_median(values: Array, half: int) -> Array:
-    from scipy.ndimage import median_filter
-
-    return median_filter(values, size=2 * half + 1, mode="nearest")

@@ -195,11 +195,16 @@ class Diagnosis(Shown):
 
     @property
     def headline(self) -> str:
-        """What is missing, in one sentence."""
+        """What is missing, and what happened once, in one or two sentences."""
         found = [(f.effect, f.joints, f.confidence) for f in self.effects]
         constants = [(r.effect, (r.joint,), r.confidence) for r in self.retuned]
-        known = self.noise_source == "repetition"
-        return diagnosis_verdict(self.unknown, found, known, constants)
+        text = diagnosis_verdict(self.unknown, found, self.noise_source != "residual", constants)
+        if self.noise_source == "spectrum":
+            text += " The noise is known within 30 %: no motion repeats."
+        where = sorted({e.joint + 1 for e in self.events})
+        if where:
+            text += f" Besides, {show.count(len(self.events), 'event')} on {show.joints(where)}."
+        return text
 
     @property
     def beside(self) -> str:

@@ -1,4 +1,4 @@
-"""Findings of the kind "retune": a shape constant of an effect that the model has is another one."""
+"""Findings of kind "retune": a shape constant of an effect that the model has is another one."""
 
 from __future__ import annotations
 
@@ -8,17 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN
+from sdp_vs_penalty.diagnosis.score import Term
+from sdp_vs_penalty.diagnosis.search import APART
+from sdp_vs_penalty.diagnosis.sizes import Size
 from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import plain_unit
 
-#: Standard deviations by which it must move.
-_FAR = 3.0
-#: Share by which it must move: less makes no other torque.
-_MOVES = 0.05
+#: Share of the range, in its own scale, nearer to an end than which a constant lies at it.
+_AT_END = 0.02
+#: A constant moves by so many standard deviations, and by this share, which less makes no other torque.
+_FAR, _MOVES = 3.0, 0.05
 
 
 @dataclass(frozen=True)
@@ -65,31 +68,44 @@ class Retune:
         return cls(estimate, str(data["confidence"]), *errors, str(data["explanation"]), remarks)
 
 
+def shape_estimate(term: Term, estimate: Estimate, size: Size) -> ShapeEstimate:
+    """A nuisance of the search as an estimate of the model's shape constant."""
+    effect, name, (joint,) = term.form.effect, term.form.moves, term.form.effect.joints
+    now = next(e for e in estimate.model.effects if e.name == effect.name and joint in e.joints)
+    after = float(f"{effect.shape[name]:.6g}")
+    shape = effect.shapes[name].on(estimate.robot.joints[joint].kind)
+    ends = shape.bounds or (1e-9, 1e9)
+    low, high = np.log(ends[0]), np.log(shape.earned or ends[1])
+    near = _AT_END * (high - low)
+    at_end = not low + near < np.log(after) < high - near
+    std = after * size.constants.get(name, np.inf)
+    return ShapeEstimate(effect.name, joint, name, now.shape[name], after, std, term.J, bool(at_end))
+
+
+def told(s: ShapeEstimate, before: Array, after: Array) -> bool:
+    """Whether the data tell a constant from the model's, and its joint's held-out error falls."""
+    spread = s.std / s.after if np.isfinite(s.std) else 0.0
+    moves = abs(np.log(s.after / s.before)) >= max(_FAR * spread, _MOVES)
+    return bool(moves and s.gain > APART and after[s.joint] < before[s.joint])
+
+
 def retunes(
     found: Sequence[ShapeEstimate], robot: Robot, before: Array, after: Array
 ) -> tuple[Retune, ...]:
-    """Those changes that these data tell, and that lower the joint's held-out error.
-
-    before, after (n,) : held-out errors with the model's own constants, and with the new ones.
-    """
+    """before, after (n,) : held-out errors with the model's own constants, and with the new ones."""
     out = []
-    for s in found:
-        spread = s.std / s.after if np.isfinite(s.std) else 0.0
-        if s.gain < MIN_GAIN or abs(np.log(s.after / s.before)) < max(_FAR * spread, _MOVES):
-            continue
-        errors = float(before[s.joint]), float(after[s.joint])
-        if not errors[1] < errors[0]:
-            continue  # what raises the error of its joint is not offered
+    for s in (s for s in found if told(s, before, after)):
         shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
         values = [shape.said(v, kind) for v in (s.after, s.before)]
         unit = plain_unit(robot.torque_units[s.joint])
         verb = effect_types()[s.effect].turns or f"{s.effect} has {s.shape} ="
+        errors = float(before[s.joint]), float(after[s.joint])
         said = f"joint {s.joint + 1}: {verb} {values[0]}, not {values[1]}"
         said += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
         remarks = []
         if s.at_end:
             remarks.append("it lies at the end of the range in which it was looked for")
-        if s.gain < 2.0 * MIN_GAIN:
+        if s.gain <= 2.0 * APART:
             remarks.append("its gain is small")
         out.append(Retune(s, "weak" if remarks else "confident", *errors, said, tuple(remarks)))
     return tuple(out)

@@ -1,151 +1,272 @@
-"""The whole search: the model's own shape constants, what is missing beside them, and again."""
+"""The search: terms are added, exchanged and dropped while the score says so."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Iterable, Sequence, Set
+from dataclasses import replace
 
-from sdp_vs_penalty.diagnosis.ladder import TOLD_APART, by_gain, next_pick, reshaped, search_through
-from sdp_vs_penalty.diagnosis.library import Candidacy
-from sdp_vs_penalty.diagnosis.own_shapes import (
-    adopted,
-    beside_the_best,
-    doubted,
-    given_again,
-    moved,
-    profiled,
-    refitted_beside,
-    widened,
-)
-from sdp_vs_penalty.diagnosis.parsimony import merged
-from sdp_vs_penalty.diagnosis.rows import with_estimate
-from sdp_vs_penalty.diagnosis.stage import Stage, model_columns, prepare, quiet
-from sdp_vs_penalty.diagnosis.state import SearchState
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
-from sdp_vs_penalty.signals.segments import SegmentedRuns
+import numpy as np
 
-#: How often the model's own shape constants are adopted, before the search and after.
-_ADOPTIONS = 2
-#: Constants that leave at most so many times the squared error explain as well as what was found.
-_AS_WELL = 1.1
+from sdp_vs_penalty.diagnosis.library import Form, Library, eligible
+from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
+from sdp_vs_penalty.diagnosis.whitening import WhiteData
+from sdp_vs_penalty.robot.arrays import Array
 
-
-@dataclass(frozen=True)
-class Found:
-    """What a search came to: first : the model as it was given; estimate : with the shape constants
-    that explain most, refitted; shapes : those constants; state : the search beside them."""
-
-    first: Estimate
-    estimate: Estimate
-    shapes: tuple[ShapeEstimate, ...]
-    state: SearchState
+#: Evidence (twice the log of the odds) from which a term is taken: odds of 150 to 1, "very strong"
+#: (Kass, Raftery, JASA 1995, sec. 3.2).
+APART = 10.0
+#: Evidence by which another form must fall short to be told from a term: odds of 20 to 1, "strong"
+#: (ibid.).
+EQUIVALENT = 6.0
+#: A law is right to this share of what it explains: so much of it looks like something else.
+FORM = 0.04
+#: Candidates that are looked at closely, and steps at most.
+LOOKED_AT, STEPS = 10, 30
+#: Shape constants are refined on a lattice: ratio of neighbours at first, and how often it is halved.
+_FIRST, _HALVINGS = 1.6, 3
+#: Of a candidate's laws (choices among which nothing is refined) those that take at least this share of
+#: what its best one takes are looked at.
+_LIKELY = 0.9
+#: How often a constant that is as large as its effect (a delay's) is made so.
+_SIZED = 2
 
 
-def search(
-    rows: SegmentedRuns,
-    estimate: Estimate,
-    frozen: bool = False,
-    seed: int = 0,
-    progress: Callable[[str], None] = quiet,
-    whole: SegmentedRuns | None = None,
-) -> Found:
-    """The search, beside the model's own shape constants as these rows show them: they are adopted
-    before the first name is given, and again beside the picks. whole : the runs that show the noise, if
-    not these."""
+class Search:
+    """Forward selection with exchange over one library; afterwards ``terms`` and ``fit``."""
 
-    def staged(model: Estimate) -> Stage:
-        return prepare(with_estimate(rows, model), model, frozen, seed, progress, whole)
+    def __init__(self, data: WhiteData, library: Library) -> None:
+        self.data, self.library = data, library
+        self.score = Score(data, library.candidates, {f.own for f, _ in library.own})
+        self._kept: dict[str, dict[int, Array]] = {}
+        self.terms: list[Term] = []
+        self.fit = self.score.fit(())
 
-    now, shapes = estimate, list[ShapeEstimate]()
+    # What a form is worth.
 
-    def searched_again(before: SearchState, model: Estimate) -> SearchState:
-        begin = before.on(staged(model), moved(now, model))
-        before.release()
-        return search_through(begin)
+    def columns(self, form: Form) -> dict[int, Array]:
+        """White columns by joint; kept while the search lasts."""
+        text = form.effect.text
+        if text not in self._kept:
+            self._kept[text] = self.data.columns(form.effect)
+        return self._kept[text]
 
-    state = SearchState.start(prepare(rows, estimate, frozen, seed, progress, whole))
-    if not frozen:
-        for _ in range(_ADOPTIONS):
-            shapes = profiled(estimate, now, state)
-            other = adopted(now, state, shapes)
-            if other is None:
+    def judged(self, fit: Fit, form: Form) -> Term:
+        return self.score.judged(fit, form, self.columns(form))
+
+    def refined(self, fit: Fit, start: Term, fixed: Set[str] = frozenset()) -> Term:
+        """Each continuous shape constant but the fixed ones in turn where the score is highest, on a
+        lattice of its scale: the same values come back in every step of the search."""
+        best = start
+        for name in [start.form.moves] if start.form.own else start.form.effect.searched:
+            if name not in fixed:
+                best = self._along(fit, best, name)
+        sized = best.form.effect.sized_shape
+        for _ in range(_SIZED if sized and sized not in fixed and len(best.beta) else 0):
+            effect = best.form.effect
+            value = float(f"{effect.as_sized(float(best.beta[0])):.6g}")
+            if effect.shapes[sized].complaint(value):
                 break
-            now, state = other, SearchState.start(staged(other))
-        first = next_pick(state)
-        # Friction laws that a filter of all channels bends have no constants of their own beside it.
-        if first is None or not (first.candidate.effect.needs_torque and first.candidate.key[1] is None):
-            other = adopted(now, state, beside_the_best(estimate, now, state))
-            if other is not None:
-                now, state = other, SearchState.start(staged(other))
-                first = next_pick(state)
-        if first is not None and first.candidate.effect.needs_torque:
-            # What a late or smoothed torque does at reversals has been taken for the model's own
-            # constants, and its column is of a model that was identified without it.
-            state = state.with_picks([first])
-            for _ in range(_ADOPTIONS):
-                now = refitted_beside(now, state, profiled(estimate, now, state))
-                state = reshaped(state.on(staged(now)))
-    progress("searching for what is missing")
-    state = search_through(state)
-    for _ in range(0 if frozen else _ADOPTIONS):
-        if not state.picks:
-            break
-        shapes = profiled(estimate, now, state)
-        other = adopted(now, state, shapes)
-        if other is None:
-            break
-        # What was found on joints whose constants were wrong may be their work.
-        again = searched_again(state, other)
-        if _lost(again, state):
-            break
-        now, state = other, again
-    for rest in () if frozen else doubted(estimate, now, state):
-        other = adopted(now, rest, profiled(estimate, now, rest))
-        if other is None:
-            continue
-        again = searched_again(rest, other)
-        if _plainer(again, state):
-            now, state = other, again
-            shapes = profiled(estimate, now, state)
-            break
-    wide = [] if frozen else widened(estimate, now, state)
-    if wide:
-        kept = [s for s in shapes if (s.effect, s.joint) not in {(w.effect, w.joint) for w in wide}]
-        other = adopted(now, state, [*kept, *wide])
-        if other is not None:
-            again = searched_again(state, other)
-            if not _lost(again, state):
-                now, state = other, again
-                shapes = profiled(estimate, now, state)
-    return Found(estimate, now, tuple(shapes), by_gain(merged(state)))
+            best = self.judged(fit, best.form.with_shape(**{sized: value}))
+        return best
+
+    def _along(self, fit: Fit, start: Term, name: str) -> Term:
+        effect = start.form.effect
+        kind = effect.robot.joints[effect.joints[0]].kind
+        shape = effect.shapes[name].on(kind)
+        if shape.bounds is None:
+            return start
+        low, high = shape.bounds
+        if start.form.own and shape.earned is not None:
+            high = max(high, shape.earned)
+        linear, u = shape.scale == "linear", effect.shape[name]
+        grid = sorted(
+            {s[name] for s in type(effect).starts(effect.robot, effect.joints[0]) if name in s}
+        )
+        spacing = float(np.min(np.diff(grid))) if len(grid) > 1 else abs(u) + 1e-3
+        seen = {0.0: start}
+
+        def at(x: float) -> Term:
+            if x not in seen:
+                value = float(f"{u + x * spacing if linear else u * _FIRST**x:.6g}")
+                if low <= value <= high:
+                    seen[x] = self.judged(fit, start.form.with_shape(**{name: value}))
+                else:
+                    seen[x] = replace(start, J=-np.inf)
+            return seen[x]
+
+        x, step = 0.0, 0.5 if linear else 1.0
+        for _ in range(_HALVINGS):
+            while True:
+                best = max((x, x - step, x + step), key=lambda y: at(y).J)
+                if best == x:
+                    break
+                x = best
+            step *= 0.5
+        return at(x)
+
+    # Which forms there are beside a fit.
+
+    def margin(self, joints: Iterable[int], terms: Sequence[Term]) -> float:
+        """Evidence that a further term needs: what the others get wrong looks like something else."""
+        shared = (t.J * len(t.joints & set(joints)) / len(t.joints) for t in terms if t.joints)
+        return APART + FORM * max(shared, default=0.0)
+
+    def top_candidates(
+        self, fit: Fit, terms: Sequence[Term], most: int = LOOKED_AT, on: frozenset[int] | None = None
+    ) -> list[Term]:
+        """The most likely form of each candidate, refined, the best first."""
+        found = self._screened(fit, [t.form for t in terms], most, on)
+        top = max((t.J for t in found), default=0.0)
+        likely = [t for t in found if 0.5 * top - 3.0 * APART < t.J]
+        # A width that is far from those on the grid says little there, and all where it is right.
+        own = [t for t in self._own(fit, {t.key for t in terms}, on) if t.J > 0.0]
+        ranked = sorted((self.refined(fit, t) for t in [*likely, *own]), key=lambda t: -t.J)
+        first = {t.key: t for t in reversed(ranked)}
+        return [t for t in ranked if first[t.key] is t]
+
+    def _screened(
+        self, fit: Fit, picked: Sequence[Form], most: int, on: frozenset[int] | None
+    ) -> list[Term]:
+        """Of so many candidates that take most the likely laws, as they are on the grids."""
+        best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
+        for batch in self.library.batches:
+            if on is not None and not on & set(batch.joints):
+                continue
+            values = self.score.screened(fit, batch)
+            free = eligible(batch.forms, picked, self.data.estimate.model)
+            for f in np.argsort(-values):
+                form = batch.forms[f]
+                if values[f] <= 0.0:
+                    break
+                if free[f] and values[f] > best.get(form.law, (0.0,))[0]:
+                    best[form.law] = float(values[f]), form, batch.columns(int(f))
+        found, tops = [], dict[tuple[str, int | None], float]()
+        for value, form, columns in sorted(best.values(), key=lambda b: -b[0]):
+            if len(tops) == most and form.key not in tops:
+                continue
+            if value >= _LIKELY * tops.setdefault(form.key, value):
+                found.append(self.score.judged(fit, form, columns))
+                self._kept.setdefault(form.effect.text, columns)
+        return found
+
+    def _own(
+        self, fit: Fit, taken: Set[tuple[str, int | None]], on: frozenset[int] | None
+    ) -> list[Term]:
+        """The best value of each of the model's own shape constants, as it is on the grids."""
+        best: dict[tuple[str, int | None], Term] = {}
+        for form, columns in self.library.own:
+            if form.key in taken or (on is not None and not on & set(columns)):
+                continue
+            term = self.score.judged(fit, form, columns)
+            if form.key not in best or best[form.key].J < term.J:
+                best[form.key] = term
+        return list(best.values())
+
+    def best(
+        self, fit: Fit, terms: Sequence[Term], most: int = LOOKED_AT, on: frozenset[int] | None = None
+    ) -> Term | None:
+        """The term to name: the simplest of those that these rows do not tell from the best."""
+        found = self.top_candidates(fit, terms, most, on)
+        return self.simplest([t for t in found if self.margin(t.joints, terms) < t.J])
+
+    @staticmethod
+    def simplest(found: Sequence[Term]) -> Term | None:
+        """Of terms, the best first, the simplest that is as good as the best."""
+        if not found:
+            return None
+        tied = [t for t in found if found[0].J - t.J < EQUIVALENT + FORM * found[0].J]
+        return min(tied, key=lambda t: (simplicity(t.form), -t.J))
+
+    # The steps.
+
+    def settled(self, terms: Sequence[Term]) -> list[Term]:
+        """The constants of each term on the newest one's joints again beside all others; a term that has
+        not enough left goes."""
+        terms = list(terms)
+        newest = terms[-1].joints if len(terms) > 1 else frozenset()
+        for _ in range(2):
+            moved = False
+            for term in list(terms):
+                others = [t for t in terms if t is not term]
+                if len(others) == len(terms):
+                    continue
+                fit = self.score.fit(others, self.fit.level)
+                again = self.score.judged(fit, term.form, term.columns)
+                if term.joints & newest:
+                    again = self.refined(fit, again)
+                if self.margin(again.joints, others) >= again.J:
+                    terms, moved = others, True
+                    continue
+                moved |= again.form.effect.shape != term.form.effect.shape
+                terms[[t is term for t in terms].index(True)] = replace(again, rivals=term.rivals)
+            if not moved:
+                break
+        return terms
+
+    def exchanged(self, terms: Sequence[Term]) -> list[Term] | None:
+        """One term for another, or for two others, where that is as good and simpler, or better; else
+        None, and every term knows its rivals."""
+        pairs = [[p, q] for i, p in enumerate(terms) for q in terms[:i] if p.joints & q.joints]
+        told = []
+        for group in [*([t] for t in terms), *pairs]:
+            rest = [t for t in terms if all(t is not g for g in group)]
+            fit, total = self.score.fit(rest, self.fit.level), 0.0
+            for i, g in enumerate(group):
+                beside = fit if i == 0 else self.score.fit(rest + group[:i], self.fit.level)
+                total += self.score.judged(beside, g.form, g.columns).J
+            joints = frozenset[int]().union(*(g.joints for g in group))
+            found = self.top_candidates(fit, rest, 4, joints)
+            if len(group) == 1:
+                told.append(replace(group[0], rivals=self.equivalent(group[0], total, found)))
+            own = {g.key for g in group}
+            other = self.simplest([t for t in found if self.margin(t.joints, rest) < t.J])
+            if other is None or other.key in own:
+                continue
+            least = APART + FORM * max(total, 0.0)
+            simpler = len(group) > 1 or simplicity(other.form) < simplicity(group[0].form)
+            if total + least < other.J or (total - least < other.J and simpler):
+                return self.settled([*rest, other])
+        self.terms = told
+        return None
+
+    @staticmethod
+    def equivalent(term: Term, J: float, found: Sequence[Term]) -> tuple[Term, ...]:
+        """The forms that these rows do not tell from a term that scores J."""
+        own = term.form
+
+        def rivals(t: Term) -> bool:
+            # A form with more to it, which does no better, does not speak against the plain one.
+            more = t.form.k + t.form.constants > own.k + own.constants or len(t.joints) > len(
+                term.joints
+            )
+            finer = own.key[0] in t.form.effect.refines
+            return J + (EQUIVALENT if more or finer else -EQUIVALENT) < t.J
+
+        return tuple(t for t in found if t.key != term.key and not t.form.own and rivals(t))
+
+    def run(self, progress: Callable[[str], None] = lambda _: None) -> list[Term]:
+        """Add, exchange, drop until nothing changes."""
+        seen = set[frozenset[str]]()
+        for _ in range(STEPS):
+            self.fit = self.score.fit(self.terms)
+            best = self.best(self.fit, self.terms)
+            if best is not None:
+                progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
+                self.terms = self.settled([*self.terms, best])
+            else:
+                other = self.exchanged(self.terms)
+                if other is None:
+                    break
+                self.terms = other
+            state = frozenset(t.form.effect.text for t in self.terms)
+            if state in seen:
+                break
+            seen.add(state)
+        self.fit = self.score.fit(self.terms)
+        return self.terms
 
 
-def reverted(found: Found, joints: Collection[int]) -> Found:
-    """The same findings beside the constants that the model was given on some joints."""
-    state, now = found.state, found.estimate
-    other = refitted_beside(now, state, given_again(found.first, now, joints))
-    stage = state.stage
-    rows = with_estimate(stage.rows, other)
-    stage = replace(
-        stage,
-        rows=rows,
-        columns=model_columns(rows, other, stage.frozen),
-        residual=rows.residual,
-        candidacy=Candidacy(rows, other.model, stage.frozen),
-    )
-    shapes = tuple(s for s in found.shapes if s.joint not in joints)
-    return Found(found.first, other, shapes, state.on(stage))
-
-
-def _plainer(again: SearchState, before: SearchState) -> bool:
-    """Whether fewer findings say as much, or as many say more, of the same rows and noise."""
-    other = again.with_noise(before.stage.noise)
-    better = before.fit.likelihood_gain(other.fit.joint_chi2)
-    return bool(better > -TOLD_APART * (len(before.picks) - len(again.picks)))
-
-
-def _lost(again: SearchState, before: SearchState) -> bool:
-    """Whether nothing is found any more although the constants do not explain what was found."""
-    left, had = (float(state.fit.joint_chi2.sum()) for state in (again, before))
-    return bool(before.picks) and not again.picks and left > _AS_WELL * had
+def simplicity(form: Form) -> tuple[bool, int, int, bool]:
+    """What the model has already, then fewest constants, fewest joints, what refines nothing else."""
+    freedom = form.k + form.constants
+    return not form.own, freedom, len(form.effect.joints), bool(form.effect.refines)

@@ -1,90 +1,116 @@
-"""How large a finding is, and how well that is known: with its shape, the kept model and gains in doubt.
+"""How large a finding is, and how well that is known: with the constants of all shapes, the gains of the
+torque channels and a model that is held fixed in doubt.
 
-Coefficients are those of least squares on white rows. Their covariance has a column for each shape
-constant of each pick (:mod:`~sdp_vs_penalty.estimation.shape_constants`), and what an error of a torque
-makes of them: of the gains of the channels, and of a model that is held fixed.
+Coefficients are least squares on white rows beside the model and all other findings. Their covariance is
+the sandwich A^-1 S A^-1 with a column for each shape constant
+(:mod:`~sdp_vs_penalty.estimation.shape_constants`) and S over the clusters of rows that make it largest,
+and at least that of independent rows.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.fit import WhiteFit
-from sdp_vs_penalty.diagnosis.stage import Stage, model_columns
-from sdp_vs_penalty.diagnosis.state import SearchState
+from sdp_vs_penalty.diagnosis.score import Fit, Term
+from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.whitening import WhiteData, model_columns
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_constants import (
-    ShapeSensitivity,
-    covariance_beside,
-    free_constants,
-)
+from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, free_constants, prior_deviation
 from sdp_vs_penalty.robot.arrays import Array
 
 
-def coefficients(state: SearchState, k: int, errors: Array) -> tuple[Array, Array]:
-    """The parameters (c,) of pick k beside the model and all other picks, and their covariance (c, c).
+@dataclass(frozen=True)
+class Size:
+    """beta (k,) with covariance (k, k) of an effect's parameters; constants : standard deviation of each
+    free shape constant, in its own scale (of its logarithm, or of the value)."""
 
-    errors (n M, e) : a factor of the covariance of white rows' torque, from :func:`torque_errors`.
-    """
-    fit = state.without(k).fit
-    fresh = fit.partialled(fit.scaled(state.picks[k].candidate.columns))
-    target, known = fit.residual, state.picks[k].candidate.effect.plausible
-    if known is not None:  # observations, below the rows
-        fresh, target = np.vstack([fresh, np.diag(1.0 / known)]), np.append(target, 0.0 * known)
-    beta = np.asarray(np.linalg.lstsq(fresh, target, rcond=1e-9)[0], float)
-    constants, errors = (_weighted(fit, rows) for rows in (_constants(state, k, beta), errors))
-    below = (0, len(target) - len(fit.residual)), (0, 0)
-    constants, errors = np.pad(constants, below), np.pad(errors, below)
-    covariance = covariance_beside(fresh, constants)
-    # Constants that stay on a grid are not where the loss is least: one more step shows by how much.
-    step = _response(fresh, constants, target[:, None]) - beta[:, None]
-    through = np.hstack([_response(fresh, constants, errors), step])
-    return beta, covariance + through @ through.T
+    beta: Array
+    covariance: Array
+    constants: dict[str, float]
 
 
-def _weighted(fit: WhiteFit, columns: Array) -> Array:
-    """Beside the model's columns, as rows are weighted."""
-    return fit.partialled(fit.scaled(columns)) if columns.shape[1] else columns
+def size_of_term(search: Search, term: Term, errors: Array) -> Size:
+    """errors (n, M, e) : a factor of the covariance of white rows' torque, from
+    :func:`torque_errors`."""
+    data, k = search.data, term.form.k
+    fit = search.score.fit([t for t in search.terms if t is not term], search.fit.level)
+    if term.form.own:
+        fit = search.score.without_own(fit, term.form) or fit
+    scaled = fit.scaled(term.columns)
+    columns = [fit.beside(scaled)]
+    energy = np.asarray(sum(np.sum(z**2, axis=0) for z in scaled.values()))
+    known = search.score.prior(fit, term.form, tuple(scaled), energy)
+    own = free_constants(term.form.effect)
+    for t in [term, *(t for t in search.terms if t is not term)]:
+        if free_constants(t.form.effect):
+            moved = data.columns(ShapeSensitivity(t.form.effect, t.beta))
+            if moved:
+                columns.append(fit.beside(fit.scaled(moved)))
+    T = np.concatenate(columns, axis=2)
+    prior = np.concatenate([known**-2.0, np.ones(T.shape[2] - k)])
+    A = np.tensordot(T, T, axes=((0, 1), (0, 1))) + np.diag(prior)
+    inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
+    beta = term.beta
+    left = fit.residual - T[:, :, :k] @ beta
+    inside = _factor(search, fit, T, left)
+    through = inverse @ np.hstack([inside, _torque(T, fit, errors)])
+    covariance = through @ through.T
+    least = inverse @ (A - np.diag(prior)) @ inverse
+    grown = np.maximum(np.diagonal(covariance), np.diagonal(least)) / np.maximum(
+        np.diagonal(covariance), 1e-300
+    )
+    covariance = covariance * np.sqrt(grown[:, None] * grown)
+    deviations = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))[k : k + len(own)]
+    constants = {
+        name: float(d * prior_deviation(term.form.effect, name))
+        for name, d in zip(own, deviations, strict=False)
+    }
+    return Size(beta, covariance[:k, :k], constants)
 
 
-def _response(columns: Array, constants: Array, errors: Array) -> Array:
-    """(c, e) what errors (N, e) of the torque do to the coefficients of columns beside constants."""
-    c, s = columns.shape[1], constants.shape[1]
-    everything = np.hstack([columns, constants])
-    information = everything.T @ everything
-    information[c:, c:] += np.eye(s)
-    return np.asarray(np.linalg.pinv(information, rcond=1e-12)[:c] @ (everything.T @ errors), float)
+def _factor(search: Search, fit: Fit, T: Array, left: Array) -> Array:
+    """(K, C) a factor of S, of the clusters that make it largest."""
+    scores = np.sum(T * left[:, :, None], axis=0)
+    best: Array | None = None
+    for labels in search.data.clusters:
+        u = np.zeros((int(labels.max()) + 1, T.shape[2]))
+        np.add.at(u, labels, scores)
+        # As many degrees of freedom as there are clusters, less those that the fit has taken.
+        count = len(u)
+        u *= np.sqrt(count / max(count - T.shape[2], 1.0))
+        if best is None or np.sum(u**2) > np.sum(best**2):
+            best = u.T
+    assert best is not None
+    return best
 
 
-def _constants(state: SearchState, k: int, beta: Array) -> Array:
-    """(n M, s) white columns of the shape constants of all picks; ``beta`` are pick k's parameters."""
-    judge, parts = state.stage.candidates, []
-    for i, pick in enumerate(state.picks):
-        effect = pick.candidate.effect
-        theta = beta if i == k else pick.candidate.beta
-        if free_constants(effect):
-            parts.append(judge.white_columns(ShapeSensitivity(effect, theta)))
-    rows = state.stage.rows
-    return np.hstack([np.zeros((rows.n * len(rows.t), 0)), *parts])
+def _torque(T: Array, fit: Fit, errors: Array) -> Array:
+    """(K, e) what errors of the torque (n, M, e) do to the normal equations."""
+    if not errors.shape[2]:
+        return np.zeros((T.shape[2], 0))
+    weighted = fit.beside({j: e for j, e in enumerate(errors / fit.level[:, None, None])})
+    return np.tensordot(T, weighted, axes=((0, 1), (0, 1)))
 
 
-def torque_errors(stage: Stage, estimate: Estimate, gain_errors: Array) -> Array:
-    """(n M, e) white rows of the torque that is in doubt before anything is searched.
+def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Array:
+    """(n, M, e) white rows of the torque that is in doubt before anything is searched.
 
     gain_errors (n, e) : a factor of the covariance of the channels' gains. A model that is held fixed
     brings its parameters' spread along, and what the same gains have made of them.
     """
-    known, rows = estimate.uncertainty, stage.rows
+    known, rows = estimate.uncertainty, data.rows
     n, M = rows.n, len(rows.t)
-    if not stage.frozen and not gain_errors.any():
-        return np.zeros((n * M, 0))
+    if not data.frozen and not gain_errors.any():
+        return np.zeros((n, M, 0))
     columns = model_columns(rows, estimate)
     parts = []
     for j in range(n):
         gains = -columns[j] @ known.gains
         gains[:, j] += rows.torque[:, j]
         part = gains @ gain_errors
-        if stage.frozen:
+        if data.frozen:
             part = np.hstack([part, -columns[j] @ known.spread])
-        parts.append(stage.noise.whiten(part, j, rows.pieces(j)))
-    return np.concatenate(parts)
+        parts.append(data.white(part, j))
+    return np.stack(parts)

@@ -30,7 +30,7 @@ from sdp_vs_penalty.diagnosis.causes import (
     states,
 )
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
-from sdp_vs_penalty.diagnosis.stage import clocks_of, phase_folds
+from sdp_vs_penalty.diagnosis.whitening import clocks_of, phase_folds
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.estimation.sources import as_estimate

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, Seen
+
+#: Drives state their gains to some per cent; beyond this, something else is wrong.
+_LARGEST = 0.3
 
 
 class TorqueGain(JointEffect):
@@ -25,3 +28,8 @@ class TorqueGain(JointEffect):
         out = torque.copy()
         out[:, list(self.joints)] /= 1.0 + theta
         return out
+
+    def looks_like(self, size: float, seen: Seen) -> str:
+        if abs(size) > _LARGEST:
+            return f"a gain that is off by {100.0 * abs(size):.0f} % is rather a wrong ratio or unit"
+        return super().looks_like(size, seen)

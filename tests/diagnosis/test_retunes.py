@@ -13,11 +13,10 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.own_shapes import refitted_beside
+from sdp_vs_penalty.diagnosis.library import own_forms
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
-from sdp_vs_penalty.diagnosis.stage import prepare
-from sdp_vs_penalty.diagnosis.state import SearchState
+from sdp_vs_penalty.diagnosis.whitening import prepare
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -57,10 +56,13 @@ def test_known_gains_enter_the_columns_of_a_constant_once(estimate: Estimate, ru
     model = Model(estimate.robot, estimate.model.effects, gains=(0.8, 1.0, 1.2, 1.5))
     known = replace(estimate, model=model)
     rows = diagnosis_rows(run, known, known.preprocessing.resolve(run))
-    state = SearchState.start(prepare(rows, known, frozen=False, seed=0))
-    same = [ShapeEstimate("coulomb_friction", j, "v_s", 0.01, 0.01, 0.0, 0.0, False) for j in range(4)]
-    with_columns_anew, as_it_was = (refitted_beside(known, state, found) for found in (same, []))
-    np.testing.assert_allclose(with_columns_anew.theta, as_it_was.theta, rtol=1e-6, atol=1e-9)
+    data = prepare(rows, known)
+    for form in own_forms(known):
+        if form.effect.shape["v_s"] == 0.016:
+            (joint,) = form.effect.joints
+            model_s, (place,) = data.X[joint], form.own
+            own = data.columns(form.effect.with_shape(v_s=0.01))[joint]
+            np.testing.assert_allclose(own[:, 0], model_s[:, place], rtol=1e-6, atol=1e-9)
 
 
 def test_no_effect_is_named_for_a_wrong_constant(found: Diagnosis) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from effect_contract import Array, wide_columns
 
-from sdp_vs_penalty.diagnosis.explanations import size_of
+from sdp_vs_penalty.diagnosis.sentences import size_of
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.problem.load import load_problem

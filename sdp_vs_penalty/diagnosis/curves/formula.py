@@ -1,43 +1,38 @@
-"""Recognition: the simplest law of a small dictionary that a curve is.
+"""Recognition: the simplest law of a small dictionary that a curve is, by the score of all other forms.
 
-A law a g(x; b) is put into the curve's own splines, c_g, and fitted through their compressed factors:
-a = c_g's / c_g'D c_g, with what the model's own columns can make left open. The best of these, which
-splines may only hold roughly (a sign, a wave that is short), are fitted once more on the rows
-themselves. Of those that gain on data left out what the curve gains and stay within its band, unless
-they gain more than the curve, which is then too coarse for them, the simplest is named that explains
-about as much as any.
+A law a g(x; b) is put into the curve's own splines, c_g, and scored through their products:
+a = c_g's / c_g'D c_g. The best of these are fitted once more on the rows themselves. Of those that score
+about as much as the curve does, the simplest that explains about as much as any is named.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.curves.bases import Basis
-from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
 from sdp_vs_penalty.diagnosis.curves.laws import Law, dictionary
-from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gain
+from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit
+from sdp_vs_penalty.diagnosis.score import Score
+from sdp_vs_penalty.diagnosis.search import EQUIVALENT, FORM
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
 
-#: How many laws are fitted on the rows themselves, and their constants where a law explains there such a
-#: share of what the best does.
-_EXACT, _LIKELY = 8, 0.8
+#: How many laws are fitted on the rows themselves.
+_EXACT = 6
 #: White energy of a law's column, per unit of its amplitude, below which rows do not see it.
 _UNSEEN = 1e-9
 #: Steps to the best constants.
 _STEPS = 7
-#: Share of the points of a curve at which a law lies in its band: where few measurements lie, the
-#: smoothing shows. The band is at least so wide, as a share of the curve from peak to peak: a strong
-#: torque shows also that its model is not perfect. So much of the curve's gain a law may lose, and of
-#: what another law explains.
-_INSIDE, _NEAR, _LOST, _ALIKE = 0.95, 0.05, 0.1, 0.02
+
+#: Columns (M, ...) of a law with constants on the rows.
+OnRows = Callable[[Law, Array], Array]
 
 
 @dataclass(frozen=True)
@@ -57,58 +52,36 @@ class LawFit:
         """(P,) torque at points (P, v)."""
         return np.asarray(self.law.columns(points, self.constants) @ self.amplitudes)
 
-    def cost(self, count: float) -> float:
-        """-chi2 + (constants) log M (Schwarz 1978)."""
-        return -self.chi2 + self.size * np.log(max(count, 2.0))
 
-
-@dataclass(frozen=True)
-class Recognised:
-    """A law as it fits the rows, with the columns (M, m) of its amplitudes, their factors and prior, and
-    its coefficients (k,) in the splines."""
-
-    fit: LawFit
-    columns: Array
-    factors: Factors
-    P: Array
-    coefficients: Array
-
-    @cached_property
-    def gain(self) -> float:
-        """On data left out, with its constants, its amplitudes from the others."""
-        return held_out_gain(self.factors, self.P)
-
-
-def recognised(f: Fitted, look: Look, most: int = _EXACT, exact: bool = True) -> list[Recognised]:
-    """Of the ``most`` likely laws those that gain about what a curve gains; exact : with constants that
-    were fitted on the rows too."""
+def recognised(f: SplineFit, on_rows: OnRows, score: Score, looked: int) -> list[tuple[float, LawFit]]:
+    """The likely laws, each with its score, fitted on the rows; on_rows(law, constants) : their columns
+    (M, ...) there, not white."""
     scan = _scan(f.basis)
 
     def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
-        return _normal(scan.coefficients(law, constants), f.factors)
+        return _normal(scan.coefficients(law, constants), f.columns)
 
-    def on_rows(law: Law, constants: Array) -> tuple[Array, Array]:
-        columns = look.law(law.columns, constants, f)
-        white, each = look.white(columns.reshape(len(columns), -1), f.joint), columns.shape[1]
-        found = Factors.several(look.fit, white, f.joint, each)
-        return np.array([x.D for x in found]), np.array([x.s for x in found])
+    def rated(fit: LawFit) -> float:
+        return f.columns.score(fit.chi2, fit.size, looked)
 
-    def at(law: Law, constants: Array) -> Recognised:
-        columns, factors, P = of_amplitudes(law, constants, f, look)
-        a, chi2 = _amplitudes(factors.D[None], factors.s[None])
-        return Recognised(LawFit(law, a[0], constants, float(chi2[0])), columns, factors, P, a[0])
-
-    rough = sorted(scan.fitted(f.factors), key=lambda r: r.cost(f.factors.count))[:most]
-    on_row = [at(r.law, _refined(r, in_splines).constants) for r in rough]
-    enough = _LIKELY * max((r.fit.chi2 for r in on_row), default=0.0)
+    rough = sorted(scan.fitted(f.columns), key=rated, reverse=True)[:_EXACT]
     found = []
-    for r in (r for r in on_row if r.fit.chi2 >= enough):
-        if exact and len(r.fit.constants):
-            r = at(r.fit.law, _refined(r.fit, on_rows).constants)
-        if r.gain >= (1.0 - _LOST) * max(f.gain, 0.0):
-            own = scan.coefficients(r.fit.law, r.fit.constants[:, None])[0]
-            found.append(replace(r, coefficients=r.fit.amplitudes @ own))
-    return found
+    for law in (_refined(r, in_splines) for r in rough):
+        raw = on_rows(law.law, law.constants)
+        own = Columns.of(score, f.columns.fit, score.data.white(raw, f.joint), f.joint, robust=False)
+        a, chi2 = _amplitudes(own.D[None], own.s[None])
+        exact = LawFit(law.law, a[0], law.constants, float(chi2[0]))
+        found.append((rated(exact), exact))
+    return sorted(found, key=lambda r: -r[0])
+
+
+def law_of(laws: Sequence[tuple[float, LawFit]], f: SplineFit) -> LawFit | None:
+    """The simplest law that scores about what the best does, and the curve; None where none does."""
+    top = max([f.J, *(J for J, _ in laws)])
+    alike = [(J, law) for J, law in laws if top - EQUIVALENT - FORM * top < J]
+    if not alike:
+        return None
+    return min(alike, key=lambda r: (r[1].size, -r[0]))[1]
 
 
 @dataclass(frozen=True)
@@ -127,7 +100,7 @@ class _Scan:
             values = np.tensordot(values, inverse, axes=(0, 1))
         return values.reshape(*values.shape[:2], -1)
 
-    def fitted(self, factors: Factors) -> list[LawFit]:
+    def fitted(self, factors: Columns) -> list[LawFit]:
         """Each law at the start that explains most."""
         out = []
         for law, c in self.laws:
@@ -152,41 +125,14 @@ def _scan(basis: Basis) -> _Scan:
     return out
 
 
-def _normal(c: Array, f: Factors) -> tuple[Array, Array]:
+def _normal(c: Array, f: Columns) -> tuple[Array, Array]:
     """Matrices (S, m, m) and right sides (S, m) of the normal equations of amplitudes of coefficients
     (S, m, k)."""
     weighed = (c.reshape(-1, c.shape[2]) @ f.D).reshape(c.shape)
     return weighed @ c.transpose(0, 2, 1), c @ f.s
 
 
-def law_of(
-    laws: Sequence[Recognised], f: Fitted, look: Look, half: Callable[[], Array]
-) -> LawFit | None:
-    """The simplest law, or None where none of the dictionary lies within the band; half : makes half of
-    its width (P,), where measurements lie."""
-    passed = [r.fit for r in laws if r.gain > f.gain]
-    if len(passed) < len(laws):
-        at = f.basis.at(*look.variables.supported(f.basis).T) @ f.projector
-        torque = at @ f.smooth.c
-        wide = np.maximum(half(), _NEAR * np.ptp(torque))
-        apart = (np.abs(at @ r.coefficients - torque) <= wide for r in laws)
-        pairs = zip(laws, apart, strict=True)
-        passed = [r.fit for r, near in pairs if r.gain > f.gain or np.mean(near) >= _INSIDE]
-    if not passed:
-        return None
-    most = max(fit.chi2 for fit in passed)
-    alike = [fit for fit in passed if fit.chi2 >= (1.0 - _ALIKE) * most]
-    return min(alike, key=lambda fit: (fit.size, -fit.chi2))
-
-
-def of_amplitudes(law: Law, constants: Array, f: Fitted, look: Look) -> tuple[Array, Factors, Array]:
-    """Columns (M, m) of a law's amplitudes, their factors and their prior."""
-    columns = look.law(law.columns, constants, f)
-    factors = Factors.of(look.fit, look.white(columns, f.joint), f.joint)
-    return columns, factors, factors.priors((), np.zeros((1, 0)))[0]
-
-
-def written(law: LawFit, f: Fitted, torque_units: Sequence[str]) -> str:
+def written(law: LawFit, f: SplineFit, torque_units: Sequence[str]) -> str:
     """The law as text with units."""
     unit = plain_unit(torque_units[f.joint])
     units = {v: Variable.parse(v).unit(torque_units) for v in f.basis.of}

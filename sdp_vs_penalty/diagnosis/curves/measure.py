@@ -1,200 +1,219 @@
-"""From what a search leaves to findings: which joints, instead of which stand-ins, with which band."""
+"""Curves of the joints on which something without a name is left: which variables, instead of which
+findings, and the law that it may be. One score decides, the one of all other forms."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.curves.bases import Variables
-from sdp_vs_penalty.diagnosis.curves.choose import FoundCurve, cost, search_curves
-from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
-from sdp_vs_penalty.diagnosis.curves.fitted import unmeasured
-from sdp_vs_penalty.diagnosis.curves.formula import written
-from sdp_vs_penalty.diagnosis.curves.held_out import Judge, TestRun, known_floor
-from sdp_vs_penalty.diagnosis.findings import Finding
-from sdp_vs_penalty.diagnosis.ladder import TOLD_APART
-from sdp_vs_penalty.diagnosis.parsimony import LAW
-from sdp_vs_penalty.diagnosis.stage import MISFIT
-from sdp_vs_penalty.diagnosis.state import SearchState
-from sdp_vs_penalty.diagnosis.verdict import Remainder
-from sdp_vs_penalty.effects.curve_variable import Variable
-from sdp_vs_penalty.effects.effect import Effect, follows_alone
-from sdp_vs_penalty.signals.noise import RESIDUAL
+from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
+from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
+from sdp_vs_penalty.diagnosis.curves.formula import LawFit, law_of, recognised, written
+from sdp_vs_penalty.diagnosis.curves.laws import Law
+from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit, band, smoothed
+from sdp_vs_penalty.diagnosis.library import Form
+from sdp_vs_penalty.diagnosis.score import Term
+from sdp_vs_penalty.diagnosis.search import APART, EQUIVALENT, FORM, Search
+from sdp_vs_penalty.effects.effect import follows_alone
+from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Curves of a joint that are fitted on exact columns, and curves of a joint at most.
+_CLOSE, _MOST = 4, 2
+
+
+#: The score of a curve, the curve, and the law that it is.
+_Rated = tuple[float, SplineFit, LawFit | None]
 
 
 @dataclass(frozen=True)
 class Measured:
-    """curves, in the order of adding; replaced : places of the picks for which they stand instead."""
+    """A curve as an effect: table, and by fold the values that the other folds' rows make; replaced :
+    the terms that it stands instead of; J : score."""
 
-    curves: tuple[Curve, ...] = ()
-    replaced: frozenset[int] = frozenset()
+    fitted: SplineFit
+    law: LawFit | None
+    table: MeasuredCurve
+    by_fold: tuple[MeasuredCurve, ...]
+    variables: Variables
+    replaced: tuple[Term, ...]
+    J: float
+
+    @property
+    def joint(self) -> int:
+        return self.fitted.joint
+
+    def told(self, seed: int, share: float, before: float, after: float) -> Curve:
+        """For a reader; share : of the error beyond noise that it explains on data left out; before,
+        after : held-out errors of its joint."""
+        f, robot = self.fitted, self.table.robot
+        points = self.variables.supported(f.basis)
+        grid = f.basis.at(*points.T)
+        torque, half = grid @ f.coefficients, band(f, grid, seed)
+        filled, beyond = points[:0], np.zeros(0)
+        if self.law is not None:
+            torque, filled = self.law.at(points), unmeasured(f.basis, points)
+            beyond = self.law.at(filled)
+        single = points.shape[1] == 1
+        return Curve(
+            f.joint + 1,
+            f.basis.of,
+            points[:, 0] if single else points,
+            torque,
+            torque - half,
+            torque + half,
+            share,
+            None if self.law is None else written(self.law, f, robot.torque_units),
+            before,
+            after,
+            filled[:, 0] if single else filled,
+            beyond,
+        )
+
+
+def in_parts(search: Search) -> list[int]:
+    """Joints (from 0) on which two terms or more follow nothing but its position: parts, perhaps, of one
+    function of it."""
+    parts = [
+        next(iter(t.joints))
+        for t in search.terms
+        if len(t.joints) == 1 and follows_alone(t.form.effect, "q")
+    ]
+    return sorted({j for j in parts if parts.count(j) > 1})
 
 
 def measured_curves(
-    state: SearchState, left: Remainder, doubted: Sequence[int] = (), test: TestRun | None = None
-) -> Measured:
-    """The curves of those joints on which the search leaves error that repeats, or that it doubts, and
-    those that stand instead of two findings or more.
-
-    left : what is known of the rest; where nothing repeats, so that nothing is, all joints are looked
-    at. doubted : joints (from 0) whose findings are no physical causes. test : filtered rows of a test
-    run with the model attached, for the held-out errors; without one they are those of folds. What a
-    search without curves has named on such a joint is kept, unless curves without it explain the joint
-    better by the Bayesian information criterion (Schwarz 1978) and no worse on data left out, but for
-    chance where every curve is a law; where what follows the position is doubted, unless curves explain
-    it up to its noise.
-    """
-    rows, model = state.stage.rows, state.stage.candidacy.model
-    variables = Variables(rows, model.robot, [*model.effects, *state.effects])
-    doubtful = {*doubted, *_not_seen_to_repeat(state, variables)}
-    nothing_known = state.stage.noise.source == RESIDUAL
-    unexplained = doubtful.union(range(rows.n) if nothing_known else left.joints)
-    joints = sorted(unexplained.union(_several(state)))
-    if not joints:
-        return Measured()
-    places = list(range(len(state.picks)))
-    judge, every, replaced = Judge.of(state, test), list[Curve](), set[int]()
-    for joint in joints:
-        told: _Searched = state, [], judge.beside(state)
-        if joint in unexplained:  # else nothing is left beside what was named
-            told = search_curves(state, variables, joint, judge)
-        named = [p.candidate for p, _ in zip(state.picks, places, strict=False)]
-        # What acts on other joints as well is not replaced by a curve of this one.
-        acting = state.stage.candidates.acting
-        own = [k for k, h in enumerate(named) if acting[h.key] == {joint} == set(h.effect.joints)]
-        if joint in doubtful:  # a function of the position in parts; what else is named stays
-            own = [k for k in own if follows_alone(named[k].effect, "q")] or own
-        if own and (instead := _instead(state, variables, joint, own, judge, told, joint in doubtful)):
-            told = instead
-            replaced |= {places[k] for k in own}
-            places = [place for k, place in enumerate(places) if k not in own]
-        state, found, judge = told
-        every += map(_told, found)
-    return Measured(tuple(every), frozenset(replaced))
-
-
-#: A state with the curves of a joint, these, and what judges them.
-_Searched = tuple[SearchState, list[FoundCurve], Judge]
-
-
-def _instead(
-    state: SearchState,
-    variables: Variables,
-    joint: int,
-    own: Sequence[int],
-    judge: Judge,
-    told: _Searched,
-    doubted: bool,
-) -> _Searched | None:
-    """The curves that stand in the place of a joint's ``own`` picks, if that is better than ``told``."""
-    beside, found, judged = told
-    bare = state.with_picks([p for k, p in enumerate(state.picks) if k not in own])
-    shown = _followed([state.effects[k] for k in own], joint)
-    alone, instead, other = search_curves(bare, variables, joint, judge, shown)
-    better = cost(beside, joint, found) - cost(alone, joint, instead) > TOLD_APART
-    if all(f.law for f in instead):
-        better = better and not judged.surely_below(other, joint)
-    else:  # a shape that nothing recognises has no credit of its own
-        better = better and other.error(joint) <= judged.error(joint)
-    if doubted and _explains(alone, joint):
-        better |= other.error(joint) <= np.sqrt(MISFIT) * judged.error(joint)
-    if not better or any(_renamed(state, own, f) for f in instead):
-        return None
-    return (alone, instead, other) if instead else None
-
-
-def _renamed(state: SearchState, own: Sequence[int], found: FoundCurve) -> bool:
-    """Whether a curve is the torque of one of the picks again, as far as any law holds."""
-    others = state.with_picks([p for k, p in enumerate(state.picks) if k not in own]).fit
-    curve = others.partialled(others.scaled(state.stage.candidates.white_columns(found.effect)))
-    for k in own:
-        named = others.partialled(others.scaled(state.picks[k].candidate.columns))
-        left = curve - named @ np.linalg.lstsq(named, curve, rcond=None)[0]
-        if np.sum(left**2) <= LAW * np.sum(curve**2):
-            return True
-    return False
-
-
-def _not_seen_to_repeat(state: SearchState, variables: Variables) -> list[int]:
-    """Joints (from 0) of which two findings or more follow the position alone, one of them a wave that
-    the motion does not go through often enough to show that it repeats: parts of a sum, perhaps; or one
-    wave of which less than one was travelled."""
-    out = []
-    for j in range(state.stage.rows.n):
-        own = [p.candidate.effect for p in state.picks if p.candidate.key[1] == j]
-        parts = [e for e in own if follows_alone(e, "q")]
-        waves = [Variable("phase", j, order=e.waves) for e in parts if e.waves is not None]
-        least = {} if len(parts) > 1 else {"turns": 1.0}
-        if not all(variables.turned(w, **least) for w in waves):
-            out.append(j)
+    search: Search, left: Sequence[int], parts: Sequence[int], fold: NDArray[np.intp]
+) -> list[Measured]:
+    """The curves of joints (from 0) on which something is ``left``, each beside all terms or instead of
+    those of its joint alone; and of joints whose terms may be ``parts`` of one, instead of them.
+    fold (M,) : for the values without each fold."""
+    data, model = search.data, search.data.estimate.model
+    effects = [*model.effects, *(t.form.effect for t in search.terms)]
+    variables = Variables(data.rows, model.robot, effects)
+    out: list[Measured] = []
+    terms = list(search.terms)
+    for joint in dict.fromkeys([*left, *parts]):
+        for _ in range(_MOST):
+            own = [t for t in terms if t.joints == {joint} and not _is_curve(t)]
+            rest = [t for t in terms if all(t is not o for o in own)]
+            beside = _best(search, terms, joint, variables) if joint in left else None
+            alone = _best(search, rest, joint, variables) if own else None
+            if alone is not None and _instead(own, alone, beside):
+                beside, terms = alone, rest
+            else:
+                own = []
+            if beside is None:
+                break
+            _, f, law = beside
+            found = _measured(search, f, law, variables, fold, tuple(own))
+            out.append(found)
+            terms.append(_term(search, found))
     return out
 
 
-def _several(state: SearchState) -> list[int]:
-    """Joints (from 0) on which two findings or more act alone: parts of one law, perhaps."""
-    acting = state.stage.candidates.acting
-    alone = [acting[p.candidate.key] for p in state.picks]
-    count = Counter(j for own in alone if len(own) == 1 for j in own)
-    return [j for j, k in count.items() if k > 1]
+def _instead(own: Sequence[Term], alone: _Rated, beside: _Rated | None) -> bool:
+    """Whether a curve alone stands in the place of a joint's terms: where these need a curve besides, or
+    have more constants than its law, it only has to be as good."""
+    J, _, law = alone
+    named = sum(t.J for t in own) + (0.0 if beside is None else beside[0])
+    least = EQUIVALENT + FORM * named
+    simpler = law is not None and law.size < sum(t.form.k + t.form.constants for t in own)
+    return named + (-least if beside is not None or simpler else least) < J
 
 
-def _followed(effects: Sequence[Effect], joint: int) -> frozenset[tuple[str, ...]]:
-    """What all of these follow alone: the position or the velocity of their joint (from 0)."""
-    words: tuple[Literal["q", "dq"], ...] = ("q", "dq")
-    return frozenset(
-        (Variable(w, joint).name,) for w in words if all(follows_alone(e, w, joint) for e in effects)
+def _is_curve(term: Term) -> bool:
+    return isinstance(term.form.effect, MeasuredCurve)
+
+
+def _term(search: Search, found: Measured) -> Term:
+    """The curve as a term beside which the next one is looked for."""
+
+    form = Form((found.table.text, found.joint), found.table)
+    return Term(form, search.data.columns(found.table), found.J, np.ones(1), np.zeros((1, 1)))
+
+
+def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variables) -> _Rated | None:
+    """The curve of a joint that scores most beside some terms, with its law."""
+    fit, data, score = search.score.fit(terms, search.fit.level), search.data, search.score
+    every = [b for v in variables.of(joint) if (b := variables.basis(v)) is not None]
+    gains = np.ones(data.n) if data.rows.gains is None else np.array(data.rows.gains)
+
+    def fitted(basis: Basis, raw: Array, robust: bool) -> SplineFit:
+        raw = gains[joint] * raw
+        columns = Columns.of(score, fit, data.white(raw, joint), joint, robust)
+        return smoothed(basis, raw, columns, len(every))
+
+    rough = sorted((fitted(b, variables.coarse(b), False) for b in every), key=lambda f: -f.J)
+    close = [f for n in (1, 2) for f in [f for f in rough if len(f.basis.axes) == n][: _CLOSE // 2]]
+    exact = [fitted(f.basis, variables.exact(f.basis), True) for f in close if f.J > APART]
+
+    def on_rows(law: Law, constants: Array, basis: Basis) -> Array:
+        parts = []
+        for s in data.rows.segments:
+            points = np.column_stack([a.variable.along(s.motion) for a in basis.axes])
+            parts.append(s.low_pass @ law.columns(points, constants))
+        return gains[joint] * np.concatenate(parts)
+
+    rated: list[_Rated] = []
+    for f in exact:
+        laws = recognised(f, lambda law, b, f=f: on_rows(law, b, f.basis), score, len(every))  # type: ignore[misc]
+        law = law_of(laws, f)
+        best = max([f.J, *(J for J, own in laws if own is law)])
+        rated.append((best, f, law))
+    rated = [r for r in rated if r[0] > _needed(search, terms, joint)]
+    if not rated:
+        return None
+    top = max(r[0] for r in rated)
+    alike = [r for r in rated if r[0] > top - EQUIVALENT - FORM * top]
+    return min(alike, key=lambda r: (len(r[1].basis.axes), r[2] is None, -r[0]))
+
+
+def _needed(search: Search, terms: Sequence[Term], joint: int) -> float:
+    return search.margin((joint,), terms)
+
+
+def _measured(
+    search: Search,
+    f: SplineFit,
+    law: LawFit | None,
+    variables: Variables,
+    fold: NDArray[np.intp],
+    replaced: tuple[Term, ...],
+) -> Measured:
+    robot, points = search.data.estimate.robot, variables.supported(f.basis)
+    measured = len(points)
+    if law is None:
+        values = f.basis.at(*points.T) @ f.coefficients
+        grid, columns, P = f.basis.at(*points.T) @ f.projector, f.columns, f.P
+    else:
+        points = np.vstack([points, unmeasured(f.basis, points)])
+        values, grid = law.at(points), law.law.columns(points, law.constants)
+        parts = [
+            s.low_pass
+            @ law.law.columns(
+                np.column_stack([a.variable.along(s.motion) for a in f.basis.axes]), law.constants
+            )
+            for s in search.data.rows.segments
+        ]
+        raw = np.concatenate(parts)
+        columns = Columns.of(
+            search.score, f.columns.fit, search.data.white(raw, f.joint), f.joint, robust=False
+        )
+        P = 1e-9 * np.trace(columns.raw) * np.eye(len(columns.s))
+    table = table_effect(robot, f.joint, f.basis.of, points, values, measured)
+    coefficients = columns.without_fold(fold, P)
+    by_fold = tuple(
+        table_effect(robot, f.joint, f.basis.of, points, grid @ c, measured) for c in coefficients
     )
+    return Measured(f, law, table, by_fold, variables, replaced, f.J)
 
 
-def stood_in(findings: tuple[Finding, ...], measured: Measured) -> tuple[Finding, ...]:
-    """The findings; those that curves stand instead of are weak, and cannot be told apart from one; what
-    curves were measured beside belongs to them, whatever it is doubted for."""
-    if not measured.curves:
-        return findings
-    out = []
-    for k, f in enumerate(findings):
-        rivals = tuple(r for r in f.indistinguishable_from if r != CURVE)
-        if k in measured.replaced:
-            said = (*f.remarks, "a measured curve explains the joint better without it")
-            f = replace(f, confidence="weak", remarks=said)
-            rivals = (*rivals, CURVE)
-        out.append(replace(f, indistinguishable_from=rivals))
-    return tuple(out)
-
-
-def _explains(state: SearchState, joint: int) -> bool:
-    """Whether what is left of a joint is little more than noise."""
-    fit = state.fit
-    return bool(
-        fit.joint_chi2[joint] < MISFIT * fit.degrees[joint] * fit.weighting.noise_variance[joint]
-    )
-
-
-def _told(found: FoundCurve) -> Curve:
-    """A curve as it is told."""
-    f, law, half = found.fitted, found.law, found.half
-    points = found.look.variables.supported(f.basis)
-    torque, filled, beyond = f.basis.at(*points.T) @ f.coefficients, points[:0], np.zeros(0)
-    if law is not None and found.whole:
-        filled = unmeasured(f.basis, points)
-        torque, beyond = law.at(points), law.at(filled)
-    units = found.look.state.stage.candidacy.model.robot.torque_units
-    single = points.shape[1] == 1
-    return Curve(
-        f.joint + 1,
-        f.basis.of,
-        points[:, 0] if single else points,
-        torque,
-        torque - half,
-        torque + half,
-        found.held_out.share(known_floor(found.look.noise, f.joint)),
-        None if law is None else written(law, f, units),
-        found.held_out.before,
-        found.held_out.after,
-        filled[:, 0] if single else filled,
-        beyond,
-    )
+def unmeasured(basis: Basis, points: Array) -> Array:
+    """(P', v) the points of a basis's grid that are not among ``points`` (P, v)."""
+    have = {tuple(p) for p in points.tolist()}
+    left = [p for p in basis.points.tolist() if tuple(p) not in have]
+    return np.reshape(left, (-1, points.shape[1]))

@@ -1,0 +1,73 @@
+"""The model with other constants of its own shapes, and a search carried on beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.library import Form, Library
+from sdp_vs_penalty.diagnosis.refit import weighting_of
+from sdp_vs_penalty.diagnosis.rows import with_estimate
+from sdp_vs_penalty.diagnosis.score import Term
+from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.whitening import whitened
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate, with_shapes
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.regression.regression import compress
+
+
+def adopted(estimate: Estimate, shapes: Sequence[ShapeEstimate], measurements: Measurements) -> Estimate:
+    """The model with other shape constants, refitted by least squares."""
+    model = replace(estimate.model, effects=with_shapes(estimate.model.effects, shapes))
+    regression = compress(measurements, model, estimate.preprocessing)
+    theta = make_task(estimate.problem, model, regression, weighting_of(estimate)).ols
+    return replace(estimate, model=model, theta=theta)
+
+
+def carried(search: Search, estimate: Estimate) -> Search:
+    """The same findings beside the model with its new constants: in the columns that this one makes,
+    each judged again; a finding that only mended the old constants goes."""
+    data = search.data
+    rows = with_estimate(data.rows, estimate)
+    data = whitened(rows, data.noise, estimate, data.frozen)
+    named = [t for t in search.terms if not t.form.own]
+    acts = {t.key: t.joints for t in named}
+    out = Search(data, Library((), (), {**search.library.acts, **acts}))
+    out.terms = [
+        Term(t.form, data.columns(t.form.effect), t.J, t.beta, t.covariance, t.rivals) for t in named
+    ]
+    out.fit = out.score.fit(out.terms)
+    out.terms = out.settled(out.terms)
+    out.fit = out.score.fit(out.terms)
+    return out
+
+
+def limited(search: Search, terms: Sequence[Term]) -> Search:
+    """The search with some of its terms only, each judged beside those."""
+    out = Search(search.data, search.library)
+    fit = out.score.fit(terms)
+    found = []
+    for t in terms:
+        others = out.score.fit([x for x in terms if x is not t], fit.level)
+        again = out.score.judged(others, t.form, t.columns)
+        found.append(replace(again, rivals=t.rivals))
+    out.terms, out.fit = found, fit
+    return out
+
+
+def in_order(terms: Sequence[Term]) -> list[Term]:
+    """Those that explain most first; a finer form of an effect comes after the plainer."""
+    out = sorted(terms, key=lambda t: -t.J)
+    for term in list(out):
+        place = next(k for k, t in enumerate(out) if t is term)
+        plainer = [k for k, t in enumerate(out) if _refines(term.form, t.form)]
+        if plainer and max(plainer) > place:
+            out.insert(max(plainer), out.pop(place))
+    return out
+
+
+def _refines(finer: Form, plainer: Form) -> bool:
+    """Whether an effect declares that it is a finer form of another, on the same joint."""
+    return plainer.key[1] == finer.key[1] and plainer.key[0] in finer.effect.refines

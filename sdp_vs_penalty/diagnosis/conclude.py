@@ -1,0 +1,255 @@
+"""From the end of a search to a diagnosis: verdict, findings, what is left and what happened once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
+from sdp_vs_penalty.diagnosis.curves.measure import Measured
+from sdp_vs_penalty.diagnosis.events import events, outliers
+from sdp_vs_penalty.diagnosis.findings import (
+    EFFECT_MISSING,
+    NOTHING_MISSING,
+    UNKNOWN,
+    Diagnosis,
+    Finding,
+    Invisible,
+)
+from sdp_vs_penalty.diagnosis.held_out import HeldOut
+from sdp_vs_penalty.diagnosis.reasons import INVISIBLE, REASONS, Evidence, reasons
+from sdp_vs_penalty.diagnosis.remaining import Remainder, remainder, residual_beside
+from sdp_vs_penalty.diagnosis.retunes import retunes
+from sdp_vs_penalty.diagnosis.score import Term
+from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.sentences import remarks, sentence, size_of
+from sdp_vs_penalty.diagnosis.sizes import size_of_term, torque_errors
+from sdp_vs_penalty.diagnosis.where_it_fails import carriers
+from sdp_vs_penalty.diagnosis.whitening import spread_columns
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
+from sdp_vs_penalty.robot.arrays import Array
+
+#: A finding that lowers no joint's held-out error by this share is minor where no repetition shows the
+#: noise.
+MINOR = 0.01
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search came to: first : the model as it was given; estimate : with the constants of its own
+    that explain most; shapes : those constants; search : the findings beside it, in order; held_out : of
+    all terms, of which ``offered`` are these; before (n,) : errors of the model as given."""
+
+    first: Estimate
+    estimate: Estimate
+    shapes: tuple[ShapeEstimate, ...]
+    search: Search
+    held_out: HeldOut
+    offered: tuple[int, ...]
+    before: Array
+    curves: tuple[OfferedCurve, ...] = ()
+
+
+@dataclass(frozen=True)
+class OfferedCurve:
+    """A curve; before : held-out error of its joint without it, errors (n,) : with it."""
+
+    curve: Measured
+    before: float
+    errors: Array
+
+
+@dataclass(frozen=True)
+class Left:
+    """What a model leaves: residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it;
+    rest."""
+
+    residual: Array
+    odd: NDArray[np.bool_]
+    rest: Remainder
+
+    @property
+    def matters(self) -> tuple[int, ...]:
+        return self.rest.matters
+
+
+def what_is_left(search: Search) -> Left:
+    """Of the rows beside all terms of a search."""
+    data, fit = search.data, search.fit
+    none = np.zeros((data.n, len(data.rows.t), 0))
+    columns = [spread_columns(data.rows, t.form.effect) for t in search.terms]
+    residual = residual_beside(data, np.concatenate([none, *columns], axis=2))
+    odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
+    return Left(residual, odd, remainder(data, fit, residual, odd))
+
+
+def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: int) -> Diagnosis:
+    """The diagnosis. gain_errors (n, e) : a factor of the covariance of the torque channels' gains;
+    new_share : of the test run's motion; seed : of the draws of a curve's band."""
+    search, data = found.search, found.search.data
+    rows, noise, fit = data.rows, data.noise, search.fit
+    known = what_is_left(search)
+    left, white = known.rest, fit.residual * fit.level[:, None]
+    happened = events(data, white, known.residual, known.matters)
+    ladder = [found.held_out.errors(found.offered[:k]) for k in range(len(found.offered) + 1)]
+    errors = np.array([e.every for e in ladder])
+    retuned = retunes(found.shapes, found.estimate.robot, found.before, errors[0])
+    doubt = torque_errors(data, found.estimate, gain_errors)
+    every = [_finding(found, k, term, errors, left, doubt) for k, term in enumerate(search.terms)]
+    minor = [
+        data.noise.source != "repetition" and _minor(errors[k], errors[k + 1]) for k in range(len(every))
+    ]
+    every = _stood_in(found, every)
+    findings = tuple(f for f, m in zip(every, minor, strict=True) if not m)
+    beside = tuple(replace(f, confidence="minor") for f, m in zip(every, minor, strict=True) if m)
+    curves = _told(found, seed)
+    verdict = UNKNOWN if left.matters or curves else EFFECT_MISSING if findings else NOTHING_MISSING
+    return Diagnosis(
+        verdict,
+        findings,
+        noise.floor,
+        invisible_effects(search),
+        tuple(happened),
+        noise.source,
+        left.share,
+        errors[-1],
+        rows.cutoff,
+        remarks(data, left, ladder[-1], found.held_out.source, new_share),
+        found.before if retuned else errors[0],
+        found.held_out.source,
+        data.frozen,
+        new_share,
+        retuned,
+        curves,
+        tuple(carriers(rows, known.residual, left.matters)),
+        tuple((j + 1, float(left.beyond[j])) for j in left.matters),
+        beside,
+    )
+
+
+def _told(found: Found, seed: int) -> tuple[Curve, ...]:
+    out, noise = [], found.search.data.noise
+    for k, o in enumerate(found.curves):
+        j, after = o.curve.joint, float(o.errors[o.curve.joint])
+        floor = float(noise.floor[j]) if found.search.data.known else 0.0
+        excess = max(o.before**2 - floor**2, 1e-300)
+        share = float(np.clip((o.before**2 - after**2) / excess, 0.0, 1.0))
+        out.append(o.curve.told(seed + k, share, o.before, after))
+    return tuple(out)
+
+
+def _stood_in(found: Found, findings: Sequence[Finding]) -> list[Finding]:
+    """The findings; those that curves stand instead of are weak, and cannot be told apart from one."""
+    gone = {id(t) for o in found.curves for t in o.curve.replaced}
+    return [
+        replace(
+            f,
+            confidence="weak",
+            remarks=(*f.remarks, REASONS["curve"]),
+            indistinguishable_from=(*f.indistinguishable_from, CURVE),
+        )
+        if id(t) in gone
+        else f
+        for f, t in zip(findings, found.search.terms, strict=True)
+    ]
+
+
+def _minor(before: Array, after: Array) -> bool:
+    return bool(np.all(after > (1.0 - MINOR) * before))
+
+
+def _finding(
+    found: Found,
+    k: int,
+    term: Term,
+    errors: Array,
+    left: Remainder,
+    doubt: Array,
+) -> Finding:
+    search, effect = found.search, term.form.effect
+    known = size_of_term(search, term, doubt)
+    size, std = size_of(effect, known.beta, known.covariance)
+    joints = () if effect.whole_robot else tuple(j + 1 for j in effect.joints)
+    rivals = tuple(dict.fromkeys(_rival_name(term.form.effect, r.form.effect) for r in term.rivals))
+    raw = spread_columns(search.data.rows, effect)
+    torque = np.sqrt(np.mean((raw @ known.beta) ** 2, axis=1))
+    whole = np.sqrt(np.mean(search.data.rows.torque**2, axis=0))
+    prior = effect.plausible
+    absorbed, shared = _shares(search, term)
+    weak = reasons(
+        Evidence(
+            effect,
+            size,
+            std,
+            term.J,
+            bool(rivals),
+            errors[k],
+            errors[k + 1],
+            left.beyond if left.known else np.zeros(search.data.n),
+            tuple(sorted(term.joints)),
+            absorbed,
+            shared,
+            float(np.max(torque / np.maximum(whole, 1e-300))),
+            0.0 if prior is None else float(np.sqrt(np.mean((known.beta / prior) ** 2))),
+            search.data.rows.seen(effect.joints[0]),
+        )
+    )
+    return Finding(
+        effect.name,
+        joints,
+        dict(effect.shape),
+        size,
+        effect.parameters[effect.sized_by][0].unit,
+        std,
+        {p.name: float(b) for p, b in zip(effect.parameters, known.beta, strict=True)},
+        "weak" if weak else "confident",
+        rivals,
+        errors[k],
+        errors[k + 1],
+        sentence(effect, size, std, rivals),
+        effect.text,
+        term.J,
+        tuple(weak.values()),
+        effect.constants,
+    )
+
+
+def _rival_name(own: Effect, other: Effect) -> str:
+    """The rival's name; with its joint, or its constants, where that alone would be the finding's."""
+    if other.name == own.name:
+        return other.text if other.joints == own.joints else f"{other.name}:{other.joints[0] + 1}"
+    return other.name
+
+
+def _shares(search: Search, term: Term) -> tuple[float, float]:
+    """Of a term's energy what the model's columns make, and what other terms make besides."""
+    parts = []
+    for others in ([], [t for t in search.terms if t is not term]):
+        fit = search.score.fit(others, search.fit.level)
+        parts.append(float(np.sum((fit.beside(fit.scaled(term.columns)) @ term.beta) ** 2)))
+    whole = sum(
+        float(np.sum((z @ term.beta / search.fit.level[j]) ** 2)) for j, z in term.columns.items()
+    )
+    alone, beside = parts
+    return 1.0 - alone / max(whole, 1e-300), 1.0 - beside / max(alone, 1e-300)
+
+
+def invisible_effects(search: Search) -> tuple[Invisible, ...]:
+    """Candidates whose energy the model's own columns absorb, whatever their shape."""
+    if search.data.frozen:
+        return ()
+    fit, shares = search.score.fit(()), dict[tuple[str, int | None], float]()
+    for batch in search.library.batches:
+        absorbed = search.score.absorbed(fit, batch)
+        for form, share in zip(batch.forms, absorbed.tolist(), strict=True):
+            shares[form.key] = min(shares.get(form.key, 1.0), share)
+    return tuple(
+        Invisible(name, () if joint is None else (joint + 1,), share)
+        for (name, joint), share in shares.items()
+        if share > INVISIBLE
+    )

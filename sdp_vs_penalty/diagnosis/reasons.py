@@ -1,0 +1,87 @@
+"""Why a finding is weak: one list of named reasons, from which confidence follows, and the legend is
+made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sdp_vs_penalty.diagnosis.search import APART
+from sdp_vs_penalty.effects.effect import Effect, Seen
+from sdp_vs_penalty.robot.arrays import Array
+
+#: What is said of a weak finding, by the name of the reason; a finding with none is confident.
+REASONS: Mapping[str, str] = {
+    "rivals": "another effect fits as well",
+    "uncertain": "its size is uncertain by > 20 %",
+    "small": "its gain is small",
+    "not_held_out": "no joint's held-out error falls by 0.1 %",
+    "more_left": "more error is left on its joints than it explains",
+    "shared": "other findings share most of its torque: only their sum is known",
+    "absorbed": "the model's own parameters make nearly all of its torque",
+    "implausible": "its size is not plausible",
+    "looks_like": "something else looks so",
+    "curve": "a measured curve explains the joint better",
+}
+#: Relative standard deviation of a size from which it is uncertain.
+_UNCERTAIN = 0.2
+#: Share by which a held-out error has to fall.
+_FALLS = 0.001
+#: Share of an effect's energy that the model makes, from which nobody sees it beside the model; and that
+#: other findings make, from which its size is not its own: standard deviations are then 32 and 2.2 times
+#: as large as alone, 1 / sqrt(1 - share).
+INVISIBLE, _SHARED = 0.999, 0.8
+#: A torque is not plausible that is larger (RMS) than all of its joint's, and a size that is so many
+#: standard deviations from what its effect says of it.
+_TORQUE, _FAR = 1.0, 3.0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What is known of a finding. size, std; J : score; rivals : whether there are any; before, after
+    (n,) : held-out errors of the ladder's step, left (n,) : what remains beyond the noise at its end;
+    joints : on which it acts; absorbed, shared : shares of its energy; torque : its RMS over its
+    joint's, the largest; plausible : the sizes' ratio to what the effect says is plausible, the
+    largest."""
+
+    effect: Effect
+    size: float
+    std: float
+    J: float
+    rivals: bool
+    before: Array
+    after: Array
+    left: Array
+    joints: tuple[int, ...]
+    absorbed: float
+    shared: float
+    torque: float
+    plausible: float
+    seen: Seen
+
+
+def reasons(e: Evidence) -> dict[str, str]:
+    """The reasons that hold, with what is said of each."""
+    on = list(e.joints)
+    explained = float(np.sum(np.maximum(e.before[on] ** 2 - e.after[on] ** 2, 0.0)))
+    looks_like = e.effect.looks_like(e.size, e.seen)
+    holds = {
+        "rivals": e.rivals,
+        "uncertain": not e.std <= _UNCERTAIN * abs(e.size),
+        "small": not e.J > 2.0 * APART,
+        "not_held_out": not np.any(e.after[on] < (1.0 - _FALLS) * e.before[on]),
+        "more_left": bool(explained < np.sum(e.left[on] ** 2)),
+        "shared": e.shared > _SHARED,
+        "absorbed": e.absorbed > INVISIBLE,
+        "implausible": e.torque > _TORQUE or e.plausible > _FAR,
+        "looks_like": bool(looks_like),
+    }
+    said = {**REASONS, "looks_like": looks_like}
+    return {name: said[name] for name, true in holds.items() if true}
+
+
+def legend() -> str:
+    """What `weak` means, in one sentence."""
+    return f"weak = at least one of: {'; '.join(REASONS.values())}"

@@ -1,0 +1,106 @@
+"""Sentences of physics, sizes and remarks of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sdp_vs_penalty import show
+from sdp_vs_penalty.diagnosis.held_out import Errors
+from sdp_vs_penalty.diagnosis.remaining import Remainder
+from sdp_vs_penalty.diagnosis.show import repeatability_warning
+from sdp_vs_penalty.diagnosis.whitening import WhiteData
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
+
+#: Below this share of all rows' error that of motion is told apart.
+_MOSTLY = 0.5
+
+
+def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, float]:
+    """One number for the size of an effect, and its standard deviation.
+
+    The parameter that the effect is sized by, with its sign; the norm where it is several.
+    """
+    b, c = beta[effect.sized_by], covariance[effect.sized_by, effect.sized_by]
+    if len(b) == 1:
+        return float(b[0]), float(max(c[0, 0], 0.0) ** 0.5)
+    size = float(np.linalg.norm(b))
+    if size == 0.0:
+        return 0.0, float(np.sqrt(np.trace(c)))
+    direction = b / size
+    return size, float(max(float(direction @ c @ direction), 0.0) ** 0.5)
+
+
+def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> str:
+    """What was found, in one or two sentences."""
+    unit = show.plain_unit(effect.parameters[effect.sized_by][0].unit)
+    where = (
+        "the whole robot"
+        if effect.whole_robot
+        else "joint " + "+".join(str(j + 1) for j in effect.joints)
+    )
+    amount = f"{size:.4g} ± {std:.1g} {unit}".rstrip()
+    head = f"{effect.name} on {where}: {amount}"
+    head += f" ({effect.constants})" if effect.constants else ""
+    text = f"{head}. {effect.explanation} {effect.remark(size)}".rstrip()
+    if rivals:
+        text += f" Indistinguishable in these data from {', '.join(rivals)}."
+    return text
+
+
+def remarks(
+    data: WhiteData, left: Remainder, errors: Errors, held_out: str, new_share: float | None
+) -> tuple[str, ...]:
+    """Sentences about the diagnosis as a whole."""
+    found = [_noise(data.noise.source), _standstill(errors)]
+    if data.noise.source == REPETITION:
+        found.append(_turning(left))
+    found.append(repeatability_warning(new_share) or "")
+    if held_out == "folds":
+        found.append(
+            "Held-out errors come from folds by the phase of the motion: sizes from the other folds, "
+            "the choice of effects and constants from all rows. A test run (--test) judges both."
+        )
+    return tuple(text for text in found if text)
+
+
+def _noise(source: str) -> str:
+    if source == REPETITION:
+        return ""
+    if source == RESIDUAL:
+        return (
+            "No motion repeats and the log shows nothing above the motion's band, so noise and model "
+            "error cannot be separated: the noise shown is the error itself. Record a run with more "
+            "than one period."
+        )
+    return (
+        "No motion repeats: the noise is that of the torque's spectrum above the motion's band, right "
+        "within 30 %. Record a run with more than one period to know it better."
+    )
+
+
+def _standstill(errors: Errors) -> str:
+    """Where most of the error is of standstill."""
+    mostly = [int(j) + 1 for j in np.flatnonzero(errors.moving < _MOSTLY * errors.every)]
+    if not mostly:
+        return ""
+    said = ", ".join(f"{errors.moving[j - 1]:.2g}" for j in mostly)
+    return (
+        f"Most of the held-out error of {show.joints(mostly)} is of standstill, where dry friction "
+        f"holds any torque up to its own: in motion it is {said} N m or N."
+    )
+
+
+def _turning(left: Remainder) -> str:
+    """Where most of what is left is of slow joints."""
+    slow = np.flatnonzero((left.slow > left.floor) & (left.slow > 2.0 * left.beyond))
+    if not len(slow):
+        return ""
+    errors = ", ".join(f"{left.slow[j]:.2g}" for j in slow)
+    return (
+        f"At low speed of {show.joints((slow + 1).tolist())}, {errors} N m or N RMS are left beyond the "
+        "noise: near reversals friction models are least accurate."
+    )

@@ -1,0 +1,224 @@
+"""White rows: the log's rows in units of their noise, the model's own columns on them, and their
+clusters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
+from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, spectral_floor
+from sdp_vs_penalty.signals.phases import MotionClock, PhaseFolds, motion_clocks
+from sdp_vs_penalty.signals.repetition import is_part
+from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
+
+#: Clusters of rows: stretches of time in all runs, and stretches of each motion's phase. 30 to 60 are
+#: what cluster-robust variances need (Cameron, Miller, J. Human Resources 2015, sec. VI).
+TIME_CLUSTERS, PHASE_CLUSTERS = 60, 40
+
+
+@dataclass(frozen=True)
+class WhiteData:
+    """Rows whose noise is white and of unit variance, joint by joint.
+
+    X (n, M, p), y (n, M) : the model's own columns and the torque, or what a frozen model leaves, white;
+    clusters : (M,) labels, by time and by phase; count (n,) : rows that carry information; frozen : X
+    has no columns.
+    """
+
+    rows: SegmentedRuns
+    noise: Noise
+    estimate: Estimate
+    X: Array
+    y: Array
+    clusters: tuple[NDArray[np.intp], ...]
+    count: Array
+    frozen: bool
+
+    @property
+    def n(self) -> int:
+        return self.rows.n
+
+    @property
+    def known(self) -> bool:
+        """Whether the size of the noise is known, rather than taken from what the model leaves."""
+        return self.noise.source != RESIDUAL
+
+    @cached_property
+    def raw(self) -> Array:
+        """(n, M, p) the model's own columns, not white."""
+        return model_columns(self.rows, self.estimate, self.frozen)
+
+    def white(self, columns: Array, joint: int) -> Array:
+        """(M, ...) columns of one joint's torque, white."""
+        return self.noise.whiten(columns, joint, self.rows.pieces(joint))
+
+    def columns(self, effect: Effect) -> dict[int, Array]:
+        """(M, k) white columns of an effect, of each joint whose torque it changes."""
+        out = {}
+        for block in self.rows.blocks(effect):
+            full = filled(block.columns, block.parameters, len(effect.parameters))
+            out[block.joint] = self.white(full, block.joint)
+        return out
+
+    def masked(self, off: NDArray[np.bool_]) -> WhiteData:
+        """The same with rows (M, n) switched off."""
+        return whitened(
+            self.rows.with_masked(off | ~self.rows.keep), self.noise, self.estimate, self.frozen
+        )
+
+
+def prepare(
+    rows: SegmentedRuns, estimate: Estimate, frozen: bool = False, whole: SegmentedRuns | None = None
+) -> WhiteData:
+    """White rows with a model attached; whole : what the noise is measured in, if not these."""
+    noise = noise_of(rows, whole)
+    if noise.source == RESIDUAL:
+        # A colour would be that of the model's error, and hide what is looked for.
+        noise = replace(noise, ar=np.zeros_like(noise.ar), sigma=noise.floor)
+        if (floor := spectral_floor(rows)) is not None:
+            floor = np.minimum(floor, noise.floor)
+            noise = replace(noise, floor=floor, sigma=floor, source=SPECTRUM)
+    if noise.suspect.any():
+        rows = rows.with_masked(noise.suspect)
+    return whitened(rows, noise, estimate, frozen, whole)
+
+
+def whitened(
+    rows: SegmentedRuns,
+    noise: Noise,
+    estimate: Estimate,
+    frozen: bool,
+    whole: SegmentedRuns | None = None,
+) -> WhiteData:
+    """The same where the noise is known."""
+    X, y = white_rows(rows, noise, model_columns(rows, estimate, frozen), rows.residual)
+    if not frozen:  # the torque itself: some of the model's own columns may be replaced
+        y = y + X @ estimate.theta
+    by_phase = stretches(rows, PHASE_CLUSTERS, whole)[1]
+    return WhiteData(
+        rows, noise, estimate, X, y, (time_clusters(rows), by_phase), informative(rows, noise), frozen
+    )
+
+
+def white_rows(
+    rows: SegmentedRuns, noise: Noise, columns: Array, residual: Array
+) -> tuple[Array, Array]:
+    """White columns (n, M, p) and residual (n, M) from (n, M, p) and (M, n)."""
+    white, target = np.zeros(columns.shape), np.zeros(columns.shape[:2])
+    for j in range(rows.n):
+        pieces = rows.pieces(j)
+        white[j] = noise.whiten(columns[j], j, pieces)
+        target[j] = noise.whiten(residual[:, j], j, pieces)
+    return white, target
+
+
+def filled(columns: Array, parameters: NDArray[np.intp], k: int) -> Array:
+    """(M, k) columns of all parameters of an effect, zero where it has none."""
+    if columns.shape[1] == k and np.all(np.diff(parameters) > 0):
+        return columns
+    out = np.zeros((len(columns), k))
+    out[:, parameters] = columns
+    return out
+
+
+def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:
+    """(n, M, k) columns of one effect on all joints, not white."""
+    out = np.zeros((rows.n, len(rows.t), len(effect.parameters)))
+    for block in rows.blocks(effect):
+        out[block.joint][:, block.parameters] = block.columns
+    return out
+
+
+def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False) -> Array:
+    """(n, M, p) filtered columns of the model's own parameters; none of a frozen model's."""
+    if frozen:
+        return np.zeros((rows.n, len(rows.t), 0))
+    out, model = np.zeros((rows.n, len(rows.t), len(estimate.theta))), estimate.model
+    if not model.needs_reference:
+        for effect, indices in zip(model.effects, model.indices, strict=True):
+            for block in rows.blocks(effect):
+                out[block.joint][:, indices[block.parameters]] += block.columns
+        return out
+    first = 0
+    for segment in rows.segments:
+        M = len(segment.t)
+        bare = replace(segment.motion, torque=None, current=None)
+        for joint, c in enumerate(model.columns(bare)):
+            out[joint, first : first + M][:, c.indices] += segment.low_pass @ c.columns
+        first += M
+    return out
+
+
+def informative(rows: SegmentedRuns, noise: Noise) -> Array:
+    """(n,) rows that carry information: behind the past that whitening needs, each by its worth."""
+    return np.array([noise.worth[rows.pieces(j).predicted, j].sum() for j in range(rows.n)])
+
+
+def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:
+    """(M,) labels of stretches of equal length within runs, of half a second at least."""
+    run, t = rows.run, rows.t
+    spans = [np.ptp(t[run == r]) for r in np.unique(run)]
+    length = max(0.5, sum(spans) / TIME_CLUSTERS)
+    label, count = np.zeros(len(t), np.intp), 0
+    for r, span in zip(np.unique(run), spans, strict=True):
+        mine = run == r
+        pieces = max(1, round(span / length))
+        edges = np.linspace(t[mine][0], t[mine][-1], pieces + 1)[1:-1]
+        label[mine] = count + np.searchsorted(edges, t[mine], side="right")
+        count += pieces
+    return np.unique(label, return_inverse=True)[1]
+
+
+def clocks_of(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> dict[int, MotionClock]:
+    """The clock of each run's motion by the run's index; that of the whole that a run is a window of."""
+    windows = _longest(rows)
+    measured = windows if whole is None else _longest(whole)
+    clocks = motion_clocks([(s.t_dense, s.q_dense) for s in measured.values()])
+    if whole is None:
+        return dict(zip(measured, clocks, strict=True))
+    out = {}
+    for run, window in windows.items():
+        pairs = zip(clocks, measured.values(), strict=True)
+        found = [clock for clock, segment in pairs if is_part(window, segment)]
+        if not found:
+            return clocks_of(rows)
+        out[run] = found[0]
+    return out
+
+
+def _longest(rows: SegmentedRuns) -> dict[int, Segment]:
+    """The longest segment of each run, by the run's index."""
+    out: dict[int, Segment] = {}
+    for segment in rows.segments:
+        if segment.run not in out or len(segment.t) > len(out[segment.run].t):
+            out[segment.run] = segment
+    return out
+
+
+def stretches(
+    rows: SegmentedRuns, count: int, whole: SegmentedRuns | None = None
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(M,) folds, each one stretch of every motion's clock; and (M,) labels of stretch and motion."""
+    fold, motion = np.zeros((2, len(rows.t)), np.intp)
+    for run, clock in clocks_of(rows, whole).items():
+        mine = rows.run == run
+        fold[mine] = PhaseFolds((clock,), count).fold(0, rows.t[mine])
+        motion[mine] = clock.motion
+    return fold, np.unique(motion * count + fold, return_inverse=True)[1]
+
+
+def phase_folds(rows: SegmentedRuns, clocks: dict[int, MotionClock]) -> NDArray[np.intp]:
+    """(M,) five folds by phase, each of two stretches of every motion's clock: training data surround
+    it."""
+    out = np.zeros(len(rows.t), np.intp)
+    for run, clock in clocks.items():
+        mine = rows.run == run
+        out[mine] = PhaseFolds((clock,), 10).fold(0, rows.t[mine])
+    return out % 5

@@ -1,0 +1,156 @@
+"""The score against plain least squares, and what it promises."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+
+from sdp_vs_penalty.diagnosis.library import Batch, Form
+from sdp_vs_penalty.diagnosis.score import ALPHA, Fit, Score, _bounded, orthonormal
+
+n, M, p = 2, 300, 5
+
+
+def form(k: int = 1, lower: float = -np.inf, own: tuple[int, ...] = (), name: str = "made") -> Form:
+    effect: Any = SimpleNamespace(
+        parameters=[SimpleNamespace(lower=lower)] * k, plausible=None, searched=(), shapes={}
+    )
+    return Form((name, 0), effect, own)
+
+
+def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
+    """Rows of two joints with a model of five columns, and a column z of joint 1 that makes ``size``."""
+    rng = np.random.default_rng(seed)
+    X, z = rng.normal(size=(n, M, p)), rng.normal(size=M)
+    y = X @ rng.normal(size=p) + rng.normal(size=(n, M))
+    y[0] += size * z
+    clusters = (np.arange(M) // 10, np.arange(M) % 30)
+    data = SimpleNamespace(X=X, y=y, n=n, clusters=clusters, count=np.full(n, float(M)), known=True)
+    return data, z[:, None]
+
+
+def plain(data: Any, fit: Fit, z: np.ndarray | None = None, drop: tuple[int, ...] = ()) -> np.ndarray:
+    """(n, M) what least squares leave of weighted rows."""
+    A = np.delete(data.X, drop, axis=2)
+    if z is not None:
+        own = np.zeros((n, M, z.shape[1]))
+        own[0] = z
+        A = np.concatenate([A, own], axis=2)
+    A, y = A / fit.level[:, None, None], data.y / fit.level[:, None]
+    flat = A.reshape(n * M, -1)
+    return y - (flat @ np.linalg.lstsq(flat, y.ravel(), rcond=None)[0]).reshape(n, M)
+
+
+def test_a_fit_is_least_squares_on_weighted_rows() -> None:
+    data, z = made(size=1.0)
+    score = Score(data, 10)
+    fit = score.fit(())
+    np.testing.assert_allclose(fit.residual, plain(data, fit), atol=1e-9)
+    both = score.fit([score.judged(fit, form(), {0: z})])
+    np.testing.assert_allclose(both.residual, plain(data, both, z), atol=1e-9)
+    assert np.sum(both.degrees) == pytest.approx(n * M - p - 1, abs=1e-6)
+
+
+def test_the_score_is_the_coarsened_drop_less_its_price() -> None:
+    data, z = made(size=1.0)
+    score = Score(data, 50)
+    fit = score.fit(())
+    term = score.judged(fit, form(), {0: z})
+    left = plain(data, fit, z)
+    drop = fit.deviance(fit.rss) - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
+    assert term.beta[0] == pytest.approx(1.0, abs=0.2)
+    # It makes no more torque than there is: a prior that is worth a part of one row.
+    drop -= float(term.beta[0] ** 2 * np.sum(z**2) / np.sum(data.y[0] ** 2))
+    T = fit.beside(fit.scaled({0: z}))[:, :, 0]
+    sums = [np.bincount(c, np.sum(T * left, axis=0)) for c in data.clusters]
+    v = max(1.0, *(float(s @ s) / np.sum(T**2) for s in sums)) + fit.degrees[0] / ALPHA
+    expected = drop / v - np.log(fit.degrees[0] / v) - 2.0 * np.log(50)
+    assert pytest.approx(expected, rel=1e-2) == term.J
+
+
+def test_noise_is_not_taken_for_an_effect() -> None:
+    rng, highest = np.random.default_rng(1), []
+    for seed in range(20):
+        data, _ = made(seed)
+        score = Score(data, 100)
+        fit = score.fit(())
+        terms = [score.judged(fit, form(), {0: rng.normal(size=(M, 1))}) for _ in range(100)]
+        highest.append(max(t.J for t in terms))
+    assert max(highest) < 0.0
+
+
+def test_more_rows_of_a_law_that_is_only_nearly_right_do_not_make_it_sure() -> None:
+    """Twice the rows at the same error are not twice the evidence: the likelihood is coarsened."""
+    data, z = made(size=0.2)
+    twice = SimpleNamespace(
+        **{**vars(data), "X": np.tile(data.X, (1, 8, 1)), "y": np.tile(data.y, (1, 8))}
+    )
+    twice.count, twice.clusters = 8 * data.count, tuple(np.tile(c, 8) for c in data.clusters)
+    scores = []
+    for d, own in ((data, z), (twice, np.tile(z, (8, 1)))):
+        score = Score(d, 10)
+        scores.append(score.judged(score.fit(()), form(), {0: own}).J)
+    assert scores[1] < 2.5 * max(scores[0], 10.0)
+
+
+def test_an_own_constant_is_judged_in_the_place_of_the_models_column() -> None:
+    data, z = made()
+    data.X[1, :, 1] = 0.0
+    theta = np.where(np.arange(p) == 1, 0.0, 1.0)
+    data.y = data.X @ theta + np.random.default_rng(3).normal(size=(n, M))
+    data.y[0] += 2.0 * z[:, 0]  # what should be in the place of the model's second column
+    score = Score(data, 10, owned=[(1,)])
+    fit = score.fit(())
+    term = score.judged(fit, form(own=(1,)), {0: z})
+    left = plain(data, fit, z, drop=(1,))
+    drop = fit.deviance(fit.rss) - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
+    assert term.J > 100.0
+    assert drop > 0.0
+    again = score.fit([term])
+    np.testing.assert_allclose(again.residual, plain(data, again, z, drop=(1,)), atol=1e-8)
+
+
+def test_what_the_model_makes_itself_is_no_candidate() -> None:
+    data, _ = made()
+    score = Score(data, 10)
+    fit = score.fit(())
+    columns = {j: data.X[j][:, :1] for j in range(n)}
+    assert np.isneginf(score.judged(fit, form(), columns).J)
+    batch = Batch((0, 1), (form(),), np.stack([columns[0], columns[1]]))
+    assert score.absorbed(fit, batch)[0] == pytest.approx(1.0)
+
+
+def test_screening_is_the_drop_of_the_squared_error() -> None:
+    data, z = made(size=0.5)
+    score = Score(data, 10)
+    fit = score.fit(())
+    other = np.random.default_rng(4).normal(size=(M, 1))
+    batch = Batch((0,), (form(), form()), np.hstack([z, other])[None])
+    values = score.screened(fit, batch)
+    drop = np.sum(fit.residual**2) - np.sum(plain(data, fit, z) ** 2)
+    assert values[0] == pytest.approx(drop - np.log(fit.degrees[0]), rel=1e-2)
+    assert values[1] < 0.0 < values[0]
+
+
+@pytest.mark.parametrize("k", [1, 2, 4])
+def test_signs_of_physics_hold(k: int) -> None:
+    rng = np.random.default_rng(k)
+    Z, y = rng.normal(size=(50, k)), rng.normal(size=50)
+    expected = nnls(Z, y)[0]
+    np.testing.assert_allclose(_bounded(Z.T @ Z, Z.T @ y, [True] * k), expected, atol=1e-8)
+    free = _bounded(Z.T @ Z, Z.T @ y, [False] * k)
+    np.testing.assert_allclose(free, np.linalg.lstsq(Z, y, rcond=None)[0], atol=1e-8)
+
+
+def test_a_basis_spans_its_columns_whatever_their_units() -> None:
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(80, 4)) * np.array([1e-6, 1.0, 1e6, 1.0])
+    A = np.column_stack([A, A @ np.array([1e6, 1.0, 0.0, 2.0]), np.zeros(80)])
+    Q = orthonormal(A)
+    assert Q.shape == (80, 4)
+    np.testing.assert_allclose(Q.T @ Q, np.eye(4), atol=1e-10)
+    np.testing.assert_allclose(Q @ (Q.T @ A), A, rtol=1e-6, atol=1e-8)
