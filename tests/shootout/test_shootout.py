@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from sdp_vs_penalty.shootout.judge import (
 )
 from sdp_vs_penalty.shootout.nursery import in_child
 from sdp_vs_penalty.shootout.reference import Reference, reference
-from sdp_vs_penalty.shootout.results import table_text
+from sdp_vs_penalty.shootout.results import Results, table_text
 from sdp_vs_penalty.solvers import clarabel, verified
 
 CONTESTANTS = contestants()
@@ -395,3 +396,17 @@ def test_written_intervals_contain_what_was_proved() -> None:
         assert low <= value <= high
         assert gap >= abs(value)
         assert high - low <= 3e-9 * abs(value)
+
+
+def test_the_sentence_on_solvers_is_what_the_runs_say() -> None:
+    """results/README.md names figures of results/shootout/runs.csv; who changes one changes both."""
+    results = Path(__file__).parents[2] / "results"
+    rows = Results(results / "shootout").rows
+    table = {row["solver"]: row for row in pages.ranking(rows)}
+    text = " ".join((results / "README.md").read_text().split())
+    default, first = table["lmi-sdp"], table["clarabel"]
+    right = [r for r in rows if r["solver"] == "lmi-sdp" and r["class"] == "right"]
+    assert f"right on all {first['right']} problems" in text
+    assert f"in {1e3 * first['seconds']:.0f} ms each" in text
+    assert f"{1e3 * default['seconds']:.0f} ms (median of these {default['problems']})" in text
+    assert f"right on all {len(right)} problems" in text
