@@ -296,7 +296,9 @@ def joint_fit(
     s = grams[0].shape[0] - int(widths[0])
     total, right, back = np.zeros((s, s)), np.zeros(s), []
     for g, c, k, w in zip(grams, crosses, widths.tolist(), weights, strict=True):
-        own = g[:k, :k] + 1e-6 * np.trace(g[:k, :k]) / max(k, 1) * np.eye(k)
+        # A joint that rests in these rows has nothing of its own there.
+        ridge = max(1e-6 * float(np.trace(g[:k, :k])) / max(k, 1), 1e-280)
+        own = g[:k, :k] + ridge * np.eye(k)
         solved = np.linalg.solve(own, np.column_stack([g[:k, k:], c[:k]])) if k else np.zeros((0, s + 1))
         total += w * (g[k:, k:] - g[k:, :k] @ solved[:, :-1])
         right += w * (c[k:] - g[k:, :k] @ solved[:, -1])

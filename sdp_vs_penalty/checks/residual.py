@@ -30,7 +30,7 @@ UNRELATED = 0.25
 _CONTRADICTS, _AT_LEAST = 6.0, 0.02
 #: Instants, as shares of the log, at which it is cut in two; and for each joint the natural logarithm of
 #: the energy by which two arms in turn must explain it better than two in stripes (as many parameters).
-_CUTS, _STRIPES, _TWO = np.linspace(0.2, 0.8, 13), 20, 0.5
+_CUTS, _STRIPES, _TWO = np.linspace(0.2, 0.8, 13), 20, 1.5
 #: A one-off event is a peak of the error so many times any other one, that lasts at most so long [s].
 _PEAK, _WIDTH = 3.0, 1.0
 

@@ -248,6 +248,15 @@ class Search:
 
 
 def _same_fit(a: Repair, b: Repair) -> bool:
-    """Whether two repairs differ in signs of torques and the direction of time alone."""
-    one, other = (replace(r, reversed=False, gain=tuple(abs(g) for g in r.gain)) for r in (a, b))
+    """Whether two repairs differ in signs alone: of torques, of gravity, of the direction of time."""
+    one, other = (
+        replace(r, reversed=False, gain=tuple(map(abs, r.gain)), gravity=_unsigned(r.gravity))
+        for r in (a, b)
+    )
     return one == other
+
+
+def _unsigned(gravity: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The same or the opposite vector, whichever is larger in the first place where they differ."""
+    x, y, z = gravity
+    return max(gravity, (-x, -y, -z))

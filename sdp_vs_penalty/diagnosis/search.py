@@ -23,7 +23,7 @@ FORM = 0.04
 #: Candidates that are looked at closely, and steps at most.
 LOOKED_AT, STEPS = 10, 30
 #: Shape constants are refined on a lattice: ratio of neighbours at first, and how often it is halved.
-_FIRST, _HALVINGS = 1.6, 3
+_FIRST, _HALVINGS = 1.6, 5
 #: Of a candidate's laws (choices among which nothing is refined) those that take at least this share of
 #: what its best one takes are looked at.
 _LIKELY = 0.9

@@ -49,7 +49,9 @@ class Results:
         self.rows: list[Row] = []
         if self.path.exists():
             self._read()
-        elif folder.is_dir() and any(not p.name.startswith(".") for p in folder.iterdir()):
+        elif folder.is_dir() and any(
+            not p.name.startswith((".", "references.json")) for p in folder.iterdir()
+        ):
             raise InputError(
                 "holds other files and no runs.csv", "give --out an empty or a new folder", folder
             )
