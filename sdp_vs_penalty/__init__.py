@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.version import __version__
@@ -29,7 +27,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.problem.convert import convert as convert
     from sdp_vs_penalty.problem.load import load_problem as load_problem
     from sdp_vs_penalty.problem.problem import Problem as Problem
-    from sdp_vs_penalty.report import report as report
+    from sdp_vs_penalty.reports import report as report
     from sdp_vs_penalty.simulation.follow import follow as follow
     from sdp_vs_penalty.simulation.hidden_runs import simulate as simulate
 
@@ -53,7 +51,7 @@ _HOME = {
     "load_problem": "problem.load",
     "Measurements": "data.measurements",
     "Problem": "problem.problem",
-    "report": "report",
+    "report": "reports",
     "simulate": "simulation.hidden_runs",
     "where_it_fails": "diagnosis.where_it_fails",
 }
@@ -62,18 +60,6 @@ __all__ = [
     "effects",
     *_HOME,
 ]
-
-
-class _Door(ModuleType):
-    """Two verbs share their names with the folders that hold them: here the name is the verb."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        # Python binds every imported subpackage to its parent; `check`, `report` stay free.
-        if not (name in _HOME and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Door
 
 
 def __getattr__(name: str) -> Any:

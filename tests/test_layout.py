@@ -17,7 +17,7 @@ PACKAGE = ROOT.name
 ORDER = (
     "version", "errors", "show", "files", "parallel", "registration", "robot",
     "constraints", "data", "effects", "signals", "problem", "regression", "solvers", "estimators",
-    "estimation", "exporters", "diagnosis", "simulation", "checks", "shootout", "report", "page",
+    "estimation", "exporters", "diagnosis", "simulation", "checks", "shootout", "reports", "page",
     "paper", "cli", "__main__",
 )  # fmt: skip
 #: The front door: re-exports for users, and nothing inside goes through it.

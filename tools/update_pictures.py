@@ -13,7 +13,7 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-from sdp_vs_penalty.report.demo import demo
+from sdp_vs_penalty.reports.demo import demo
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.report.pictures import shades
-from sdp_vs_penalty.report.plots import (
+from sdp_vs_penalty.reports.pictures import shades
+from sdp_vs_penalty.reports.plots import (
     COLOURS,
     SIGNALS,
     Curves,

@@ -36,7 +36,7 @@ from sdp_vs_penalty.page.steps.take_away import FILES, LOAD, MADE, MORE
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
 from sdp_vs_penalty.page.workshop import Work, Workshop
-from sdp_vs_penalty.report.pictures import LOOK as PICTURES
+from sdp_vs_penalty.reports.pictures import LOOK as PICTURES
 
 #: Tried first, so that the page can be bookmarked.
 PORT = 8137

@@ -14,7 +14,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.state import METHOD, Notice, TabState
 from sdp_vs_penalty.page.summary import Rung
-from sdp_vs_penalty.report.demo import ARM, HIDDEN, JOINT, LEVEL
+from sdp_vs_penalty.reports.demo import ARM, HIDDEN, JOINT, LEVEL
 
 #: What belongs to a robot, and is put aside with it.
 _OF_A_ROBOT = (

@@ -18,7 +18,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.options import FormField, words
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.workshop import Cancelled, Work, Workshop
-from sdp_vs_penalty.report.plots import Curves
+from sdp_vs_penalty.reports.plots import Curves
 
 #: Before the first identification of a robot.
 METHOD = "lmi-sdp"

@@ -21,8 +21,8 @@ from sdp_vs_penalty.estimation.shape_profiles import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.report.evidence import certificate_rows
-from sdp_vs_penalty.report.parameters import (
+from sdp_vs_penalty.reports.evidence import certificate_rows
+from sdp_vs_penalty.reports.parameters import (
     half_axes,
     link_rows,
     plausibility,

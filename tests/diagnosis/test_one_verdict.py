@@ -17,7 +17,7 @@ from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.page.summary import summary
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.report import report
+from sdp_vs_penalty.reports import report
 
 #: Method, effects, and the run it is judged on; the usual effects where there are none.
 MODELS = [

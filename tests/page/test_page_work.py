@@ -47,7 +47,7 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import MOST, Sessions
 from sdp_vs_penalty.page.workshop import Cancelled, Work, Workshop
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.report.plots import (
+from sdp_vs_penalty.reports.plots import (
     Curves,
     envelope,
     friction_figure,

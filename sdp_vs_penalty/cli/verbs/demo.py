@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.report.demo import Demo
+    from sdp_vs_penalty.reports.demo import Demo
 
 #: Letters of the longest bar.
 _WIDTH = 40
@@ -26,7 +26,7 @@ def verb(
     """
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.estimation.verdict import changes
-    from sdp_vs_penalty.report.demo import ARM, RUNS, demo
+    from sdp_vs_penalty.reports.demo import ARM, RUNS, demo
 
     with console.progress("simulating") as progress:
         made = demo(out, seed, progress)

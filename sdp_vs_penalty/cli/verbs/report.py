@@ -39,7 +39,7 @@ def verb(
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import load_measurements, windowed
     from sdp_vs_penalty.estimation.estimate import load_estimate
-    from sdp_vs_penalty.report import check_name, report
+    from sdp_vs_penalty.reports import check_name, report
 
     check_name(out)  # before the minutes that a report may take
     short = len({path.name for path in models}) == len(models)

@@ -25,8 +25,8 @@ from sdp_vs_penalty.page.step import Verdict, after_model, model_verdict
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held, with_unit
-from sdp_vs_penalty.report.pictures import SHADES, bars, found_shares, heat_rows, legend
-from sdp_vs_penalty.report.plots import SIGNALS
+from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_rows, legend
+from sdp_vs_penalty.reports.plots import SIGNALS
 
 
 def _draw(view: View) -> None:

@@ -12,7 +12,7 @@ from sdp_vs_penalty.page.controls import button, chart, choice, note, table, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.view import View
-from sdp_vs_penalty.report.plots import Curves
+from sdp_vs_penalty.reports.plots import Curves
 
 _DRIVES = (("torque", "the measured torque alone"), ("pd", "and a control loop on the measured motion"))
 

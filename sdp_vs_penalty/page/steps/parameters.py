@@ -10,7 +10,7 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import held
-from sdp_vs_penalty.report.parameters import HEADS, LINK_HEADS, cells
+from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
 
 
 def _draw(view: View) -> None:

@@ -8,7 +8,7 @@ from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held
-from sdp_vs_penalty.report.evidence import CERTIFICATE
+from sdp_vs_penalty.reports.evidence import CERTIFICATE
 
 
 def _draw(view: View) -> None:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from sdp_vs_penalty.report.pictures import bars, found_shares, heat_map, heat_rows, legend, shades
+from sdp_vs_penalty.reports.pictures import bars, found_shares, heat_map, heat_rows, legend, shades
 
 UNITS = ["N*m", "N*m"]
 

@@ -17,9 +17,9 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.report import evidence, parameters, sections
-from sdp_vs_penalty.report import findings as findings_of
-from sdp_vs_penalty.report.section import Material, page
+from sdp_vs_penalty.reports import evidence, parameters, sections
+from sdp_vs_penalty.reports import findings as findings_of
+from sdp_vs_penalty.reports.section import Material, page
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.follow import Following, follow
 

@@ -17,8 +17,8 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
-from sdp_vs_penalty.report.pictures import LOOK as PICTURES
-from sdp_vs_penalty.report.plots import styled
+from sdp_vs_penalty.reports.pictures import LOOK as PICTURES
+from sdp_vs_penalty.reports.plots import styled
 from sdp_vs_penalty.signals.preprocessing import Rows
 from sdp_vs_penalty.simulation.follow import Following
 

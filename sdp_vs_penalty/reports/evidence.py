@@ -7,7 +7,7 @@ from html import escape
 
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.report.section import Material, Section, number, table, text
+from sdp_vs_penalty.reports.section import Material, Section, number, table, text
 
 
 def certificate_rows(estimates: Sequence[Estimate]) -> list[list[str]]:

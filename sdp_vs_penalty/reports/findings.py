@@ -9,8 +9,8 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
-from sdp_vs_penalty.report.plots import ladder_figure, missing_figure
-from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
+from sdp_vs_penalty.reports.plots import ladder_figure, missing_figure
+from sdp_vs_penalty.reports.section import Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
 

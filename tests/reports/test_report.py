@@ -25,9 +25,9 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.report import report
-from sdp_vs_penalty.report.parameters import ellipsoid
-from sdp_vs_penalty.report.plots import correlation
+from sdp_vs_penalty.reports import report
+from sdp_vs_penalty.reports.parameters import ellipsoid
+from sdp_vs_penalty.reports.plots import correlation
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.simulation.follow import follow

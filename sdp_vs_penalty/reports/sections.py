@@ -14,7 +14,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.estimation.verdict import changes
-from sdp_vs_penalty.report.pictures import (
+from sdp_vs_penalty.reports.pictures import (
     SHADES,
     bars,
     found_shares,
@@ -23,8 +23,8 @@ from sdp_vs_penalty.report.pictures import (
     legend,
     shades,
 )
-from sdp_vs_penalty.report.plots import POINTS, Curves, torque_figure
-from sdp_vs_penalty.report.section import JOINT_HEIGHT, Material, Section, figure, number, table, text
+from sdp_vs_penalty.reports.plots import POINTS, Curves, torque_figure
+from sdp_vs_penalty.reports.section import JOINT_HEIGHT, Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot.arrays import Array
 
 

@@ -9,7 +9,7 @@ import pytest
 from printed_pages import check_printed
 
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.report.demo import HIDDEN, JOINT
+from sdp_vs_penalty.reports.demo import HIDDEN, JOINT
 
 pytest.importorskip("plotly")
 

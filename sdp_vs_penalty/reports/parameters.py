@@ -11,8 +11,8 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.intervals import Interval, counts
 from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.exporters.friction_table import friction_curves
-from sdp_vs_penalty.report.plots import COLOURS, MEASURED, friction_figure
-from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
+from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, friction_figure
+from sdp_vs_penalty.reports.section import Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot

@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.report import report
+from sdp_vs_penalty.reports import report
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 #: The arm, what is hidden on which joint (from 0), how strongly, and the methods side by side.
