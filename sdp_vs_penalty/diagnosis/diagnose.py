@@ -11,7 +11,7 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited
-from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
+from sdp_vs_penalty.diagnosis.conclude import MINOR, Found, OfferedCurve, conclude, what_is_left
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import RAISES, HeldOut, folds_of, on_folds, on_test, raises
@@ -185,8 +185,8 @@ def _offered(search: Search, judge: _Judge) -> Found:
 
 
 def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Found:
-    """Those curves that raise no joint's held-out error, and whose tables the test run does not leave;
-    each with what it does to the errors."""
+    """Those curves that lower their joint's held-out error by more than what is minor, raise no other's,
+    and whose tables the test run does not leave; each with what it does to the errors."""
     named, out = [t.form.effect for t in found.search.terms], list[OfferedCurve]()
     for curve in curves:
         gone = {id(t) for c in (*(o.curve for o in out), curve) for t in c.replaced}
@@ -202,7 +202,7 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Fou
         names = list(range(len(named)))
         before = held.errors(names).every if not out else out[-1].errors
         after = held.errors([*terms, *range(len(named), len(effects))]).every
-        lower = after[curve.joint] < before[curve.joint]
+        lower = after[curve.joint] < (1.0 - MINOR) * before[curve.joint]
         if lower and not raises(before, after) and judge.outside(curve.table) <= OUTSIDE:
             out.append(OfferedCurve(curve, float(before[curve.joint]), after))
     return replace(found, curves=tuple(out))

@@ -200,7 +200,7 @@ class Diagnosis(Shown):
         constants = [(r.effect, (r.joint,), r.confidence) for r in self.retuned]
         text = diagnosis_verdict(self.unknown, found, self.noise_source != "residual", constants)
         if self.noise_source == "spectrum":
-            text += " The noise is known within 30 %: no motion repeats."
+            text += " The noise is known within a factor of two: no motion repeats."
         where = sorted({e.joint + 1 for e in self.events})
         if where:
             text += f" Besides, {show.count(len(self.events), 'event')} on {show.joints(where)}."

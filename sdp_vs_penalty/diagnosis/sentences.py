@@ -78,7 +78,7 @@ def _noise(source: str) -> str:
         )
     return (
         "No motion repeats: the noise is that of the torque's spectrum above the motion's band, right "
-        "within 30 %. Record a run with more than one period to know it better."
+        "within a factor of two. Record a run with more than one period to know it better."
     )
 
 

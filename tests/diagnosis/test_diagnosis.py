@@ -234,7 +234,7 @@ def test_two_joints_whatever_the_record(slope: HiddenRuns, what: str) -> None:
     result = diagnose(identified(slope, data), data, slope.runs[3])
     assert first_name(result) == ("asymmetric_viscous_friction", (2,))
     assert result.noise_source == ("spectrum" if what == "no repeats" else "repetition")
-    assert ("within 30 %" in result.headline) == (what == "no repeats")
+    assert ("within a factor of two" in result.headline) == (what == "no repeats")
     if what == "no repeats":
         assert any("No motion repeats" in r for r in result.remarks)
 

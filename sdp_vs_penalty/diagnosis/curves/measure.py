@@ -139,7 +139,12 @@ def _term(search: Search, found: Measured) -> Term:
 def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variables) -> _Rated | None:
     """The curve of a joint that scores most beside some terms, with its law."""
     fit, data, score = search.score.fit(terms, search.fit.level), search.data, search.score
-    every = [b for v in variables.of(joint) if (b := variables.basis(v)) is not None]
+    # What is a curve already is no second one of the same variables.
+    have = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
+    curves = [e for e in have if isinstance(e, MeasuredCurve) and joint in e.joints]
+    taken = {tuple(v.name for v in e.variables(joint)) for e in curves}
+    others = [v for v in variables.of(joint) if tuple(x.name for x in v) not in taken]
+    every = [b for v in others if (b := variables.basis(v)) is not None]
     gains = np.ones(data.n) if data.rows.gains is None else np.array(data.rows.gains)
 
     def fitted(basis: Basis, raw: Array, robust: bool) -> SplineFit:
