@@ -23,7 +23,7 @@ from hidden_contract import (
 from random_robots import link_parameters, sines
 
 from sdp_vs_penalty.effects import effect_from_dict, effect_types, parse_effects
-from sdp_vs_penalty.effects.effect import PARAMETER_RANGE, CurrentModel, Motion
+from sdp_vs_penalty.effects.effect import CurrentModel, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
@@ -247,7 +247,7 @@ def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name
     for k, parameter in enumerate(effect.parameters):
         step = np.eye(len(nominal))[k]
         for value, kept in ((0.99, True), (-0.99, parameter.lower < 0.0), (1.01, False), (-1.01, False)):
-            theta = nominal + value * PARAMETER_RANGE * step
+            theta = nominal + value * effect.range * step
             plain = [c for c in constraints if c.family != "pseudo-inertia"]
             assert all(c.margin(theta) >= 0.0 for c in plain) == kept
     assert a_body == (name == "payload")

@@ -27,6 +27,9 @@ _EARTH = 9.81
 _LEVEL, _MEANINGLESS = np.radians(2.0), np.radians(10.0)
 #: Shares of the weight that are tried to be left in a channel.
 _LEFT = (0.0, 0.15)
+#: Share of a channel that a plausible arm's weight makes (RMS), for the channel alone to be without it:
+#: the weight that the last link of a wrist holds is within the error of its friction's law.
+_CARRIES = 0.5
 
 
 class Mounting(Transformation):
@@ -105,9 +108,11 @@ class Weight(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         if not any(now.gravity):
             return
+        held = np.sqrt(np.mean(scene.tried.nominal_weight(now) ** 2, axis=0))
+        logged = np.sqrt(np.mean(scene.tried.data.torque**2, axis=(0, 1)))
         for share in _LEFT:
             yield replace(now, weight=(share,) * scene.n)
-            for j in range(scene.n):
+            for j in np.flatnonzero(held > _CARRIES * logged).tolist():
                 yield now.with_entry("weight", j, share)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
