@@ -383,7 +383,10 @@ def test_silence_on_real_ur10e_and_emps(data_folder: Path) -> None:
         if "joint_" in run.names[0]:  # one joint moves alone: that, and nothing else, is a problem
             assert {f.kind for f in report.problems} == {"idle joints", "poor excitation"}
         else:
-            assert not report.problems, (run.names, [f.what for f in report.problems])
+            # At 3062.75 s of this run joint 2's torque falls from 101 to 52 N m while it moves smoothly.
+            knocked = "15harm50secLoad" in run.names[0]
+            found = [(f.kind, f.severity) for f in report.problems]
+            assert found == knocked * [("one-off event", "warning")], (run.names, found)
 
 
 @pytest.mark.parametrize("frozen", [False, True])
