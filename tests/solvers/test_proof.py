@@ -265,7 +265,7 @@ def test_a_proof_of_another_problem_is_refused_by_the_name_of_what_differs(tmp_p
     mass = next(c for c in true["constraints"] if c["family"] == "mass")
     prior = next(c for c in true["constraints"] if c["entropy"])
     pull = {**prior["entropy"][0], "log_det": str(Fraction(prior["entropy"][0]["log_det"]) - 1)}
-    looser = [str(Fraction(x) + Fraction(1, 10**6) * (Fraction(x) > 0)) for x in mass["constant"]]
+    looser = [str(Fraction(x) + Fraction(1, 2**20)) for x in mass["constant"]]
     lies = {
         "order": {**true, "parameters": [names[1], names[0], *names[2:]]},
         "bound of": {**true, "bound": [str(Fraction(x) * 2) for x in true["bound"]]},
