@@ -56,7 +56,7 @@ def test_clean_runs_are_silent(arm: Arm) -> None:
 def test_what_was_done_is_named(name: str, arm: Arm) -> None:
     known = {c.name: c for c in arm.corruptions()}
     assert name in known, (
-        f"names are kind, joint, size of benchmarks/corruptions/kinds.py: {[*known]}"
+        f"a name of benchmarks/corruptions/kinds.py: {[*known]}"
     )
     corruption = known[name]
     case = run_case(arm, corruption)
