@@ -55,9 +55,7 @@ def test_clean_runs_are_silent(arm: Arm) -> None:
 @pytest.mark.parametrize("name", WRONG)
 def test_what_was_done_is_named(name: str, arm: Arm) -> None:
     known = {c.name: c for c in arm.corruptions()}
-    assert name in known, (
-        f"a name of benchmarks/corruptions/kinds.py: {[*known]}"
-    )
+    assert name in known, f"a name of benchmarks/corruptions/kinds.py: {[*known]}"
     corruption = known[name]
     case = run_case(arm, corruption)
     assert case.outcome == "named" or (case.outcome == "silent" and (case.harm or 9.0) < HARMFUL), case
