@@ -231,9 +231,8 @@ def test_a_proof_of_other_numbers_than_the_data_make_is_refused(tmp_path: Path) 
 
 
 def test_no_false_proof_is_accepted_and_no_genuine_one_refused() -> None:
-    """A sample of `benchmarks/false_proofs.py`, whose truth is known."""
-    sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-    from false_proofs import FALSE, judged
+    """A sample of `benchmarks/proofs.py`, whose truth is known."""
+    from proofs import FALSE, judged
 
     right, wrong, longest = judged(500, seed=7)
     assert not wrong
