@@ -309,9 +309,8 @@ def test_a_byte_order_mark_is_no_json(proofs: dict[str, Proof], tmp_path: Path, 
 
 
 def test_no_false_proof_is_accepted_and_no_genuine_one_refused() -> None:
-    """A sample of `benchmarks/false_proofs.py`, whose truth is known."""
-    sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-    from false_proofs import FALSE, judged
+    """A sample of `benchmarks/proofs.py`, whose truth is known."""
+    from proofs import FALSE, judged
 
     right, wrong, longest = judged(500, seed=7)
     assert not wrong
