@@ -1,11 +1,9 @@
 """Every figure of speed and memory, by one command.
 
-    python benchmarks/run.py [--data DATA] [--figaroh PYTHON] [--mujoco PYTHON]
-                             [--only PART ...] [--rows N ...] [--out results]
+    python benchmarks/run.py [--data DATA] [--only PART ...] [--rows N ...] [--out results]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda; default:
-SDP_VS_PENALTY_DATA). PYTHON is the interpreter of an environment with figaroh==1.0.2, and of one with
-mujoco[sysid]==4.0.0. Each part runs in a process of its own on one thread; figures are ratios within one
+SDP_VS_PENALTY_DATA). Each part runs in a process of its own on one thread; figures are ratios within one
 part. Writes benchmarks.csv, benchmarks.md and benchmarks.png; parts that are not measured this time keep
 what the files there hold of them, with its date.
 """
@@ -29,17 +27,18 @@ HERE = Path(__file__).parent
 PARTS = {
     "text": "from text to an estimate, beside a decimating script",
     "fits": "compressed data to a certified fit, beside Clarabel",
-    "renewed": "a renewed fit and a bootstrap's draws",
+    "renewed": "a renewed fit",
     "solvers": "every installed solver on one problem",
-    "processes": "commands as processes, beside bare imports and FIGAROH",
+    "processes": "commands as processes, beside bare imports",
     "workers": "two processes against one",
-    "mujoco": "beside MuJoCo's system identification toolbox",
     "samples": "exponent in samples",
     "runs": "exponent in runs",
     "joints": "exponent in joints",
     "library": "exponent of a diagnosis in the library's size",
     "memory": "processor time and peak memory of whole commands on long recordings",
 }
+#: Measured once, by scripts that left: they stay in the table.
+LEFT = {"rivals": "ffa8cd7"}
 NAMES = ["part", "what", "ours", "other", "unit", "ratio", "note", "when"]
 
 
@@ -57,16 +56,9 @@ def measure(part: str, given: argparse.Namespace) -> dict[str, Any]:
     series, lines = [], []
     if part == "text":
         rows = speed.text(problem, folder)
-    elif part == "processes":
-        rows = speed.processes(problem, run, given.figaroh)
-    elif part == "mujoco":
-        if given.mujoco is not None:
-            import mujoco_pair
-
-            rows = mujoco_pair.beside_mujoco(problem, run, given.mujoco)
     elif part == "memory":
         lines = growth.memory(run, problem, given.rows)
-    elif part in ("fits", "renewed", "solvers", "workers"):
+    elif part in ("fits", "renewed", "solvers", "processes", "workers"):
         rows = getattr(speed, part)(problem, run)
     else:
         one = growth.growing(problem, run)[part]()
@@ -85,8 +77,6 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--data", type=Path, default=os.environ.get("SDP_VS_PENALTY_DATA"))
-    parser.add_argument("--figaroh", help="interpreter of an environment with figaroh")
-    parser.add_argument("--mujoco", help="interpreter of an environment with mujoco[sysid]")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
                         help=", ".join(PARTS))  # fmt: skip
     parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000],
@@ -101,8 +91,6 @@ def main() -> None:
         print(json.dumps(measure(given.measure, given)))
         return
     words = ["--data", str(given.data), "--rows", *map(str, given.rows)]
-    for name in ("figaroh", "mujoco"):
-        words += [f"--{name}", getattr(given, name)] if getattr(given, name) else []
     threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
     found = {}
     for number, part in enumerate(given.only, 1):
@@ -130,7 +118,7 @@ def write(out: Path, found: dict[str, Any]) -> None:
             old = list(csv.DictReader(file))
         kept = [row for row in old if (row["part"], row["what"]) not in new and
                 (row["part"] not in found or not found[row["part"]]["rows"])]  # fmt: skip
-    order = list(PARTS)
+    order = [*PARTS, *LEFT]
     cells = [
         [str(row[name]) if isinstance(row[name], str) else f"{row[name]:.3g}" for name in NAMES]
         for row in sorted([*kept, *rows], key=lambda row: order.index(row["part"]))
@@ -147,24 +135,14 @@ def write(out: Path, found: dict[str, Any]) -> None:
         grown["lines"] = part["lines"] or grown["lines"]
         grown["versions"] = part["versions"]
     write_text(state, json.dumps(grown, indent=1) + "\n")
-    text = [
-        "# Speed and memory",
-        "",
-        _about(grown.get("versions", {})),
-        "",
-        *_table(NAMES[1:], [c[1:] for c in cells]),
-    ]
+    text = ["# Speed and memory", "", _about(grown.get("versions", {})), ""]
+    text += _table(NAMES[1:], [c[1:] for c in cells])
     series = list(grown["series"].values())
     if series:
         own = ("what", "of", "sizes", "seconds")
         picture([Series(**{name: s[name] for name in own}) for s in series], out / "benchmarks.png")
-        text += [
-            "",
-            "## How cost grows",
-            "",
-            "Processor seconds; the exponent is that of the larger sizes.",
-            "",
-        ]
+        about = "Processor seconds; the exponent is that of the larger sizes."
+        text += ["", "## How cost grows", "", about, ""]
         lines = [
             [s["what"], s["of"], f"{s['sizes'][0]:.6g} to {s['sizes'][-1]:.6g}",
              f"{s['seconds'][0]:.3g} to {s['seconds'][-1]:.3g}", f"{s['exponent']:.2f}"]
@@ -173,13 +151,8 @@ def write(out: Path, found: dict[str, Any]) -> None:
         text += _table(["what", "in", "sizes", "seconds", "exponent"], lines)
         text += ["", "![Processor time against size](benchmarks.png)"]
     if grown["lines"]:
-        text += [
-            "",
-            "## Long recordings",
-            "",
-            "Whole commands, a process each, on recordings at 1 kHz.",
-            "",
-        ]
+        about = "Whole commands, a process each, on recordings at 1 kHz."
+        text += ["", "## Long recordings", "", about, ""]
         text += _table(["command", "rows", "CPU [s]", "peak memory beyond imports [MB]"], grown["lines"])
     write_text(out / "benchmarks.md", "\n".join([*text, ""]))
     print("\n".join(text))
@@ -193,7 +166,8 @@ def _about(used: dict[str, str]) -> str:
     return (
         "Panda, the authors' run of 20 544 samples; ratios are within one process or in turn, by "
         f"`python benchmarks/run.py` ({platform.machine()}, one thread; "
-        f"{', '.join(f'{name} {version}' for name, version in used.items())})."
+        f"{', '.join(f'{name} {version}' for name, version in used.items())}). Rows beside MuJoCo, and "
+        f"that of the bootstrap: by scripts of commit {LEFT['rivals']}, which are no longer here."
     )
 
 

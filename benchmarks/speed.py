@@ -6,6 +6,7 @@ Parts of `benchmarks/run.py`, which says how they are started and writes what th
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -16,7 +17,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import bootstrap
 import decimated
 import numpy as np
 
@@ -26,22 +26,19 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp, essential, sample_variance
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp, sample_variance
 from sdp_vs_penalty.estimators.task import joint_weights, make_task
-from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import LeastSquares, compress
+from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.shootout import regular
 from sdp_vs_penalty.shootout.contestants import contestants
-from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.solvers.objective import Objective
 
 METHOD = "lmi-sdp"
-HERE = Path(__file__).parent
 
 
 @dataclass(frozen=True)
@@ -141,58 +138,25 @@ def fits(problem: Problem, run: Measurements) -> list[Row]:
     ]
 
 
-def renewed(problem: Problem, run: Measurements, draws: int = 200) -> list[Row]:
-    """A fit to similar data from the last one's central path, and a certified draw of a bootstrap."""
+def renewed(problem: Problem, run: Measurements) -> list[Row]:
+    """A fit to similar data, blocks of time drawn anew, from the last one's central path."""
     model = problem.model()
     regression = compress(run, model, problem.preprocessing.resolve(run))
-    weights = joint_weights(regression, make_task(problem, model, regression, "none").ols)
     task = make_task(problem, model, regression)
-    blocks = bootstrap.block_data(regression, weights)
+    weights = joint_weights(regression, make_task(problem, model, regression, "none").ols)
     objective, constraints = LmiSdp().posed(task)
     posed = PosedSdp.of(task, objective, constraints)
-    last, prior = posed.fit(objective), sample_variance(task)
+    last, prior, rng = posed.fit(objective), sample_variance(task), np.random.default_rng(0)
     spent: tuple[list[float], list[float]] = ([], [])
-    for k in range(40):
-        data = bootstrap.joined(blocks, bootstrap.draw_counts(len(blocks), k, 0))
+    for _ in range(40):
+        drawn = regression.select(rng.integers(0, len(regression.blocks), len(regression.blocks)))
         assert task.joint_scale is not None
-        again = Objective(data.with_prior(task.joint_scale, prior), objective.entropy)
+        data = drawn.least_squares(weights).with_prior(task.joint_scale, prior)
+        again = Objective(data, objective.entropy)
         for own, near in zip(spent, (last, None), strict=True):
             own.append(1e3 * cpu(lambda near=near, again=again: posed.fit(again, 1e-9, near).gap))  # type: ignore[misc]
-    instance = regular.posed("panda", task, "one-step", "gyration")
-    start = time.process_time()
-    found = bootstrap.bootstrap(instance.task, blocks, draws, 0)
-    ours = 1e3 * (time.process_time() - start) / draws
-    few = max(draws // 20, 5)
-    datas = [bootstrap.joined(blocks, bootstrap.draw_counts(len(blocks), k, 0)) for k in range(few)]
-    other = 1e3 * cpu(lambda: [fresh_cvxpy(instance, data) for data in datas]) / few
-    return [
-        Row("renewed certified fit, CPU", float(np.median(spent[0])), float(np.median(spent[1])), "ms",
-            "from the last fit; other: from the nominal robot"),
-        Row("bootstrap, a certified draw, CPU", ours, other, "ms",
-            f"{draws} draws, largest certified gap {found.gap.max():.0e}, {found.again} by Clarabel; "
-            "other: a fresh CVXPY problem each, none certified"),
-    ]  # fmt: skip
-
-
-def fresh_cvxpy(instance: Instance, data: LeastSquares) -> str:
-    """The same problem as a user writes it, a new CVXPY problem each time, solved by Clarabel."""
-    import cvxpy as cp
-
-    theta = cp.Variable(data.R.shape[1])
-    demands = []
-    for c in essential(instance.constraints, instance.objective):
-        flat = c.coefficients.reshape(len(c.indices), -1).T @ theta[c.indices] + c.constant.ravel()
-        if c.cone == "psd":
-            demands.append(cp.reshape(flat, c.constant.shape, order="C") >> 0)
-        elif c.cone == "soc":
-            demands.append(cp.SOC(flat[0], flat[1:]))
-        else:
-            demands.append(flat >= 0)
-    problem = cp.Problem(cp.Minimize(cp.sum_squares(data.R @ theta - data.rho)), demands)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        problem.solve(solver=cp.CLARABEL)
-    return str(problem.status)
+    note = "from the last fit; other: from the nominal robot"
+    return [Row("renewed certified fit, CPU", *map(float, np.median(spent, axis=1)), "ms", note)]
 
 
 def solvers(problem: Problem, run: Measurements) -> list[Row]:
@@ -218,30 +182,17 @@ def solvers(problem: Problem, run: Measurements) -> list[Row]:
     return rows
 
 
-#: A small process that starts the command and reports on it: its own memory stays out of the figure.
-_LAUNCH = """
-import os, subprocess, sys, time
-start = time.perf_counter()
-child = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL)
-_, status, usage = os.wait4(child.pid, 0)
-print(time.perf_counter() - start, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e3, status)
-"""
-
-
-def process(command: list[str]) -> tuple[float, float, float]:
-    """Wall time [s], processor time [s] and peak memory [MB] of a process, its bytecode in place."""
+def process(command: list[str]) -> float:
+    """Processor time of a process [s], its bytecode in place."""
     env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
-    result = subprocess.run(
-        [sys.executable, "-c", _LAUNCH, *command], capture_output=True, text=True, env=env
-    )
-    wall, processor, memory, status = map(float, result.stdout.split())
-    if status != 0:
-        raise RuntimeError(f"{command[0]} failed: {result.stderr[-500:]}")
-    return wall, processor, memory
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, stdout=subprocess.DEVNULL, check=True, env=env)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def processes(problem: Problem, run: Measurements, figaroh: str | None) -> list[Row]:
-    """Commands as processes against importing NumPy and SciPy, and against FIGAROH's script."""
+def processes(problem: Problem, run: Measurements) -> list[Row]:
+    """Commands as processes against importing NumPy and SciPy."""
     with tempfile.TemporaryDirectory() as name:
         log, model, out = (str(Path(name, x)) for x in ("run.csv", "model.json", "report.html"))
         save(run, Path(log))
@@ -255,38 +206,12 @@ def processes(problem: Problem, run: Measurements, figaroh: str | None) -> list[
         }
         for command in commands.values():
             process(command)  # bytecode
-        used = {key: [] for key in commands}  # type: dict[str, list[tuple[float, float, float]]]
+        used: dict[str, list[float]] = {key: [] for key in commands}
         for _ in range(3):  # in turn
             for key, command in commands.items():
                 used[key].append(process(command))
-        least = {key: np.array(values).min(axis=0) for key, values in used.items()}
-        bare = "other: a process that imports numpy, scipy.linalg and scipy.signal"
-        rows = [
-            Row(f"{key} as a process, CPU", float(least[key][1]), float(least["bare"][1]), "s", bare)
-            for key in commands
-            if key != "bare"
-        ]
-        if figaroh is None:
-            return rows
-        grid = np.arange(run.t[0], run.t[-1], 0.001)
-        q, tau = (np.column_stack([np.interp(grid, run.t, c) for c in x.T]) for x in (run.q, run.tau))
-        save(Measurements(grid, q, tau), Path(log))
-        export(identify(problem, run, METHOD), Path(name, "robot.urdf"))
-        script = [figaroh, str(HERE / "figaroh_identify.py"), log, str(Path(name, "robot.urdf")), "1000"]
-        theirs = min(process([*script, str(Path(name, "out.json"))]) for _ in range(3))
-    note = "FIGAROH 1.0.2, physical_fit, decimation by 10"
-    mine = least["identify without the check"]
-    return [
-        *rows,
-        Row("identify without the check beside FIGAROH, CPU", float(mine[1]), theirs[1], "s", note),
-        Row(
-            "identify without the check beside FIGAROH, peak memory",
-            float(mine[2]),
-            theirs[2],
-            "MB",
-            note,
-        ),
-    ]
+    bare, note = min(used.pop("bare")), "other: a process that imports numpy, scipy.linalg, scipy.signal"
+    return [Row(f"{key} as a process, CPU", min(x), bare, "s", note) for key, x in used.items()]
 
 
 def workers(problem: Problem, run: Measurements) -> list[Row]:
@@ -296,11 +221,5 @@ def workers(problem: Problem, run: Measurements) -> list[Row]:
         start = time.perf_counter()
         cross_validate(problem, run, METHOD, workers=Workers(jobs))
         spent.append(time.perf_counter() - start)
-    return [
-        Row(
-            "cross-validate by two processes against one, wall",
-            *spent,
-            "s",
-            f"load {os.getloadavg()[0]:.0f}",
-        )
-    ]
+    what = "cross-validate by two processes against one, wall"
+    return [Row(what, *spent, "s", f"load {os.getloadavg()[0]:.0f}")]

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
-from corruption_arms import FIVE, Arm, simulated
-from corruptions import HARMFUL, run_case
+from corruptions.arms import FIVE, Arm, simulated
+from corruptions.bench import HARMFUL, run_case
 
 from sdp_vs_penalty.checks import check
 
@@ -61,7 +55,7 @@ def test_clean_runs_are_silent(arm: Arm) -> None:
 @pytest.mark.parametrize("name", WRONG)
 def test_what_was_done_is_named(name: str, arm: Arm) -> None:
     known = {c.name: c for c in arm.corruptions()}
-    assert name in known, f"a name is kind, joint and size of benchmarks/corruption_kinds.py: {[*known]}"
+    assert name in known, f"a name of benchmarks/corruptions/kinds.py: {[*known]}"
     corruption = known[name]
     case = run_case(arm, corruption)
     assert case.outcome == "named" or (case.outcome == "silent" and (case.harm or 9.0) < HARMFUL), case

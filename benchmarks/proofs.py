@@ -1,18 +1,21 @@
-"""Proofs with known truth, genuine, false and malformed ones, to try a checker of docs/proof.md with.
+"""Proofs with known truth, genuine, false and malformed, and a written library, put to the checker.
 
-    python benchmarks/false_proofs.py [--count 10000] [--seed 0]
+    python benchmarks/proofs.py [--count 10000] [--seed 0]
+    sdp-vs-penalty shootout --export instances
+    python benchmarks/proofs.py --library instances [--out results/shootout/library.md]
 
 Small random problems (1 to 6 parameters, cones of 1 to 6 dimensions, entropies) whose numbers are short
 binary fractions. A claim is called false only where this file, which shares no code with the checker,
 finds a feasible point that contradicts it, or a field that docs/proof.md forbids. The wrong multipliers
 are those for which the unguarded inequalities would prove the false claim: singular, indefinite,
-asymmetric, of another size.
+asymmetric, of another size. With --library every proof of a library is checked too.
 """
 
 from __future__ import annotations
 
 import argparse
 import copy
+import csv
 import hashlib
 import json
 import random
@@ -27,6 +30,8 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.show import markdown_table
 from sdp_vs_penalty.solvers import verify_proof
 
 Proof = dict[str, Any]
@@ -60,34 +65,34 @@ def signed(body: Proof) -> Proof:
     return {**rest, "sha256": hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()}
 
 
-def arrays(c: Proof) -> tuple[np.ndarray, np.ndarray]:
-    """constant and coefficients of a constraint in floating point."""
-    return np.array([float(Fraction(x)) for x in c["constant"]]), np.array(
-        [[float(Fraction(x)) for x in row] for row in c["coefficients"]]
-    ).reshape(len(c["indices"]), len(c["constant"]))
+def number(text: Any) -> Any:
+    """A text, or lists of them, in floating point."""
+    return np.array([number(t) for t in text]) if isinstance(text, list) else float(Fraction(text))
+
+
+def content(c: Proof, x: np.ndarray) -> np.ndarray:
+    """F(x) of a constraint, flat."""
+    shapes = number(c["coefficients"]).reshape(len(c["indices"]), len(c["constant"]))
+    return np.asarray(number(c["constant"]) + x[c["indices"]] @ shapes)
 
 
 def value(p: Proof, x: np.ndarray) -> float:
     """f(x) in floating point; infinite where x is clearly outside of a constraint, NaN on its edge."""
-    number = lambda t: float(Fraction(t))  # noqa: E731
-    r = np.array([[number(a) for a in row] for row in p["R"]]).reshape(-1, len(x)) @ x
-    total = number(p["floor"]) ** 2 + float(np.sum((r - [number(a) for a in p["rho"]]) ** 2))
-    if np.any(np.abs(x) > [number(b) for b in p["bound"]]):
+    r = number(p["R"]).reshape(-1, len(x)) @ x
+    total = number(p["floor"]) ** 2 + float(np.sum((r - number(p["rho"])) ** 2))
+    if np.any(np.abs(x) > number(p["bound"])):
         return float("inf")
     for c in p["constraints"]:
-        constant, coefficients = arrays(c)
-        F = constant + x[c["indices"]] @ coefficients
-        d = round(len(F) ** 0.5)
-        if c["cone"] == "psd":
-            least = float(np.linalg.eigvalsh(F.reshape(d, d))[0])
-        else:
-            least = float(F[0] - np.linalg.norm(F[1:])) if c["cone"] == "soc" else float(F.min())
+        F = content(c, x)
+        square = F.reshape([round(len(F) ** 0.5)] * 2) if c["cone"] == "psd" else np.eye(1)
+        least = float(np.linalg.eigvalsh(square)[0] if c["cone"] == "psd" else F.min())
+        if c["cone"] == "soc":
+            least = float(F[0] - np.linalg.norm(F[1:]))
         if least < 1e-9:
             return float("inf") if least < -1e-9 else float("nan")
         for e in c["entropy"]:
-            inverse = np.array([number(a) for a in e["inverse"]])
-            log = np.linalg.slogdet(F.reshape(d, d))[1]
-            total += number(e["weight"]) * float(inverse @ F - log + number(e["log_det"]) - d)
+            gain = number(e["inverse"]) @ F - np.linalg.slogdet(square)[1] + number(e["log_det"])
+            total += number(e["weight"]) * float(gain - len(square))
     return total
 
 
@@ -134,11 +139,8 @@ def genuine(rng: np.random.Generator) -> Proof:
     p |= {"parameters": [f"x{k}" for k in range(n)], "R": texts(R) if m else [], "rho": texts(rho)}
     p |= {"bound": texts(bound), "y": texts(y), "theta": texts(theta), "constraints": constraints}
     lower, upper = float(constant - np.abs(slope) @ bound), value(p, theta)
-    p["lower"], p["upper"] = (
-        repr(lower - _CLEARLY * size_of(lower)),
-        repr(upper + _CLEARLY * size_of(upper)),
-    )
-    return p
+    p["lower"] = repr(lower - _CLEARLY * size_of(lower))
+    return p | {"upper": repr(upper + _CLEARLY * size_of(upper))}
 
 
 def size_of(x: float) -> float:
@@ -165,19 +167,15 @@ def infeasible(rng: np.random.Generator) -> Proof:
 
 def swapped(p: Proof, rng: np.random.Generator) -> Proof | None:
     """lower above the objective of a feasible point, upper below it."""
-    f = value(p, np.array([float(Fraction(x)) for x in p["theta"]]))
+    f = value(p, number(p["theta"]))
     off = size_of(f) * float(rng.choice([2 * _CLEARLY, 1e-3, 1.0, 1e6]))
     return p | ({"lower": repr(f + off)} if rng.random() < 0.5 else {"upper": repr(f - off)})
 
 
 def outside(p: Proof, rng: np.random.Generator) -> Proof | None:
     """A theta that violates a constraint or a bound, with an upper bound that it would have."""
-    x = np.array([float(Fraction(t)) for t in p["theta"]]) + float(rng.choice([1.0, 8.0])) * short(
-        rng, len(p["theta"])
-    )
-    if value(p, x) != float("inf"):
-        return None
-    return p | {"theta": texts(x), "upper": repr(1e9)}
+    x = number(p["theta"]) + float(rng.choice([1.0, 8.0])) * short(rng, len(p["theta"]))
+    return p | {"theta": texts(x), "upper": repr(1e9)} if value(p, x) == float("inf") else None
 
 
 def impossible(p: Proof, rng: np.random.Generator) -> Proof | None:
@@ -189,9 +187,8 @@ def impossible(p: Proof, rng: np.random.Generator) -> Proof | None:
 def wrong_dual(p: Proof, rng: np.random.Generator) -> Proof | None:
     """A multiplier outside its cone, as long as it takes to prove a lower bound above f(theta)."""
     p, k = copy.deepcopy(p), int(rng.integers(0, len(p["constraints"])))
-    c, x = p["constraints"][k], np.array([float(Fraction(t)) for t in p["theta"]])
-    constant, coefficients = arrays(c)
-    F = constant + x[c["indices"]] @ coefficients
+    c, x = p["constraints"][k], number(p["theta"])
+    F = content(c, x)
     direction = -F / np.linalg.norm(F)
     if c["cone"] == "psd":
         matrix = F.reshape([round(len(F) ** 0.5)] * 2)
@@ -211,7 +208,7 @@ def singular(p: Proof, rng: np.random.Generator) -> Proof | None:
     v = short(rng, d, max(d - 1, 1)) * (d > 1) * float(rng.choice([0.0, 1.0]))
     dual = v @ v.T * float(rng.choice([1.0, -1.0])) * 2.0**-40
     p = with_entropy(p, 2.0 ** float(rng.integers(8, 40)) * np.eye(d), dual)
-    best = value(p, np.array([float(Fraction(t)) for t in p["theta"]]))
+    best = value(p, number(p["theta"]))
     return p | {"lower": repr(best + _CLEARLY * 2 * size_of(best)), "upper": repr(best + size_of(best))}
 
 
@@ -300,18 +297,15 @@ FALSE: dict[str, Callable[[Proof, np.random.Generator], Proof | None]] = {
 
 def unreadable(whole: str, rng: np.random.Generator) -> str:
     """A file that is not the JSON of a proof: broken, a field twice, changed after it was signed."""
-    kind = int(rng.integers(0, 6))
-    if kind == 0:
-        return whole[: int(rng.integers(0, len(whole)))]
-    if kind == 1:
-        return whole.replace('"floor"', '"floor": "1", "floor"', 1)
-    if kind == 2:
-        return whole.replace('"kind"', '"kind": NaN, "also"', 1)
-    if kind == 3:
-        return "[" * int(rng.integers(1, 200_000))
-    if kind == 4:
-        return whole.replace('"name": "', '"name": "-', 1)
-    return whole.replace(verify_proof.FORMAT, "sdp-vs-penalty proof 1", 1)
+    ways: tuple[Callable[[], str], ...] = (
+        lambda: whole[: int(rng.integers(0, len(whole)))],
+        lambda: whole.replace('"floor"', '"floor": "1", "floor"', 1),
+        lambda: whole.replace('"kind"', '"kind": NaN, "also"', 1),
+        lambda: "[" * int(rng.integers(1, 200_000)),
+        lambda: whole.replace('"name": "', '"name": "-', 1),
+        lambda: whole.replace(verify_proof.FORMAT, "sdp-vs-penalty proof 1", 1),
+    )
+    return ways[int(rng.integers(0, len(ways)))]()
 
 
 def cases(count: int, seed: int = 0) -> Iterator[tuple[str, str, bool]]:
@@ -358,18 +352,54 @@ def judged(count: int, seed: int = 0) -> tuple[Counter[str], list[str], float]:
     return right, wrong, longest
 
 
+def library(folder: Path) -> list[list[str]]:
+    """Every proof of a library, checked: how many, how long, how tight, how large."""
+    seconds, gaps, sizes, refused = [], [], [], []
+    for path in sorted(folder.rglob("proof.json")):
+        begin = time.process_time()
+        try:
+            found = verify_proof.check(verify_proof.read(path))
+        except ValueError as error:
+            refused.append(["refused", f"{path}: {error}"])
+            continue
+        seconds.append(time.process_time() - begin)
+        sizes.append(path.stat().st_size)
+        if found is not None and found[1] > 0:
+            gaps.append(float((found[1] - found[0]) / found[1]))
+    with (folder / "index.csv").open() as file:
+        count = sum(1 for _ in csv.DictReader(file))
+    one = f"median {1e3 * np.median(seconds):.0f} ms, longest {max(seconds):.1f} s"
+    gap = f"median {np.median(gaps):.1e}, 90 % below {np.quantile(gaps, 0.9):.1e} (of {len(gaps)})"
+    size = f"median {1e-3 * np.median(sizes):.0f} kB, largest {1e-6 * max(sizes):.1f} MB"
+    return [
+        ["instances; proofs accepted; refused", f"{count}; {len(seconds)}; {len(refused)}"],
+        ["all proofs checked, processor time", f"{sum(seconds):.1f} s (asked: under 300 s)"],
+        *(["one proof", one], ["gap relative to the upper bound", gap], ["size of a proof", size]),
+        *refused,
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--count", type=int, default=10_000, help="how many false files")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--library", type=Path, help="folder that shootout --export wrote")
+    parser.add_argument("--out", type=Path, default=Path("results/shootout/library.md"))
     chosen = parser.parse_args()
     right, wrong, longest = judged(chosen.count * 4 // 3 + 1, chosen.seed)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    for kind in sorted(right):
-        print(f"{kind}: {right[kind]} right")
-    print(f"wrong: {len(wrong)}; longest {longest:.2f} s; {memory:.0f} MB in all")
-    for line in wrong[:5]:
-        print(line[:400])
+    rows = [[f"random files: {kind}", f"{right[kind]} judged right"] for kind in sorted(right)]
+    rows += [["judged wrong", f"{len(wrong)}; longest {longest:.2f} s; {memory:.0f} MB in all"]]
+    rows += library(chosen.library) if chosen.library else []
+    table = markdown_table(["what", "measured"], rows)
+    print("\n".join([*table, *(line[:400] for line in wrong[:5])]))
+    if chosen.library:
+        made = (
+            "By `sdp-vs-penalty shootout --export DIR` and `python benchmarks/proofs.py --library DIR`."
+        )
+        write_text(
+            chosen.out, "\n".join(["# The library of instances, checked", "", made, "", *table, ""])
+        )
     if wrong or longest > _SECONDS or memory > _MEGABYTES:
         raise SystemExit(1)
 

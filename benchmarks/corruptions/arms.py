@@ -1,7 +1,9 @@
-"""The arms whose logs are corrupted: three real ones, and two that are simulated by Pinocchio alone.
+"""The arms whose logs are corrupted: three real ones, and any number simulated by Pinocchio alone.
 
 The simulated torque is pinocchio.rnea on links that the library never sees, plus viscous and sign(dq)
-Coulomb friction and white noise: nothing of it shares code with the library.
+Coulomb friction and white noise: nothing of it shares code with the library. Arms called "drawn" are
+drawn whole from the number in their name; their joints dip at slow speed, differ by side, turn rotors
+behind gears and ripple.
 """
 
 from __future__ import annotations
@@ -13,9 +15,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from corruption_kinds import Corruption, corruptions, rows
 from numpy.typing import NDArray
 
+from corruptions.kinds import Corruption, corruptions, rows
 from sdp_vs_penalty import compare, identify, load_measurements, load_problem
 from sdp_vs_penalty.data.datasets import clean_stretch
 from sdp_vs_penalty.data.measurements import Measurements
@@ -72,26 +74,20 @@ class Arm:
         rigid = self.clean.model.rigid_indices
         other[rigid] = self.problem.nominal(self.clean.model)[rigid] * 0.7
         exchange = self._torque(other) - self._torque(self.clean.theta)
-        late = (np.arange(len(weight)) > 0.55 * len(weight))[:, None]
+        late = 1.0 * (np.arange(len(weight)) > 0.55 * len(weight))[:, None]
+        one = [((j,), np.eye(self.train.n)[j]) for j in joints]
         for share in (1.0, 0.9):
-            for j in joints:
-                mask = np.eye(self.train.n)[j]
+            for which, mask in (*one, ((), np.ones(self.train.n))):
+                less = self._less(share * weight * mask)
                 yield Corruption(
-                    "gravity removed", (j,), f"{100 * share:g} %", ("gravity removed",),
-                    lambda r, s=share, m=mask: replace(r, tau=r.tau - s * weight * m),
-                )  # fmt: skip
-            yield Corruption(
-                "gravity removed", (), f"{100 * share:g} %", ("gravity removed",),
-                lambda r, s=share: replace(r, tau=r.tau - s * weight),
-            )  # fmt: skip
-        yield Corruption(
-            "load picked up", (), "2 kg", ("load step", "two arms"),
-            lambda r: replace(r, tau=r.tau + late * load),
-        )  # fmt: skip
-        yield Corruption(
-            "two arms in one file", (), "", ("two arms", "load step"),
-            lambda r: replace(r, tau=r.tau + late * exchange),
-        )  # fmt: skip
+                    "gravity removed", which, f"{100 * share:g} %", ("gravity removed",), less
+                )
+        both = ("load step", "two arms")
+        yield Corruption("load picked up", (), "2 kg", both, self._less(-late * load))
+        yield Corruption("two arms in one file", (), "", both, self._less(-late * exchange))
+
+    def _less(self, torque: Array) -> Callable[[Measurements], Measurements]:
+        return lambda run: replace(run, tau=run.tau - torque)
 
     def _torque(self, theta: Array, still: bool = False) -> Array:
         """A model's torque (N, n) at the training run's samples."""
@@ -117,18 +113,21 @@ def _squared_errors(estimate: Estimate, test: Measurements) -> Array:
     return found.mse
 
 
-def arms(data: Path) -> list[Arm]:
-    return [panda(data), simulated("sim6", SIX, 1), ur10e(data), tx40(data), simulated("sim5", FIVE, 2)]
-
-
-def panda_run(data: Path) -> Measurements:
-    """Every fifth row, without its velocities."""
-    run = load_measurements(data / "panda", joints=7)
-    return replace(rows(run, np.arange(0, len(run.t), 5)), dq=None)
+def arm(name: str, data: Path) -> Arm:
+    """panda, ur10e, tx40 (from ``data``), sim5, sim6, or drawn and a number."""
+    known = {"sim5": (FIVE, 2), "sim6": (SIX, 1)}
+    if name in known:
+        return simulated(name, *known[name])
+    if name.startswith("drawn"):
+        seed = int(name.removeprefix("drawn"))
+        return simulated(name, drawn(seed), seed)
+    return {"panda": panda, "ur10e": ur10e, "tx40": tx40}[name](data)
 
 
 def panda(data: Path) -> Arm:
-    run = panda_run(data)
+    """Every fifth row, without its velocities."""
+    run = load_measurements(data / "panda", joints=7)
+    run = replace(rows(run, np.arange(0, len(run.t), 5)), dq=None)
     train, test = (run.window(*span).runs()[0] for span in ((0.0, 14.0), (14.0, 30.0)))
     return Arm("panda", load_problem("panda"), train, test, (run,))
 
@@ -144,8 +143,8 @@ def ur10e(data: Path) -> Arm:
     return Arm("ur10e", load_problem("ur10e"), train, test.window(0.0, 20.0).runs()[0], (test,))
 
 
-def tx40_run(data: Path) -> Measurements:
-    """Motor to joint side as the authors do it, at 5 kHz."""
+def tx40(data: Path) -> Arm:
+    """Motor to joint side as the authors do it; every tenth row, trained on the first 6 of 9 s."""
     q, tau = (
         np.loadtxt(data / "tx40" / f"{name}.csv", delimiter=",", skiprows=1)
         for name in ("pos_read_data", "curr_data")
@@ -155,14 +154,10 @@ def tx40_run(data: Path) -> Measurements:
     q[:, 1] -= np.pi / 2
     q[:, 2] += np.pi / 2
     tau[:, 4] += tau[:, 5]
-    return Measurements(np.arange(len(q)) / 5000.0, q, tau, None, None, ("tx40",))
-
-
-def tx40(data: Path) -> Arm:
-    """Every tenth row, trained on the first 6 of 9 s."""
-    run, problem = tx40_run(data), load_problem("tx40")
-    train, test = (rows(run, np.arange(a, b, 10)) for a, b in ((0, 30_000), (30_000, 45_000)))
-    return Arm("tx40", problem, train, test, (rows(run, np.arange(0, 45_000, 10)),))
+    run = Measurements(np.arange(len(q)) / 5000.0, q, tau, None, None, ("tx40",))
+    spans = ((0, 30_000), (30_000, 45_000), (0, 45_000))
+    train, test, whole = (rows(run, np.arange(*span, 10)) for span in spans)
+    return Arm("tx40", load_problem("tx40"), train, test, (whole,))
 
 
 # mass, centre of mass, axis, origin and kind of each joint's link; metres and kilograms.
@@ -203,24 +198,32 @@ def urdf(name: str, axes: tuple[Axis, ...]) -> str:
     return f'<robot name="{name}">{"".join(links + joints)}</robot>'
 
 
-def arm_of(
-    name: str, axes: tuple[Axis, ...], seed: int, simulate: Callable[[np.random.Generator], Measurements]
-) -> Arm:
-    """What the library is told is the URDF; two runs are simulated, one of them held out."""
+def drawn(seed: int) -> tuple[Axis, ...]:
+    """Four to seven joints; geometry and masses of a size that arms have."""
+    rng, axes = np.random.default_rng([seed, 99]), []
+    say = lambda v: " ".join(f"{x:.4g}" for x in v)  # noqa: E731
+    for k in range(int(rng.integers(4, 8))):
+        kind = "prismatic" if rng.random() < 0.12 else "revolute"
+        axis, along = (np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0]) for _ in range(2))
+        origin = rng.uniform(0.15, 0.4) * 0.9**k * along
+        com, mass = 0.4 * origin + rng.uniform(-0.05, 0.05, 3), 14.0 * 0.65**k * rng.uniform(0.7, 1.3)
+        axes.append((kind, say(axis), say(origin), mass, say(com)))
+    return tuple(axes)
+
+
+def simulated(name: str, axes: tuple[Axis, ...], seed: int) -> Arm:
+    """Two runs, one held out; links differ from the URDF's inertials by up to 30 %; 200 Hz, 20 s,
+    position steps of 1e-5."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.urdf"
         path.write_text(urdf(name, axes))
         problem = load_problem(path)
-    runs = [simulate(np.random.default_rng([seed, k])) for k in (0, 1)]
+    real = name.startswith("drawn")
+    runs = [_simulate(axes, np.random.default_rng([seed, k]), seed, real) for k in (0, 1)]
     return Arm(name, problem, *runs, (runs[1],))
 
 
-def simulated(name: str, axes: tuple[Axis, ...], seed: int) -> Arm:
-    """Links differ from the URDF's inertials by up to 30 %; 200 Hz, 20 s, position steps of 1e-5."""
-    return arm_of(name, axes, seed, lambda rng: _simulate(axes, rng, seed))
-
-
-def _simulate(axes: tuple[Axis, ...], rng: np.random.Generator, seed: int) -> Measurements:
+def _simulate(axes: tuple[Axis, ...], rng: np.random.Generator, seed: int, real: bool) -> Measurements:
     import pinocchio as pin
 
     model = pin.buildModelFromXML(urdf("true", axes))
@@ -243,6 +246,13 @@ def _simulate(axes: tuple[Axis, ...], rng: np.random.Generator, seed: int) -> Me
         ddq -= a * w**2 * np.sin(w * t[:, None] + phase)
     q += np.where(reach > 0.5, rng.uniform(-0.4, 0.4, n), 0.0)
     tau = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)])
+    if real:  # of the machine, not of the run
+        own, speed = np.random.default_rng([seed, 5]), dq.std(axis=0)
+        side = np.where(dq > 0.0, 1.0, own.uniform(0.85, 1.15, n)) - 1.0
+        tau += coulomb * np.sign(dq) * (side + 0.2 * np.exp(-((dq / (0.1 * speed)) ** 2)))
+        tau += own.uniform(0.1, 1.5) * np.diag(pin.crba(model, data, q[0])) * ddq
+        ripple = own.uniform(0.0, 0.01) * tau.std(axis=0)
+        tau += ripple * np.sin(40.0 * q / speed + own.uniform(-np.pi, np.pi, n))
     tau += viscous * dq + coulomb * np.sign(dq)
     tau += 0.01 * tau.std(axis=0) * rng.normal(size=tau.shape)
     return Measurements(t, np.round(q / 1e-5) * 1e-5, tau, None, None, ("simulated",))

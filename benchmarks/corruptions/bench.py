@@ -1,0 +1,177 @@
+"""Every corruption on every arm: is it named, and how much harm does it do where it is not refused?
+
+    python benchmarks/corruptions --data DATA [--arms panda,sim5,drawn7] [--every 4] [--out results]
+
+DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. Arms: panda, ur10e, tx40, sim5, sim6,
+drawn and any number. Outcome of a case:
+  named    an error or a warning names the cause that was put in, and the joint
+  refused  an error without that cause: nothing is identified, but the user has to search
+  warned   warnings only, none of which names the cause, and none names another
+  wrong    warnings that name another cause only
+  silent   nothing
+Harm is the held-out error on clean data of what is identified all the same, over that of the model from
+the clean run. It is measured where nothing refuses. Clean runs, and both halves of each, have to stay
+silent. Writes corruptions.csv and corruptions.md; thresholds are judged on arms that nobody looked at.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import astuple, dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from challenge.judge import wilson
+
+from corruptions.arms import Arm, arm
+from corruptions.kinds import Corruption
+from sdp_vs_penalty import identify
+from sdp_vs_penalty.checks import check
+from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import as_csv, write_text
+from sdp_vs_penalty.show import markdown_table
+
+#: A model this many times worse on clean data is harmed.
+HARMFUL = 1.3
+#: Issues that say that something is wrong, and not what.
+_GENERAL = {
+    "torque not explained", "torque badly explained", "unexplained torque", "poor excitation",
+    "stand-still", "excitation", "quantisation", "low sample rate",
+}  # fmt: skip
+_WORDS = ("named", "refused", "warned", "wrong", "silent")
+
+
+@dataclass(frozen=True)
+class Case:
+    arm: str
+    kind: str
+    joints: str
+    size: str
+    outcome: str
+    harm: float | None
+    said: str
+
+
+def run_case(arm: Arm, corruption: Corruption) -> Case:
+    run = corruption.spoil(arm.train)
+    problem = arm.problem
+    if corruption.gravity is not None:
+        problem = problem.with_gravity(corruption.gravity)
+    (report,) = check(problem, run)
+    problems = report.problems
+    outcome = _outcome(corruption, problems)
+    harm = None
+    if not report.meaningless:
+        try:
+            harm = arm.harm(identify(problem, run))
+        except InputError:
+            outcome = outcome if outcome == "named" else "refused"
+    joints = "+".join(str(j + 1) for j in corruption.joints)
+    said = "; ".join(f"{f.kind} ({f.where})" for f in problems)
+    return Case(arm.name, corruption.kind, joints, corruption.size, outcome, harm, said)
+
+
+def _outcome(corruption: Corruption, problems: Sequence[Issue]) -> str:
+    if any(f.kind in corruption.causes and _names(f, corruption.joints) for f in problems):
+        return "named"
+    if any(f.severity == "error" for f in problems):
+        return "refused" if all(f.kind in _GENERAL for f in problems) else "wrong"
+    if not problems:
+        return "silent"
+    return "warned" if all(f.kind in _GENERAL for f in problems) else "wrong"
+
+
+def _names(issue: Issue, joints: Sequence[int]) -> bool:
+    """Whether an issue is about these joints and no others."""
+    if not joints:
+        return True
+    found = issue.figures.get("joints", issue.figures.get("joint"))
+    if found is None:
+        order = issue.figures.get("order", ())
+        found = [k for k, o in enumerate(order, start=1) if o != k]
+    return sorted(np.atleast_1d(found).tolist()) == sorted(j + 1 for j in joints)
+
+
+def clean(arm: Arm) -> list[Case]:
+    """Its clean runs, whole and in halves."""
+    cases = []
+    for run in (arm.train, *arm.others):
+        span = run.t[-1] - run.t[0]
+        for a, b in ((0.0, span), (0.0, 0.5 * span), (0.5 * span, span)):
+            (report,) = check(arm.problem, run.window(a, b).runs()[0])
+            said = "; ".join(f"{f.kind} ({f.where})" for f in report.problems)
+            outcome = "false alarm" if said else "silent"
+            cases.append(Case(arm.name, "(clean)", "", f"{a:.3g}-{b:.3g} s", outcome, None, said))
+    return cases
+
+
+def bench(name: str, data: Path, kinds: str, every: int, part: int) -> list[Case]:
+    """Of one arm: another sample of corruptions for each, the same in every run."""
+    one = arm(name, data)
+    chosen = [c for c in one.corruptions() if kinds in c.name]
+    return clean(one) + [run_case(one, c) for c in chosen[(sum(name.encode()) + part) % every :: every]]
+
+
+def summary(title: str, cases: Sequence[Case]) -> list[str]:
+    """One row of the Markdown table: shares of what was spoiled; clean logs apart."""
+    spoiled = [c for c in cases if c.kind != "(clean)"]
+    count = {word: sum(c.outcome == word for c in spoiled) for word in _WORDS}
+    bad = [c for c in spoiled if c.outcome == "silent" and (c.harm or 0.0) > HARMFUL]
+    seen = [c for c in spoiled if c.harm is None or c.harm > 1.1 or c.outcome != "silent"]
+    alarms = sum(c.outcome == "false alarm" for c in cases)
+    shares = (len(bad), len(spoiled)), (count["named"], len(spoiled)), (count["named"], len(seen))
+    cells = [title, str(len(spoiled)), *(str(count[w]) for w in _WORDS)]
+    return [*cells, *(_share(*x) for x in shares), f"{alarms} of {len(cases) - len(spoiled)}"]
+
+
+def _share(hits: int, count: int) -> str:
+    """In percent, with Wilson's 95 % interval."""
+    low, high = wilson(hits, count)
+    return f"{100 * hits / count:.1f} % ({100 * low:.0f}-{100 * high:.0f})" if count else ""
+
+
+def markdown(cases: Sequence[Case], command: str) -> str:
+    groups = {name: [c for c in cases if c.arm == name] for name in dict.fromkeys(c.arm for c in cases)}
+    head = ["log", "cases", *_WORDS, "silent and harmful", "cause named"]
+    head += ["cause named, of those that do harm or are mentioned", "false alarms"]
+    kinds = {kind: [c for c in cases if c.kind == kind] for kind in dict.fromkeys(c.kind for c in cases)}
+    silent = [c for c in cases if c.outcome == "silent" and (c.harm or 0.0) > HARMFUL]
+    text = ["# Corrupted logs: what the data check says", ""]
+    text += [f"Made by `{command}`. Harm: error on clean held-out data over that of the model from the"]
+    text += ["clean run. In brackets Wilson's 95 % interval.", ""]
+    text += markdown_table(head, [summary(*g) for g in (*groups.items(), ("all", cases))])
+    text += ["", "## By kind", ""]
+    counts = [[k, str(len(v)), *(str(sum(c.outcome == w for c in v)) for w in _WORDS)]
+              for k, v in kinds.items()]  # fmt: skip
+    text += markdown_table(["kind", "cases", *_WORDS], counts)
+    text += ["", f"## Silent, and more than {HARMFUL:g} times worse on clean data", ""]
+    told = [f"- {c.arm}: {c.kind} {c.joints} {c.size}: {c.harm:.3g} times" for c in silent]
+    return "\n".join([*text, *(told or ["none"]), ""])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--data", type=Path, default=Path("."))
+    parser.add_argument("--out", type=Path, default=Path("results"))
+    parser.add_argument("--arms", default="panda,ur10e,tx40,sim5,sim6")
+    parser.add_argument("--kinds", default="", help="those with this in their name")
+    parser.add_argument("--every", type=int, default=1, help="one corruption in so many")
+    parser.add_argument("--part", type=int, default=0, help="which of these samples, from 0")
+    parser.add_argument("--workers", type=int, default=1)
+    given = parser.parse_args()
+    command = f"python benchmarks/corruptions --data DATA --arms {given.arms} --every {given.every}"
+    work = partial(bench, data=given.data, kinds=given.kinds, every=given.every, part=given.part)
+    cases: list[Case] = []
+    with ProcessPoolExecutor(given.workers) as pool:
+        for found in pool.map(work, given.arms.split(",")):  # kept after each arm
+            cases += found
+            lines = [["" if x is None else f"{x:.3g}" if isinstance(x, float) else x for x in astuple(c)]
+                     for c in cases]  # fmt: skip
+            names = ["arm", "kind", "joints", "size", "outcome", "harm", "said"]
+            write_text(given.out / "corruptions.csv", as_csv(names, lines))
+            write_text(given.out / "corruptions.md", markdown(cases, f"{command} --part {given.part}"))
+            print("\n".join(" | ".join(summary(n, found)) for n in {c.arm for c in found}), flush=True)

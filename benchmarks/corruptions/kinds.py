@@ -1,0 +1,247 @@
+"""Semantic corruptions of a log: kind x joint x size. Plausible numbers, wrong meaning.
+
+A generator that knows nothing of the data check: each corruption says what was done to the run, and
+under which names the check may report it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.measurements import Measurements
+
+Array = NDArray[np.float64]
+Spoil = Callable[[Measurements], Measurements]
+#: One channel (N,) of a run replaced.
+Change = Callable[[Array, Measurements], Array]
+
+
+@dataclass(frozen=True)
+class Corruption:
+    """kind : what was done; joints : to which joints (from 0, empty: all); size : how much, in words.
+
+    causes : issue kinds that name it. gravity : believed instead of the true one.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+    size: str
+    causes: tuple[str, ...]
+    spoil: Spoil = lambda run: run
+    gravity: tuple[float, float, float] | None = None
+
+    @property
+    def name(self) -> str:
+        joints = "+".join(str(j + 1) for j in self.joints)
+        return " ".join(x for x in (self.kind, f"joint {joints}" if joints else "", self.size) if x)
+
+
+def corruptions(n: int) -> list[Corruption]:
+    """All of them for an arm of n joints: those of one channel on the second, a middle and the last."""
+    chosen = sorted({1 % n, n // 2, n - 1})
+    pairs = sorted({(a, b) for a in chosen for b in chosen if a < b})
+    made = [
+        Corruption(kind, (j,), size, tuple(causes.split("|")), partial(_on, name, j, change))
+        for kind, size, causes, name, change in _channels()
+        for j in chosen
+    ]
+    made += [
+        Corruption("joint sign", (j,), "q and tau", ("joint sign",), partial(_signs, j)) for j in chosen
+    ]
+    for kind, size, cause, names in _ORDERS:
+        made += [Corruption(kind, p, size, (cause,), partial(_swapped, names, *p)) for p in pairs]
+    made += [
+        Corruption(kind, (), size, tuple(causes.split("|")), s) for kind, size, causes, s in _runs()
+    ]
+    for g, word in (((0.0, 0.0, 9.81), "ceiling"), ((9.81, 0.0, 0.0), "wall"), (_TILTED, "30 deg")):
+        made.append(Corruption("gravity assumed", (), word, ("gravity direction",), gravity=g))
+    return made
+
+
+_TILTED = (0.0, -4.905, -8.4957)
+_ORDERS: Sequence[tuple[str, str, str, tuple[str, ...]]] = (
+    ("torques swapped", "", "torque order", ("tau",)),
+    ("positions swapped", "", "position order", ("q",)),
+    ("joints swapped", "q and tau", "joint order", ("q", "tau")),
+)
+
+
+def _channels() -> Iterator[tuple[str, str, str, str, Change]]:
+    """kind, size, causes, q or tau, and what is made of one joint's channel."""
+    lagging = "channel delay|channel filter"
+    yield "torque sign", "", "torque sign", "tau", lambda x, r: -x
+    for gain in (0.7, 1.1, 1.3, 2.0):
+        yield "torque gain", f"x {gain:g}", "torque gain", "tau", lambda x, r, g=gain: g * x
+    for gain, unit in ((100.0, "N cm"), (1000.0, "mN m")):
+        word = "torque unit of one column"
+        yield word, unit, "torque gain|torque unit", "tau", lambda x, r, g=gain: g * x
+    for late in (0.02, 0.05, 0.1):
+        word, size = "one torque channel late", f"{1e3 * late:g} ms"
+        yield word, size, lagging, "tau", lambda x, r, s=late: np.interp(r.t - s, r.t, x)
+    for hertz in (0.7, 2.0):
+        word = "causal filter of one torque"
+        yield word, f"{hertz:g} Hz", lagging, "tau", lambda x, r, f=hertz: lagged(x, r.t, f)
+    for share in (0.5, 1.0):
+        ramp = partial(_drift, share)
+        yield "torque drift", f"{share:g} std", "torque drift", "tau", partial(ramp, np.arange)
+        late_step = partial(ramp, lambda n: (n - 1.0) * (np.arange(n) > 0.6 * n))
+        yield "torque step", f"{share:g} std", "torque step", "tau", late_step
+    for limit in (0.4, 0.7):
+        clip = partial(_clipped, limit)
+        yield "saturation", f"at {limit:g} of the peak", "saturation", "tau", clip
+    yield "position sign", "", "position sign|joint sign", "q", lambda x, r: -x
+    for degrees in (6.0, 30.0, 90.0, -90.0, 180.0):
+        turned = np.radians(degrees)
+        yield "encoder offset", f"{degrees:g} deg", "encoder offset", "q", lambda x, r, d=turned: x + d
+    causes = "positions in degrees|position unit|position range"
+    yield "position unit of one column", "degrees", causes, "q", lambda x, r: np.degrees(x)
+    yield "wrapped angle", "", "wrapped angle", "q", _wrapped
+    causes = "frozen position|idle joints"
+    yield "frozen position", "whole run", causes, "q", lambda x, r: np.full_like(x, x[0])
+    for word, name in (("position", "q"), ("torque", "tau")):
+        for seconds in (1.0, 3.0):
+            stale = partial(_held, seconds, False)
+            yield f"stale {word}", f"{seconds:g} s", f"frozen {word}|stale channel", name, stale
+    for name, height, size in (("tau", 500.0, "tau 500"), ("q", 1.0, "q 1 rad")):
+        yield "spikes", size, "spikes", name, partial(_spiked, height)
+    for name in ("q", "tau"):
+        yield "zeros", name, "spikes|zeros", name, _few_zeros
+        for seconds in (0.05, 0.5):
+            yield "zeros", f"{name} {seconds:g} s", "zeros", name, partial(_held, seconds, True)
+
+
+def _runs() -> Iterator[tuple[str, str, str, Spoil]]:
+    """kind, size, causes, and what is made of a whole run."""
+    tenth = lambda n: np.sort(np.concatenate([np.arange(n), np.arange(100, n, 10)]))  # noqa: E731
+    word = "doubled rows, clock re-made"
+    yield word, "every tenth", "doubled rows", lambda r: _remade(r, tenth(len(r.t)))
+    for block in (10, 50):
+        word, lose = "lost rows, clock re-made", partial(_lost, block)
+        yield word, f"8 x {block} rows", "lost rows|one-off event", lose
+    yield "rows interpolated", "1.5 s", "interpolated rows", _interpolated
+    yield "run repeated", "", "repeated run", lambda r: _remade(r, np.tile(np.arange(len(r.t)), 2))
+    back = lambda r: replace(r, q=r.q[::-1].copy(), tau=r.tau[::-1].copy(), dq=None)  # noqa: E731
+    yield "time reversed", "", "time reversed", back
+    yield "burst stamps", "10 rows in 9 us", "burst stamps|jittered time stamps", _bursts
+    for factor in (0.5, 0.8, 1.25, 2.0):
+        yield "clock rate", f"x {factor:g}", "clock rate", partial(_clock, lambda t, f=factor: f * t)
+    yield "time unit", "ms", "time unit", partial(_clock, lambda t: 1e3 * t)
+    for jump, cause in ((1.5, "clock step"), (-1.5, "time runs backwards")):
+        set_ = partial(_clock, lambda t, s=jump: t + s * (t > 0.5 * t[-1]))
+        yield "clock set", f"{jump:+g} s", cause, set_
+    for late in (0.02, 0.06, -0.06):
+        shifted = lambda x, r, s=late: np.interp(r.t - s, r.t, x)  # noqa: E731
+        yield "all torques late", f"{1e3 * late:g} ms", "delay", partial(_each_torque, shifted)
+    word, slow = "causal filter of all torques", lambda x, r: lagged(x, r.t, 1.5)
+    yield word, "1.5 Hz", "torque filter|delay", partial(_each_torque, slow)
+    degrees = lambda r: replace(r, q=np.degrees(r.q), dq=None)  # noqa: E731
+    yield "positions in degrees", "", "positions in degrees|position range", degrees
+    yield "all torque signs", "", "torque sign", partial(_each_torque, lambda x, r: -x)
+    for gain, size in ((1e3, "mN m"), (0.04, "current")):
+        scaled = partial(_each_torque, lambda x, r, g=gain: g * x)
+        yield "torque scale", size, "torque unit|torque channel kind", scaled
+
+
+def rows(run: Measurements, keep: Array) -> Measurements:
+    dq = None if run.dq is None else run.dq[keep]
+    return replace(run, t=run.t[keep], q=run.q[keep], tau=run.tau[keep], dq=dq)
+
+
+def lagged(x: Array, t: Array, hertz: float) -> Array:
+    """A causal first-order low-pass, sample by sample."""
+    out, state = np.empty_like(x), x[0]
+    shares = 1.0 - np.exp(-2.0 * np.pi * hertz * np.diff(t, prepend=t[0]))
+    for k, (value, share) in enumerate(zip(x, shares, strict=True)):
+        state = state + share * (value - state)
+        out[k] = state
+    return out
+
+
+def _on(name: str, j: int, change: Change, run: Measurements) -> Measurements:
+    values = getattr(run, name).copy()
+    values[:, j] = change(values[:, j], run)
+    return replace(run, **{name: values}, dq=None)
+
+
+def _each_torque(change: Change, run: Measurements) -> Measurements:
+    return replace(run, tau=np.column_stack([change(x, run) for x in run.tau.T]))
+
+
+def _signs(j: int, run: Measurements) -> Measurements:
+    sign = np.where(np.arange(run.n) == j, -1.0, 1.0)
+    return replace(run, q=run.q * sign, tau=run.tau * sign, dq=None)
+
+
+def _swapped(names: Sequence[str], a: int, b: int, run: Measurements) -> Measurements:
+    order = np.arange(run.n)
+    order[[a, b]] = [b, a]
+    return replace(run, **{name: getattr(run, name)[:, order] for name in names}, dq=None)
+
+
+def _drift(share: float, shape: Callable[[int], Array], x: Array, run: Measurements) -> Array:
+    return x + share * x.std() * shape(len(x)) / (len(x) - 1.0)
+
+
+def _clipped(share: float, x: Array, run: Measurements) -> Array:
+    limit = share * np.abs(x).max()
+    return np.clip(x, -limit, limit)
+
+
+def _wrapped(x: Array, run: Measurements) -> Array:
+    """Wrapped at a quarter of its range, as a driver does whose zero lies there."""
+    cut = x.min() + 0.75 * np.ptp(x)
+    return (x - cut) % (2.0 * np.pi) + cut - 2.0 * np.pi
+
+
+def _held(seconds: float, zero: bool, x: Array, run: Measurements) -> Array:
+    """Its value, or zero, for so long from two fifths of the run."""
+    since = run.t - run.t[0] - 0.4 * (run.t[-1] - run.t[0])
+    gone = (since >= 0.0) & (since < seconds)
+    return np.where(gone, 0.0 if zero else x[int(np.argmax(gone))], x)
+
+
+def _spiked(height: float, x: Array, run: Measurements) -> Array:
+    x[(np.linspace(0.2, 0.8, 5) * len(x)).astype(int)] += height * np.array([1, -1, 1, 1, -1])
+    return x
+
+
+def _few_zeros(x: Array, run: Measurements) -> Array:
+    x[(np.linspace(0.25, 0.75, 4) * len(x)).astype(int)] = 0.0
+    return x
+
+
+def _remade(run: Measurements, keep: Array) -> Measurements:
+    """These rows, with time stamps counted anew at the log's rate, as a converter writes them."""
+    step = float(np.median(np.diff(run.t)))
+    return replace(rows(run, keep), t=run.t[0] + np.arange(len(keep)) * step)
+
+
+def _lost(block: int, run: Measurements) -> Measurements:
+    keep = np.ones(len(run.t), bool)
+    for start in np.linspace(0.15, 0.85, 8) * len(keep):
+        keep[int(start) : int(start) + block] = False
+    return _remade(run, np.flatnonzero(keep))
+
+
+def _interpolated(run: Measurements) -> Measurements:
+    since = run.t - run.t[0] - 0.45 * (run.t[-1] - run.t[0])
+    keep = ~((since > 0.0) & (since < 1.5))
+    q, tau = (
+        np.column_stack([np.interp(run.t, run.t[keep], x[keep]) for x in values.T])
+        for values in (run.q, run.tau)
+    )
+    return replace(run, q=q, tau=tau, dq=None)
+
+
+def _bursts(run: Measurements) -> Measurements:
+    step, k = 10.0 * float(np.median(np.diff(run.t))), np.arange(len(run.t))
+    return replace(run, t=run.t[0] + (k // 10) * step + (k % 10) * 1e-6)
+
+
+def _clock(change: Callable[[Array], Array], run: Measurements) -> Measurements:
+    return replace(run, t=run.t[0] + change(run.t - run.t[0]))
