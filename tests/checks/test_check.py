@@ -414,6 +414,7 @@ def test_a_flipped_sign_is_named_on_the_real_panda(
     assert [(f.kind, f.where) for f in report.problems] == [("torque sign", f"joint {joint}")]
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_mistakes_are_named_on_the_real_ur10e(data_folder: Path) -> None:
     """Motor-side torques full of friction: signs, order, currents, ceiling mounting."""
@@ -431,6 +432,7 @@ def test_mistakes_are_named_on_the_real_ur10e(data_folder: Path) -> None:
     assert "ceiling" in report.problems[0].what
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 @pytest.mark.parametrize("inertials", [True, False])
 def test_a_robot_that_is_only_a_urdf(inertials: bool, data_folder: Path, tmp_path: Path) -> None:

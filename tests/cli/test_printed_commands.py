@@ -236,6 +236,7 @@ def twelve_found(panda: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     return found
 
 
+@pytest.mark.slow
 def test_twelve_findings_at_once(twelve_found: Diagnosis, run: Run) -> None:
     """The text of twelve effects is longer than a file's name may be."""
     run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
@@ -251,6 +252,7 @@ def test_twelve_findings_at_once(twelve_found: Diagnosis, run: Run) -> None:
     np.testing.assert_array_equal(text.theta, file.theta)
 
 
+@pytest.mark.slow
 def test_of_weak_findings_the_first_are_offered(
     twelve_found: Diagnosis, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

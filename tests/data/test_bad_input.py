@@ -635,6 +635,7 @@ JSON_VALUES = st.recursive(
 )
 
 
+@pytest.mark.slow
 @FUZZ
 @given(data=st.data())
 def test_fuzz_model(data: st.DataObject, model: Path, tmp_path: Path) -> None:

@@ -158,6 +158,7 @@ def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
     assert result.verdict == "unknown_effect"
 
 
+@pytest.mark.slow
 def test_only_a_frozen_model_shows_a_payload(panda: Problem) -> None:
     loaded = hidden_runs(panda, [("payload", [])], "strong", seed=16)
     empty = hidden_runs(panda, [], 0.0, seed=17, world=loaded.world)
@@ -183,6 +184,7 @@ def test_only_a_frozen_model_shows_a_payload(panda: Problem) -> None:
     assert all(f.effect != "payload" for f in diagnose(refitted, data, loaded.runs[3]).effects)
 
 
+@pytest.mark.slow
 def test_what_has_changed_of_a_held_model_is_judged_and_not_added_twice(panda: Problem) -> None:
     later = hidden_runs(panda, [("payload", []), ("torque_offset", [4])], "strong", seed=18)
     empty = hidden_runs(panda, [], 0.0, seed=17, world=later.world)

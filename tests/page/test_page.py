@@ -187,6 +187,7 @@ def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
         assert not looks_dark()
 
 
+@pytest.mark.slow
 def test_a_model_can_be_brought(
     story: dict[str, Any], context: BrowserContext, server: Server, files: list[Path]
 ) -> None:
@@ -230,6 +231,7 @@ def test_undo_takes_the_last_step_back_and_redo_brings_it_again(
     page.close()
 
 
+@pytest.mark.slow
 def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files: list[Path]) -> None:
     page = open_page(context, server)
     choosers: list[Any] = []
@@ -300,6 +302,7 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
     assert page.evaluate("document.activeElement.innerText") == "What is missing"
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_how_fast_it_answers_on_the_real_panda(context: BrowserContext, server: Server) -> None:
     """A joint's torques stand there 0.3 s after a click where nothing else runs."""

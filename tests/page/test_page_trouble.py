@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext
 
 
+@pytest.mark.slow
 def test_cancel_ends_the_work(context: BrowserContext, server: Server) -> None:
     page = open_page(context, server)
     pick(page, "panda")
@@ -256,6 +257,7 @@ def test_other_sites_and_names_get_nothing(server: Server) -> None:
     assert status("PUT", "/s/guess/files?name=a.csv&kind=runs", own) == 404
 
 
+@pytest.mark.slow
 def test_the_folder_is_offered_and_kept_as_it_is(
     browser: Browser, files: list[Path], tmp_path: Path
 ) -> None:

@@ -746,6 +746,7 @@ def test_other_computers_are_served_over_tls_only(
         Address(host, *(tmp_path / name for name in files))
 
 
+@pytest.mark.slow
 def test_the_page_over_tls(tmp_path: Path) -> None:
     if shutil.which("openssl") is None:
         pytest.skip("openssl makes the certificate")

@@ -215,6 +215,7 @@ def test_it_draws_in_chromium(
     assert "Content Security Policy" not in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
 def test_joints_are_zoomed_together_and_far_figures_wait(
     made: tuple[dict[str, Estimate], Measurements, str], tmp_path: Path
@@ -242,6 +243,7 @@ def test_joints_are_zoomed_together_and_far_figures_wait(
         browser.close()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="pdftotext is not installed")
 def test_on_paper_everything_is_open_and_no_figure_is_cut(

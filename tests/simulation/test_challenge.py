@@ -43,6 +43,7 @@ def test_what_is_hidden_is_called_as_the_library_calls_it() -> None:
     assert len(fair & set(effect_types())) >= 6
 
 
+@pytest.mark.slow
 def test_hidden_effects_have_their_size_and_level() -> None:
     """Sized on a coarse grid, met on the fine one; each effect once in so many cases."""
     met = set()
@@ -59,6 +60,7 @@ def test_hidden_effects_have_their_size_and_level() -> None:
     assert met == set(EFFECTS)
 
 
+@pytest.mark.slow
 def test_hidden_effects_are_found_and_clean_robots_are_clean() -> None:
     """Small cases end to end; that sign and size agree is physics stated twice."""
     hidden = run_case(Case("strong", "encoder", 1000, 20))[1]
@@ -76,6 +78,7 @@ def test_a_smoothed_channel_is_named_not_the_friction_that_it_bends() -> None:
     assert found["size"] == pytest.approx(0.04 / np.sqrt(24.0), rel=0.2)
 
 
+@pytest.mark.slow
 def test_no_law_mends_a_constant_that_went_astray() -> None:
     """Friction that differs by direction, once reported with a Stribeck friction beside a Coulomb
     width of 0.023 rad/s instead of 0.01: without the one, the other is right."""
@@ -132,6 +135,7 @@ def test_findings_are_judged_beside_the_truth() -> None:
     assert not judge.counted(right | {"energy": [29.0]})
 
 
+@pytest.mark.slow
 def test_a_challenge_goes_on_where_it_stopped(tmp_path: Path) -> None:
     kinds, conditions = ["clean"], ["rate", "short"]
     paths = run_challenge(1, 5, tmp_path, ALONE, kinds, conditions)
