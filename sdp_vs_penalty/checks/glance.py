@@ -61,8 +61,8 @@ class Glance:
 
     @cached_property
     def row_numbers(self) -> NDArray[np.int64]:
-        """(N,) equal numbers for rows with the same positions and torques, bit by bit."""
-        rows = np.ascontiguousarray(np.column_stack([self.run.q, self.run.tau]))
+        """(N,) equal numbers for rows that are the same, bit by bit, in every column but t."""
+        rows = np.ascontiguousarray(np.column_stack([*self.run.groups.values()]))
         packed = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
         return np.asarray(np.unique(packed, return_inverse=True)[1].ravel())
 

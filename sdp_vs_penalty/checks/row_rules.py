@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
@@ -22,8 +23,9 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.runs import spans
 
 _READ = "certain: read from the file"
-#: A frozen channel or packet stays for so long [s], so many rows, and this many times longer than it
-#: keeps its value elsewhere; the rows before, over which a joint that comes to rest has slowed down.
+#: A frozen channel or packet stays for so long [s] (packets for less are a warning), so many rows, and
+#: this many times longer than it keeps its value elsewhere, or stays within one step of it; the rows
+#: before, over which a joint that comes to rest has slowed down.
 _STUCK_SECONDS, _STUCK_ROWS, _STUCK_TIMES, _SLOWING = 0.1, 10, 3.0, 10
 #: More freezes than this are a coarse sensor.
 _FREEZES = 20
@@ -32,6 +34,8 @@ _FREEZES = 20
 _SPIKE, _SPIKE_RANGE, _WIDTH, _FEW = 40.0, 0.25, 7, 0.02
 #: Rows in a row that lie on straight lines in every channel, or come a second time, are no chance.
 _STRAIGHT, _AGAIN = 8, 50
+#: Chance makes short stretches of equal rows: those may hold this share of the rows in long ones.
+_BY_CHANCE = 0.1
 #: From this share on, straight lines are how the log was resampled, and gaps are so many times longer.
 _RESAMPLED, _GAP_TIMES = 0.3, 5.0
 #: Over a doubled row the arm seems to move at half its speed, over one held by a fast logger at its own.
@@ -71,7 +75,10 @@ def wrapped(g: Glance) -> Issue | None:
 
 
 def repeated_run(g: Glance) -> Issue | None:
-    """Rows that come a second time, all at the same distance."""
+    """Rows that come a second time, all at the same distance and one after the other.
+
+    Where a motion repeats and its columns are coarse, single rows are equal by chance.
+    """
     number = g.row_numbers
     first = np.full(int(number.max(initial=-1)) + 1, -1)
     first[number[::-1]] = np.arange(len(number))[::-1]
@@ -80,7 +87,14 @@ def repeated_run(g: Glance) -> Issue | None:
     if not len(lags) or counts.max() < _AGAIN:
         return None
     most = int(lags[np.argmax(counts)])
-    again = lag == most
+    again = np.concatenate([np.zeros(most, bool), number[most:] == number[:-most]])
+    parts = spans(again)
+    short = np.diff(parts)[:, 0] < _AGAIN
+    by_chance = int(np.diff(parts[short]).sum())
+    for a, b in parts[short]:
+        again[a:b] = False
+    if by_chance > _BY_CHANCE * again.sum() or not again.any():
+        return None
     share = float(np.ptp(g.run.q[again], axis=0).max()) / max(
         float(np.ptp(g.run.q, axis=0).max()), 1e-300
     )
@@ -102,17 +116,17 @@ def frozen_packets(g: Glance) -> Issue | None:
         return None
     lengths = parts[:, 1] - parts[:, 0]
     usual = float(np.quantile(lengths, 0.5)) if len(parts) > _FREEZES else 1.0
-    seconds = g.run.t[parts[:, 1] - 1] - g.run.t[parts[:, 0] - 1]
-    long = (seconds >= _STUCK_SECONDS) & (lengths >= max(_STUCK_ROWS, _STUCK_TIMES * usual))
+    long = lengths >= max(_STUCK_ROWS, _STUCK_TIMES * usual)
     gone = np.zeros(len(g.run.t), bool)
     for a, b in parts[long]:
         gone[a:b] = g.run.q.shape[0] > b and _leaps(g, int(a) - 1, int(b) - 1)
     if not gone.any():
         return None
     rows, found = np.flatnonzero(gone), len(spans(gone))
-    longest = float(seconds[long].max())
+    longest = max(float(g.run.t[b - 1] - g.run.t[a - 1]) for a, b in spans(gone))
     return Issue(
-        "frozen packets", "error", f"rows {rows[0] + 2} to {spans(gone)[0][1] + 1}"
+        "frozen packets", "error" if longest >= _STUCK_SECONDS else "warning",
+        f"rows {rows[0] + 2} to {spans(gone)[0][1] + 1}"
         + (f" and {found - 1} more parts" if found > 1 else ""),
         f"all channels repeat one row for up to {longest:.3g} s, {show.count(found, 'time')}, while "
         f"the arm "
@@ -122,13 +136,14 @@ def frozen_packets(g: Glance) -> Issue | None:
 
 
 def _leaps(g: Glance, a: int, b: int) -> bool:
-    """Whether some joint, still from row a to row b, has then come farther than in its usual step, and
-    had not slowed down before."""
+    """Whether some joint, still from row a to row b, has then come farther than in its usual step and
+    by more than its encoder's, and had not slowed down before."""
     q, after = g.run.q, min(b + 1, len(g.run.t) - 1)
     usual = np.median(np.abs(np.diff(q, axis=0)), axis=0) + 1e-12
     jump = np.abs(q[after] - q[b])
     before = np.abs(q[a] - q[max(a - _SLOWING, 0)]) / _SLOWING
-    return bool(np.any((jump > 4.0 * usual) | (before > 2.0 * usual) & (jump > before)))
+    leaps = (jump > 4.0 * usual) | (before > 2.0 * usual) & (jump > before)
+    return any(jump[j] > 2.5 * lattice_step(q[:, j]) for j in np.flatnonzero(leaps))
 
 
 def doubled(g: Glance) -> Issue | None:
@@ -266,7 +281,7 @@ def spikes(g: Glance) -> Issue | None:
         least = _SPIKE_RANGE * (high - low) + 1e-9
         if not g.moving[j] or np.abs(np.diff(x)).max() <= least / (_WIDTH // 2):
             continue  # the median of the window cannot be that far
-        around = np.lib.stride_tricks.sliding_window_view(np.pad(x, _WIDTH // 2, "edge"), _WIDTH)
+        around = sliding_window_view(np.pad(x, _WIDTH // 2, "edge"), _WIDTH)
         off = np.abs(x - np.median(around, axis=1))
         bad = (off > max(_SPIKE * np.quantile(off, 0.9), least)) & g.inside
         if 0 < bad.sum() <= _FEW * len(x):
@@ -291,13 +306,19 @@ def _joints(found: dict[str, NDArray[np.bool_]]) -> list[int]:
 
 
 def lost_rows(g: Glance) -> Issue | None:
-    """All joints skip ahead within one step of an even clock: rows are missing that it does not show."""
-    q, steps = g.run.q[:, g.moving], g.steps
-    if len(g.run.t) < 50 or q.shape[1] < 2:
+    """All joints skip ahead within one step of an even clock: rows are missing that it does not show.
+
+    A position that comes again is a packet repeated, and makes up for the skip behind it: each counts
+    once, from its first stamp to that of the next.
+    """
+    q = g.run.q[:, g.moving]
+    fresh = np.flatnonzero(np.concatenate([[True], np.any(np.diff(q, axis=0) != 0.0, axis=1)]))
+    q, steps = q[fresh], np.diff(g.run.t[fresh])
+    if len(fresh) < 50 or q.shape[1] < 2:
         return None
     speed = np.abs(np.diff(q, axis=0)) / np.maximum(steps, 1e-300)[:, None]
     pad = np.pad(speed, ((5, 5), (0, 0)), "edge")
-    windows = np.lib.stride_tricks.sliding_window_view(pad, 11, axis=0)
+    windows = sliding_window_view(pad, 11, axis=0)
     # Three in four of the joints that tell have to skip; a skip is above the median of its window.
     least = max(2, (q.shape[1] + 1) // 2)
     slower = sum((pad[k : k + len(speed)] < speed / _TORN).astype(np.int8) for k in range(11))
@@ -318,7 +339,7 @@ def lost_rows(g: Glance) -> Issue | None:
     torn, missing = rows[found], np.round(middle[found] - 1.0)
     if not len(torn) or len(torn) > _FEW * len(steps):
         return None
-    added = np.zeros(len(steps))
+    torn, added = fresh[torn + 1] - 1, np.zeros(len(g.steps))
     added[torn] = missing * np.median(steps)
     return Issue(
         "lost rows", "error", rows_text(int(torn[0]) + 3, len(torn)),
@@ -342,7 +363,7 @@ def _frozen(g: Glance, word: str, channels: list[tuple[str, int, Array]]) -> Iss
     """Channels that repeat a value bit by bit while the arm moves, and did not slow down before."""
     found = {}
     for name, j, x in channels:
-        if np.ptp(x) > 0.0 and (bad := _stuck(g, x, word == "position")).any():
+        if np.ptp(x) > 0.0 and (bad := _stuck(g, j, x, word == "position")).any():
             found[name] = j, bad
     if not found:
         return None
@@ -361,8 +382,8 @@ def _frozen(g: Glance, word: str, channels: list[tuple[str, int, Array]]) -> Iss
     )  # fmt: skip
 
 
-def _stuck(g: Glance, x: Array, position: bool) -> NDArray[np.bool_]:
-    """(N,) rows in which a channel is frozen."""
+def _stuck(g: Glance, j: int, x: Array, position: bool) -> NDArray[np.bool_]:
+    """(N,) rows in which a channel of joint j is frozen."""
     bad, moved = np.zeros(len(x), bool), np.concatenate([[0], np.cumsum(g.movement.moves)])
     parts = constant_parts(x)
     parts = parts[np.diff(moved[parts])[:, 0] > 0.9 * np.diff(parts)[:, 0]]
@@ -370,8 +391,7 @@ def _stuck(g: Glance, x: Array, position: bool) -> NDArray[np.bool_]:
         return bad
     lengths = parts[:, 1] - parts[:, 0]
     alike = lengths * _STUCK_TIMES > lengths.max()  # several freezes must not hide each other
-    elsewhere = int(lengths[~alike].max(initial=1))
-    if alike.sum() > _FREEZES or lengths.max() < max(_STUCK_TIMES * elsewhere, _STUCK_ROWS):
+    if alike.sum() > _FREEZES or lengths.max() < _STUCK_ROWS:
         return bad
     step, width = np.abs(np.diff(x)), min(_SLOWING, len(x) - 1)
     # A coarse channel keeps its value by itself, and then goes on by one level.
@@ -380,14 +400,33 @@ def _stuck(g: Glance, x: Array, position: bool) -> NDArray[np.bool_]:
     usually = 0.5 * float(np.median(travel[travel > 0.0])) if travel.any() else 0.0
     for a, b in parts[alike]:
         jump, before = step[min(b, len(step) - 1)], abs(x[a] - x[max(a - width, 0)])
-        came_to_rest = jump < 4.0 * usual and before < usually
+        if position:
+            by_itself = jump < 4.0 * usual and before < usually
+        else:  # dry friction is constant until its joint turns, and hides in a coarse channel's step
+            after, now = g.run.q[min(b + width, len(x) - 1), j], g.run.q[b, j]
+            by_itself = usual < level and (after - now) * (now - g.run.q[max(b - width, 0), j]) <= 0.0
         seconds = float(g.run.t[b] - g.run.t[a])
         # A clipped channel stays at its end.
         clipped = x[a] in (x.min(), x.max())
-        if seconds < 2.0 * _STUCK_SECONDS or clipped or jump < level or (position and came_to_rest):
+        if seconds < 2.0 * _STUCK_SECONDS or clipped or jump < level or by_itself:
             continue
         bad[a : b + 1] = True
+    width = int(lengths[alike].min() / _STUCK_TIMES)
+    if bad.any() and _keeps(g, x, width, parts[alike]):
+        bad[:] = False
     return bad
+
+
+def _keeps(g: Glance, x: Array, width: int, apart: NDArray[np.intp]) -> bool:
+    """Whether elsewhere, off its ends, a channel stays within one step for so many rows of motion."""
+    free = g.movement.moves & (x > x.min()) & (x < x.max())
+    for a, b in apart:
+        free[a : b + 1] = False
+    within = 1.5 * lattice_step(x)
+    for a, b in spans(free):
+        if b - a > width and (np.ptp(sliding_window_view(x[a:b], width + 1), axis=1) <= within).any():
+            return True
+    return False
 
 
 #: In the order of mending; each sees the run as those before have mended it.

@@ -1,0 +1,112 @@
+"""Copies, freezes and skips: told where they were made, and not where a coarse sensor looks like one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.checks.glance import Glance
+from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.row_rules import frozen_torque, repeated_run
+from sdp_vs_penalty.checks.rules import mended
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.problem.load import load_problem
+
+ROBOT, RATE, PERIOD, STANDSTILL = load_problem("two_link").robot, 250, 8.0, 0.02
+
+
+def stepped(x: np.ndarray, step: float) -> np.ndarray:
+    return np.asarray(step * np.round(x / step)) if step else x
+
+
+def motion(
+    periods: int = 3, encoder: float = 0.0, torque: float = 0.0, noise: float = 0.02
+) -> Measurements:
+    """Two joints whose motion repeats exactly, with dry friction; sensors in steps of so much."""
+    t = np.arange(0.0, periods * PERIOD, 1.0 / RATE)
+    w = 2.0 * np.pi * np.array([[2.0], [5.0]]) / PERIOD
+    q, dq = (np.array([[0.9], [0.5]]) * f for f in (np.sin(w * t), w * np.cos(w * t)))
+    rng = np.random.default_rng(7)
+    tau = 6.0 * np.cos(q) + dq + 2.4 * np.sign(dq) + noise * rng.normal(size=q.shape)
+    measured = dq + 0.01 * rng.normal(size=q.shape)
+    q = q if encoder else q + 1e-6 * rng.normal(size=q.shape)
+    return Measurements(t, stepped(q, encoder).T, stepped(tau, torque).T, measured.T)
+
+
+def only(run: Measurements, **blocks: np.ndarray | None) -> Measurements:
+    return Measurements(run.t, **{"q": run.q, "tau": run.tau, "dq": run.dq, **blocks})  # type: ignore[arg-type]
+
+
+def glance(run: Measurements) -> Glance:
+    return Glance(run, ROBOT, STANDSTILL)
+
+
+def told(run: Measurements) -> tuple[list[Issue], Measurements]:
+    issues, _, fixed = mended(run, ROBOT, STANDSTILL)
+    return issues, fixed
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity: bool) -> None:
+    """Many rows are equal one period later by chance; a part that is in the file twice still is told."""
+    clean = motion(encoder=2.0 * np.pi / 4096, torque=0.1, noise=0.1)
+    clean = clean if velocity else only(clean, dq=None)
+    lag = int(PERIOD * RATE)
+    same = np.all(clean.q[lag:] == clean.q[:-lag], axis=1) & np.all(
+        clean.tau[lag:] == clean.tau[:-lag], axis=1
+    )
+    assert same.sum() > 200
+    assert repeated_run(glance(clean)) is None
+    rows = np.r_[0:3000, 1500:2500, 3000 : len(clean.t)]
+    copied = Measurements(
+        np.arange(len(rows)) / RATE, clean.q[rows], clean.tau[rows], clean.dq[rows] if velocity else None
+    )
+    found = repeated_run(glance(copied))
+    assert found is not None
+    assert found.figures == {"rows": 1000, "lag": 1500}
+    # The same positions and torques with other velocities are no copies.
+    other = only(copied, dq=motion(4).dq[: len(rows)])  # type: ignore[index]
+    assert repeated_run(glance(other)) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("step", [0.8, 1.2])
+def test_a_coarse_torque_keeps_its_value_until_dry_friction_turns(seed: int, step: float) -> None:
+    """A slow load and Coulomb's friction, in steps of so much: at one level for long, then a jump."""
+    clean, rng = motion(2), np.random.default_rng(seed)
+    assert clean.dq is not None
+    load = 1.5 * np.sin(2.6 * np.pi * clean.t / clean.t[-1] + seed)[:, None]
+    tau = 2.4 * np.sign(clean.dq) + 0.2 * clean.dq + load + 0.02 * rng.normal(size=clean.q.shape)
+    assert frozen_torque(glance(only(clean, tau=stepped(tau, step)))) is None
+
+
+def test_a_torque_in_steps_that_froze_is_told() -> None:
+    fine = motion(torque=0.1)
+    tau = fine.tau.copy()
+    tau[2050:2320, 1] = tau[2050, 1]
+    found = frozen_torque(glance(only(fine, tau=tau)))
+    assert found is not None
+    assert found.figures["joints"] == [2]
+
+
+@pytest.mark.parametrize("length", [4, 25, 60])
+def test_packets_that_froze_are_no_rows_lost(length: int) -> None:
+    """Positions stand still bit by bit, then jump, while the stamps go on evenly: the clock is right."""
+    clean = motion()
+    rows = np.arange(len(clean.t))
+    for k in range(200, 5800, 500):
+        rows[k : k + length] = k
+    issues, fixed = told(only(clean, q=clean.q[rows], tau=clean.tau[rows], dq=clean.dq[rows]))  # type: ignore[index]
+    kinds = ["frozen packets"] if length >= 10 else []
+    assert [f.kind for f in issues if "gap" not in f.kind] == kinds
+    np.testing.assert_array_equal(fixed.t, clean.t[np.isin(clean.t, fixed.t)])
+    assert fixed.samples == clean.samples - (12 * (length - 1) if kinds else 0)
+
+
+def test_rows_lost_under_a_clock_made_again_are_told() -> None:
+    clean = motion()
+    kept = np.flatnonzero(np.arange(len(clean.t)) % 500 >= 10)
+    lost = Measurements(clean.t[: len(kept)], clean.q[kept], clean.tau[kept])
+    issues, _ = told(lost)
+    (found,) = [f for f in issues if f.kind == "lost rows"]
+    assert len(found.figures["missing"]) >= 8
