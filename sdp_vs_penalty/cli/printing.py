@@ -101,12 +101,17 @@ def certificate(result: Estimate) -> None:
         lines.append(("on their bounds", f"{', '.join(bounds)}: widen the bounds, or measure more"))
     lines += determined(result)
     details(*zip(*lines, strict=True))
+    if result.certificate.not_found:
+        explain(result.certificate.not_found)
     if result.unweighed:
         explain(result.unweighed)
 
 
 def determined(result: Estimate) -> list[tuple[str, str]]:
-    """How many parameters the data determine; the base parameters that the prior decides."""
+    """How many parameters the data determine; the base parameters that the prior decides.
+
+    Where a base parameter that should be the data's has no standard deviation, none of it is known.
+    """
     base = result.details.get("base_parameters")
     if base is None:
         return []
@@ -115,6 +120,11 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
     text = (
         f"{len(base) - len(prior)} of {len(base)} base parameters, {own} of {len(result.theta)} standard"
     )
+    std = {b.name: b.std for b in result.uncertainty.base}
+    blind = sum(b["source"] == "data" and np.isnan(std.get(b["name"], 0.0)) for b in base)
+    if blind:
+        text = f"nothing is known of the intervals: {blind} of {len(base)} base parameters have none"
+        return [("determined by the data", text)]
     lines = [("determined by the data", text)]
     if prior:
         more = f" and {len(prior) - _LISTED} more" if len(prior) > _LISTED else ""

@@ -9,6 +9,9 @@ from typing import Any
 from sdp_vs_penalty.constraints.constraint import BarycentricBound
 from sdp_vs_penalty.show import Shown, Summary
 
+#: A gap above this share of the loss is no solver's rounding (below 1e-6): it stopped short.
+_FAR = 1e-3
+
 
 @dataclass(frozen=True, repr=False)
 class Certificate(Shown):
@@ -45,6 +48,16 @@ class Certificate(Shown):
     @property
     def worst(self) -> float:
         return max(self.violations.values(), default=0.0)
+
+    @property
+    def not_found(self) -> str:
+        """A sentence where the gap says that no optimum was found, else ""."""
+        if self.gap is None or self.gap <= _FAR:
+            return ""
+        return (
+            f"The optimum was not found: the certified lower bound is {self.gap:.2g} of the loss below "
+            "this objective; do not use these parameters."
+        )
 
     def __str__(self) -> str:
         """Everything in words, a line each."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 
-import numpy as np
-
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -13,11 +13,7 @@ from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.files import reading
 from sdp_vs_penalty.solvers import verify_proof
-from sdp_vs_penalty.solvers.proof import Proof
-
-#: Largest difference between the proof's numbers and the recomputed ones, relative to their columns'
-#: norms: far above the rounding of two machines (1e-12), far below what any option changes.
-_SAME = 1e-8
+from sdp_vs_penalty.solvers.proof import Proof, difference, stated
 
 
 def verify_proof_file(
@@ -39,45 +35,53 @@ def verify_proof_file(
     except Exception as error:
         return False, f"refused: {path}: {error or type(error).__name__}"
     if found is None:
-        return True, f"accepted: {path}: no parameters satisfy all constraints, in exact arithmetic"
-    low, high = (float(x) for x in found)
-    said = [
-        f"accepted: {path}: the least objective lies in [{low!r}, {high!r}], in exact arithmetic",
-        "proved is this of the numbers in the file; that the model describes the robot is not",
-    ]
+        said = [f"accepted: {path}: no parameters satisfy all constraints, in exact arithmetic"]
+    else:
+        low, high = (float(x) for x in found)
+        said = [
+            f"accepted: {path}: the least objective lies in [{low!r}, {high!r}], in exact arithmetic",
+            "proved is this of the numbers in the file; that the model describes the robot is not",
+        ]
     if model is None:
         return True, "; ".join([*said, "name --model and --data to see what the numbers are made of"])
-    if proof["model"] != model.identity:
-        return False, f"refused: {path}: it is of another model"
+    if fault := _other_model(proof, model):
+        return False, f"refused: {path}: {fault}"
     said.append("it is of this model")
     if data is not None:
         runs = as_measurements(data, model.robot.n, model.robot.joint_names, "verify(data=...)")
         if proof["data"] != runs.data_hash:
             return False, f"refused: {path}: it is of other measurements (or of another --window)"
-        problem = _reposed(proof, model, runs)
-        if problem is False:
-            return False, f"refused: {path}: these measurements make another optimisation problem"
-        how = "make its numbers (recomputed in floating point)"
-        said.append(f"these measurements {how if problem else 'are the ones it names'}")
+        own = _reposed(model, runs)
+        if own is not None and (fault := difference(proof, own)):
+            return False, f"refused: {path}: these measurements make another problem: {fault}"
+        how = "make its numbers, constraints and bounds (recomputed in floating point)"
+        if own is None:
+            how = "are the ones it names (its numbers, constraints and bounds were not recomputed)"
+        said.append(f"these measurements {how}")
     return True, "; ".join(said)
 
 
-def _reposed(proof: Proof, model: Estimate, data: Source) -> bool | None:
-    """Whether the data, posed again, are the proof's R, rho and floor; None for another method."""
+def _other_model(proof: Proof, model: Estimate) -> str:
+    """What in a proof is not the model's, in words; "" where nothing is."""
+    if proof["model"] != model.identity or "theta" not in proof:
+        return "it is of another model"
+    if proof["parameters"] != [p.name for p in model.model.parameters]:
+        return "its parameters, or their order, are not the model's"
+    if [Fraction(x) for x in proof["theta"]] != [Fraction(repr(x)) for x in model.theta.tolist()]:
+        return "its theta is not the model's"
+    return ""
+
+
+def _reposed(model: Estimate, data: Measurements) -> Proof | None:
+    """The problem that the data make, posed as the model says.
+
+    None for a method that poses none, and a log without torque: its servos' law and delay are found on
+    the way to the model, and posing with them given makes other instruments.
+    """
     estimator = model.estimator
-    if not isinstance(estimator, LmiSdp):
+    if not isinstance(estimator, LmiSdp) or not data.torque_logged:
         return None
     options = PoseOptions(model.model.effects, model.preprocessing, model.weighting)
-    objective, _ = estimator.posed(pose(model.problem, data, options).task)
-    made = objective.least_squares
-    rows = [[*row, r] for row, r in zip(proof["R"], proof["rho"], strict=True)]
-    stated = np.array([[float(verify_proof.Fraction(x)) for x in row] for row in rows])
-    floor = float(verify_proof.Fraction(proof["floor"]))
-    own = np.column_stack([made.R, made.rho])
-    if stated.shape[1] != own.shape[1]:
-        return False
-    grams = [part.T @ part for part in (stated, own)]
-    for gram, rest in zip(grams, (floor, made.residual_norm), strict=True):
-        gram[-1, -1] += rest**2
-    size = np.sqrt(np.diagonal(grams[0]))
-    return bool(np.all(np.abs(grams[0] - grams[1]) <= _SAME * np.outer(size, size)))
+    task = pose(model.problem, data, options).task
+    objective, constraints = estimator.posed(task)
+    return stated(objective, constraints.convex, task.bound, [p.name for p in task.model.parameters])

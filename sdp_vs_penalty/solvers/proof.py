@@ -3,8 +3,9 @@
 The file holds the problem (R, rho, floor, constraint arrays, bounds) as the rational numbers that the
 doubles are, the estimate as it is written in model.json, multipliers that lie in the cones exactly, and
 the interval. :mod:`verify_proof` checks it with the standard library alone; docs/proof.md is the format
-in full. How R and rho came from the measured samples is outside of the proof: the file names the model
-and the data by their hashes, which ``verify --model --data`` compares.
+in full. How these numbers came from the measured samples is outside of the proof: the file names the
+model and the data by their hashes; ``verify --model --data`` poses the problem again and compares it
+with all that the file states (:func:`difference`).
 
 Weak duality as in :mod:`certificate`; Jansson, Chaykin, Keil, SIAM J. Numer. Anal. 2007, for bounds from
 approximate multipliers.
@@ -15,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -35,6 +37,11 @@ Proof = dict[str, Any]
 
 #: How often y is shifted by what is left of the slope; each time the rest shrinks to rounding.
 _POLISH = 3
+#: Largest difference between the numbers of two statements of one problem, relative to themselves or
+#: their columns' norms: far above the rounding of two machines (1e-12), far below any option's change.
+_SAME = 1e-8
+#: Entries of a matrix so much smaller than its largest one are rounding.
+_ROUNDING = 1e-14
 
 
 def optimum_proof(
@@ -54,17 +61,15 @@ def optimum_proof(
     Raises ValueError where it is not, or the multipliers prove nothing.
     """
     evidence = dual_evidence(objective, constraints, multipliers, theta, bound, entropy_slopes)
-    data = objective.least_squares
+    problem = stated(objective, constraints.convex, bound, parameters)
     proof: Proof = {
-        **_problem("optimum", data, constraints.convex, bound, parameters, _duals(evidence)),
+        **_proof("optimum", problem, constraints.convex, evidence, objective.entropy),
         "theta": [repr(float(x)) for x in theta],
         "y": _texts(evidence.y),
         "lower": "0",
         "upper": "0",
         **(made_of or {}),
     }
-    if objective.entropy is not None:
-        _add_entropy(proof, objective.entropy, constraints.convex, evidence.entropy_slopes)
     exact = verify_proof.typed(_signed(proof), verify_proof.OPTIMUM, {})
     proof["y"] = [_text(x) for x in _polished(exact, evidence, bound)]
     proof["lower"], proof["upper"] = _interval(exact)
@@ -78,13 +83,12 @@ def infeasibility_proof(
     parameters: Sequence[str] = (),
 ) -> Proof:
     """The proof (Farkas) that no |theta_k| <= bound_k satisfies all constraints."""
-    nothing = LeastSquares(np.zeros((0, len(bound))), np.zeros(0), 0.0, 0.0, 0)
+    nothing = Objective(LeastSquares(np.zeros((0, len(bound))), np.zeros(0), 0.0, 0.0, 0))
     evidence = dual_evidence(
-        Objective(nothing), ConstraintSet(tuple(constraints)), multipliers, np.zeros(len(bound)), bound
+        nothing, ConstraintSet(tuple(constraints)), multipliers, np.zeros(len(bound)), bound
     )
-    return _checked(
-        {**_problem("infeasible", nothing, constraints, bound, parameters, _duals(evidence)), "y": []}
-    )
+    problem = stated(nothing, constraints, bound, parameters)
+    return _checked({**_proof("infeasible", problem, constraints, evidence), "y": []})
 
 
 def write_proof(proof: Proof, path: str | Path) -> None:
@@ -92,19 +96,15 @@ def write_proof(proof: Proof, path: str | Path) -> None:
     write_text(path, json.dumps(proof, indent=0, sort_keys=True) + "\n")
 
 
-def _problem(
-    kind: str,
-    data: LeastSquares,
+def stated(
+    objective: Objective,
     constraints: Sequence[Constraint],
     bound: Array,
-    parameters: Sequence[str],
-    duals: Sequence[Any],
+    parameters: Sequence[str] = (),
 ) -> Proof:
+    """The problem as a proof states it: every field but multipliers, interval and hashes."""
+    data = objective.least_squares
     return {
-        "format": verify_proof.FORMAT,
-        "kind": kind,
-        "model": "",
-        "data": "",
         "parameters": list(parameters) or [f"x{k}" for k in range(len(bound))],
         "R": _texts(data.R),
         "rho": _texts(data.rho),
@@ -118,12 +118,131 @@ def _problem(
                 "indices": c.indices.tolist(),
                 "constant": _texts(c.constant.ravel()),
                 "coefficients": _texts(c.coefficients.reshape(len(c.indices), -1)),
-                "dual": dual,
-                "entropy": [],
+                "entropy": _entropies(objective.entropy, c),
             }
-            for c, dual in zip(constraints, duals, strict=True)
+            for c in constraints
         ],
     }
+
+
+def _entropies(entropy: Entropy | None, constraint: Constraint) -> list[Proof]:
+    """Those of which a constraint is the link."""
+    if entropy is None:
+        return []
+    return [
+        {"weight": _text(entropy.weight), "inverse": _texts(inverse.ravel()), "log_det": _text(log_det)}
+        for link, inverse, log_det in zip(entropy.links, *entropy.nominal_terms, strict=True)
+        if link is constraint
+    ]
+
+
+def difference(proof: Proof, own: Proof) -> str:
+    """The first thing in which a proof states another problem than ``own`` (:func:`stated`), in words;
+    "" where they are the same.
+
+    Names, their order, cones and indices are compared exactly, numbers to 1e-8 of themselves, R, rho and
+    floor by the loss that they make, since another triangle R may make the same one.
+    """
+    if names := _other_name(proof["parameters"], own["parameters"]):
+        return f"parameter {names}"
+    for name, a, b in zip(own["parameters"], proof["bound"], own["bound"], strict=True):
+        if not _close([a], [b]):
+            a, b = (float(Fraction(x)) for x in (a, b))
+            return f"the bound of {name} is {a:g} in the proof, {b:g} of the model"
+    if not _same_loss(proof, own):
+        return "the proof has another R, rho or floor"
+    titles = [[f"{c['family']} of {c['name']}" for c in p["constraints"]] for p in (proof, own)]
+    for fault, one, other in (("lacks", *titles[::-1]), ("adds", *titles)):
+        if more := list(Counter(one) - Counter(other)):
+            rest = f" and {len(more) - 1} more" * (len(more) > 1)
+            return f"the proof {fault} the constraint {more[0]}{rest}"
+    if names := _other_name(*titles):
+        return f"constraint {names}"
+    for title, a, b in zip(titles[1], proof["constraints"], own["constraints"], strict=True):
+        for field in b:
+            if not _same(a[field], b[field]):
+                return f"the constraint {title} differs: its {field}"
+    return ""
+
+
+def _other_name(stated: Sequence[str], own: Sequence[str]) -> str:
+    """The first name that is another one, as words that follow what it names."""
+    if len(stated) != len(own):
+        return f"lists are of other lengths, {len(stated)} in the proof, {len(own)} of the model"
+    pairs = enumerate(zip(stated, own, strict=True), start=1)
+    return next((f"{k} is {a} in the proof, {b} of the model" for k, (a, b) in pairs if a != b), "")
+
+
+def _same(stated: Any, own: Any) -> bool:
+    """Whether a field of a constraint is the same: a text, indices, vectors, or a list of entropies."""
+    if not isinstance(own, list) or not own or isinstance(own[0], int):
+        return bool(stated == own)
+    if len(stated) != len(own):
+        return False
+    if isinstance(own[0], str):
+        return _close(stated, own)
+    if isinstance(own[0], dict):
+        return all(_same_entropy(a, b) for a, b in zip(stated, own, strict=True))
+    return all(_close(a, b) for a, b in zip(stated, own, strict=True))
+
+
+def _same_entropy(stated: Proof, own: Proof) -> bool:
+    """log_det is a logarithm: its error is a relative one of the determinant."""
+    inverses = [_array(e["inverse"]).reshape(4, 4) for e in (stated, own)]
+    return (
+        _close([stated["weight"]], [own["weight"]])
+        and _same_gram(*inverses)
+        and abs(float(Fraction(stated["log_det"]) - Fraction(own["log_det"]))) <= _SAME
+    )
+
+
+def _same_loss(stated: Proof, own: Proof) -> bool:
+    """Whether |R x - rho|^2 + floor^2 are the same function of x."""
+    grams = []
+    for p in (stated, own):
+        rows = np.column_stack([_array(p["R"]).reshape(-1, len(p["bound"])), _array(p["rho"])])
+        gram = rows.T @ rows
+        gram[-1, -1] += float(Fraction(p["floor"])) ** 2
+        grams.append(gram)
+    return _same_gram(*grams)
+
+
+def _same_gram(stated: Array, own: Array) -> bool:
+    size = np.sqrt(np.diagonal(own))
+    return bool(np.all(np.abs(stated - own) <= _SAME * np.outer(size, size)))
+
+
+def _close(stated: Sequence[str], own: Sequence[str]) -> bool:
+    """Whether each number is the same, by itself."""
+    if len(stated) != len(own):
+        return False
+    a, b = _array(stated), _array(own)
+    return bool(np.allclose(a, b, rtol=_SAME, atol=_ROUNDING * np.abs(b).max(initial=0.0)))
+
+
+def _array(texts: Any) -> Array:
+    rows = [[float(Fraction(x)) for x in ([row] if isinstance(row, str) else row)] for row in texts]
+    array = np.array(rows, float)
+    return array.ravel() if texts and isinstance(texts[0], str) else array
+
+
+def _proof(
+    kind: str,
+    problem: Proof,
+    constraints: Sequence[Constraint],
+    evidence: DualEvidence,
+    entropy: Entropy | None = None,
+) -> Proof:
+    """A stated problem with its multipliers."""
+    links = () if entropy is None else entropy.links
+    proved = []
+    for c, own, dual in zip(constraints, problem["constraints"], _duals(evidence), strict=True):
+        slopes = zip(links, evidence.entropy_slopes, strict=True)
+        roots = [np.linalg.cholesky(0.5 * (s + s.T)) for link, s in slopes if link is c]
+        pulls = [{**e, "dual": _gram(root)} for e, root in zip(own["entropy"], roots, strict=True)]
+        proved.append({**own, "dual": dual, "entropy": pulls})
+    about = {"format": verify_proof.FORMAT, "kind": kind, "model": "", "data": ""}
+    return {**about, **problem, "constraints": proved}
 
 
 def _duals(evidence: DualEvidence) -> list[Any]:
@@ -155,22 +274,6 @@ def _gram(factor: NDArray[np.floating]) -> list[str]:
     """V V^T without rounding, row by row."""
     rows = [[Fraction(x) for x in row] for row in factor.tolist()]
     return [_text(verify_proof.dot(a, b)) for a in rows for b in rows]
-
-
-def _add_entropy(
-    proof: Proof, entropy: Entropy, constraints: Sequence[Constraint], slopes: Sequence[Array]
-) -> None:
-    """State the entropy, and its multipliers, with the constraints of which it is one."""
-    for link, p0, slope in zip(entropy.links, entropy.nominal, slopes, strict=True):
-        inverse = np.linalg.inv(p0)
-        stated = {
-            "weight": _text(entropy.weight),
-            "dual": _gram(np.linalg.cholesky(0.5 * (slope + slope.T))),
-            "inverse": _texts((0.5 * (inverse + inverse.T)).ravel()),
-            "log_det": _text(float(np.linalg.slogdet(p0)[1])),
-        }
-        (place,) = (k for k, c in enumerate(constraints) if c is link)
-        proof["constraints"][place]["entropy"].append(stated)
 
 
 def _polished(exact: dict[str, Any], evidence: DualEvidence, bound: Array) -> list[Fraction]:

@@ -40,9 +40,9 @@ def need(condition, what):
 def read(path):
     """The JSON of a file, in which no field comes twice."""
     with open(path, "rb") as file:
-        text = file.read(MAX_BYTES + 1)
-    need(len(text) <= MAX_BYTES, "the file is too large")
-    return json.loads(text, object_pairs_hook=lambda x: need(len(dict(x)) == len(x), "twice") or dict(x))
+        need(len(text := file.read(MAX_BYTES + 1)) <= MAX_BYTES, "the file is too large")
+    pairs = {"object_pairs_hook": lambda x: need(len(dict(x)) == len(x), "twice") or dict(x)}
+    return json.loads(text.decode(), **pairs)  # as text, of which a byte-order mark is no JSON
 
 
 def typed(value, kind, sizes):

@@ -28,10 +28,17 @@ from sdp_vs_penalty.estimation.verify import verify_proof_file
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.regression.regression import LeastSquares, compress
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers import verify_proof
-from sdp_vs_penalty.solvers.proof import infeasibility_proof, optimum_proof, write_proof
+from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers.proof import (
+    difference,
+    infeasibility_proof,
+    optimum_proof,
+    stated,
+    write_proof,
+)
 from sdp_vs_penalty.solvers.verified import feasible_as_written, repaired_as_written
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-entropic", "penalty")
@@ -227,7 +234,78 @@ def test_a_proof_of_other_numbers_than_the_data_make_is_refused(tmp_path: Path) 
     assert verify_proof_file(path, estimate, run)[0]
     holds, said = verify_proof_file(foreign, estimate, run)
     assert not holds
-    assert "another optimisation problem" in said
+    assert "theta is not the model's" in said
+    lie |= {"theta": mine["theta"], "upper": repr(1e3 * float(lie["upper"]))}
+    foreign.write_text(json.dumps(signed(lie)))
+    holds, said = verify_proof_file(foreign, estimate, run)
+    assert not holds
+    assert "another R, rho or floor" in said
+
+
+def without(proof: Proof, family: str) -> Proof:
+    """The proof without the first constraint of a family."""
+    place = next(k for k, c in enumerate(proof["constraints"]) if c["family"] == family)
+    return {**proof, "constraints": proof["constraints"][:place] + proof["constraints"][place + 1 :]}
+
+
+def with_first(proof: Proof, family: str, **fields: Any) -> Proof:
+    """The proof with other fields of the first constraint of a family."""
+    out = copy.deepcopy(proof)
+    next(c for c in out["constraints"] if c["family"] == family).update(fields)
+    return out
+
+
+def test_a_proof_of_another_problem_is_refused_by_the_name_of_what_differs(tmp_path: Path) -> None:
+    """Each of these holds in exact arithmetic, and bears the hashes of the model and the run."""
+    problem, path = load_problem("two_link"), tmp_path / "proof.json"
+    run = experiment(problem).training_run(seed=2)
+    estimate = identify(problem, run, proof=path)
+    true = json.loads(path.read_text())
+    names = true["parameters"]
+    mass = next(c for c in true["constraints"] if c["family"] == "mass")
+    prior = next(c for c in true["constraints"] if c["entropy"])
+    pull = {**prior["entropy"][0], "log_det": str(Fraction(prior["entropy"][0]["log_det"]) - 1)}
+    looser = [str(Fraction(x) + Fraction(1, 2**20)) for x in mass["constant"]]
+    lies = {
+        "order": {**true, "parameters": [names[1], names[0], *names[2:]]},
+        "bound of": {**true, "bound": [str(Fraction(x) * 2) for x in true["bound"]]},
+        "lacks the constraint mass": without(true, "mass"),
+        "adds the constraint mass": {**true, "constraints": [*true["constraints"], mass]},
+        "constraint 1 is": {**true, "constraints": true["constraints"][::-1]},
+        "differs: its constant": with_first(true, "mass", constant=looser),
+        "differs: its entropy": with_first(true, prior["family"], entropy=[pull]),
+    }
+    for words, lie in lies.items():
+        weaker = {**lie, "lower": "-1e12", "upper": "1e12"}  # the multipliers are of another problem
+        path.write_text(json.dumps(signed(weaker)))
+        assert verify_proof_file(path)[0], words
+        holds, said = verify_proof_file(path, estimate, run)
+        assert not holds, words
+        assert words in said
+
+
+def test_another_triangle_of_the_same_loss_and_rounding_are_the_same_problem() -> None:
+    """R is unique up to an orthogonal factor; a matrix's rounding is no other matrix."""
+    rng = np.random.default_rng(0)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    data = LeastSquares(rng.normal(size=(3, 2)), rng.normal(size=3), 0.5, 1.0, 9)
+    turned = LeastSquares(turn @ data.R, turn @ data.rho, 0.5, 1.0, 9)
+    near = [build.linear("mass", "a", [0], [[-1.0, 1e-17]], [0.3, 1.0])]
+    same = [build.linear("mass", "a", [0], [[-1.0, 0.0]], [0.3 * (1 + 1e-12), 1.0])]
+    other = [build.linear("mass", "a", [1], [[-1.0, 0.0]], [0.3, 1.0])]
+    bound = np.array([10.0, 20.0])
+    own = stated(Objective(data), near, bound)
+    assert difference(stated(Objective(turned), same, bound), own) == ""
+    assert "differs: its indices" in difference(stated(Objective(data), other, bound), own)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_a_byte_order_mark_is_no_json(proofs: dict[str, Proof], tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "proof.json"
+    path.write_text(json.dumps(proofs["lmi-sdp"]), encoding="utf-8")
+    assert verify_proof_file(path)[0]
+    path.write_text(json.dumps(proofs["lmi-sdp"]), encoding=encoding)
+    assert not verify_proof_file(path)[0]
 
 
 def test_no_false_proof_is_accepted_and_no_genuine_one_refused() -> None:
