@@ -1,4 +1,4 @@
-"""How cost grows: with samples, runs, joints, the library; and what long recordings cost.
+"""How cost grows: with samples, runs, joints; and what long recordings cost.
 
 Parts of `benchmarks/run.py`, which says how they are started and writes what they return. For
 recordings a Panda moves for so many samples at 1 kHz on sums of sines that never come back; its torque
@@ -20,10 +20,8 @@ from pathlib import Path
 import numpy as np
 from speed import METHOD, cpu
 
-import sdp_vs_penalty.diagnosis.library as library
-from sdp_vs_penalty import Estimate, diagnose, identify
+from sdp_vs_penalty import Estimate, identify
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.shootout import regular
@@ -122,7 +120,7 @@ def to_and_fro(run: Measurements, times: int) -> Measurements:
 
 
 def growing(problem: Problem, run: Measurements) -> dict[str, Callable[[], Series]]:
-    """How cost grows: with samples, runs of 5 s, joints, and effects of the library."""
+    """How cost grows: with samples, runs of 5 s, and joints."""
     piece, rng = run.rows(slice(0, 5_000)), np.random.default_rng(0)
 
     def of_samples(count: int) -> Callable[[], object]:
@@ -139,29 +137,12 @@ def growing(problem: Problem, run: Measurements) -> dict[str, Callable[[], Serie
         task = regular.chain_task(count)
         return lambda: make_estimator(METHOD).fit(task).gap
 
-    def of_library(count: int) -> Callable[[], object]:
-        given, test, every = run.window(0.0, 7.6), run.window(8.0, 13.2), list(effect_types().items())
-        plain = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
-        model = identify(problem, given, effects=plain)
-        chosen = dict(every[k] for k in np.linspace(0, len(every) - 1, count).round().astype(int))
-
-        def work() -> None:
-            library.effect_types = lambda: chosen  # type: ignore[assignment]
-            diagnose(model, given, test)
-
-        return work
-
-    samples, runs, links = (
-        [5_000, 10_000, 20_000, 40_000, 80_000, 160_000],
-        [1, 2, 4, 8, 16],
-        [4, 7, 14, 30, 60],
-    )
-    effects = [4, 8, 16, len(effect_types())]
+    samples, runs = [5_000, 10_000, 20_000, 40_000, 80_000, 160_000], [1, 2, 4, 8, 16]
+    links = [4, 7, 14, 30, 60]
     return {
         "samples": lambda: _series("identify", "samples", samples, of_samples, 2),
         "runs": lambda: _series("identify", "runs of 5 000 samples", runs, of_runs, 2),
         "joints": lambda: _series("certified fit", "joints", links, of_joints, 3),
-        "library": lambda: _series("diagnose", "effects in the library", effects, of_library, 1),
     }
 
 

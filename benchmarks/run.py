@@ -30,11 +30,9 @@ PARTS = {
     "renewed": "a renewed fit",
     "solvers": "every installed solver on one problem",
     "processes": "commands as processes, beside bare imports",
-    "workers": "two processes against one",
     "samples": "exponent in samples",
     "runs": "exponent in runs",
     "joints": "exponent in joints",
-    "library": "exponent of a diagnosis in the library's size",
     "memory": "processor time and peak memory of whole commands on long recordings",
 }
 #: Measured once, by scripts that left: they stay in the table.
@@ -58,7 +56,7 @@ def measure(part: str, given: argparse.Namespace) -> dict[str, Any]:
         rows = speed.text(problem, folder)
     elif part == "memory":
         lines = growth.memory(run, problem, given.rows)
-    elif part in ("fits", "renewed", "solvers", "processes", "workers"):
+    elif part in ("fits", "renewed", "solvers", "processes"):
         rows = getattr(speed, part)(problem, run)
     else:
         one = growth.growing(problem, run)[part]()
@@ -166,8 +164,9 @@ def _about(used: dict[str, str]) -> str:
     return (
         "Panda, the authors' run of 20 544 samples; ratios are within one process or in turn, by "
         f"`python benchmarks/run.py` ({platform.machine()}, one thread; "
-        f"{', '.join(f'{name} {version}' for name, version in used.items())}). Rows beside MuJoCo, and "
-        f"that of the bootstrap: by scripts of commit {LEFT['rivals']}, which are no longer here."
+        f"{', '.join(f'{name} {version}' for name, version in used.items())}). Rows beside MuJoCo, of "
+        f"the bootstrap, of two processes, and growth with the library: by scripts of commit "
+        f"{LEFT['rivals']}, which are no longer here."
     )
 
 

@@ -28,7 +28,6 @@ from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp, sample_variance
 from sdp_vs_penalty.estimators.task import joint_weights, make_task
-from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot import inertia
@@ -212,14 +211,3 @@ def processes(problem: Problem, run: Measurements) -> list[Row]:
                 used[key].append(process(command))
     bare, note = min(used.pop("bare")), "other: a process that imports numpy, scipy.linalg, scipy.signal"
     return [Row(f"{key} as a process, CPU", min(x), bare, "s", note) for key, x in used.items()]
-
-
-def workers(problem: Problem, run: Measurements) -> list[Row]:
-    """Cross-validation by two processes against one: wall time."""
-    spent = []
-    for jobs in (2, 1):
-        start = time.perf_counter()
-        cross_validate(problem, run, METHOD, workers=Workers(jobs))
-        spent.append(time.perf_counter() - start)
-    what = "cross-validate by two processes against one, wall"
-    return [Row(what, *spent, "s", f"load {os.getloadavg()[0]:.0f}")]
