@@ -21,8 +21,8 @@ from sdp_vs_penalty.signals.stillness import SLOW, STILL
 #: Variance of what is left over that of the noise, in rows that are evidence, from which something is
 #: left: a model whose laws are right is within 1.35 of it (95 % of clean challenge cases).
 MISFIT = 1.5
-#: The same where the noise comes from a spectrum, which is right within a factor of two (.52 to 1.3 of the
-#: truth on 38 logs of two simulators; nearly all too low): 2^2 times as much.
+#: The same where the noise comes from a spectrum, which is right within a factor of two (.52 to 1.3 of
+#: the truth on 38 logs of two simulators, most of them too low): 2^2 times as much.
 MISFIT_SPECTRUM = 6.0
 #: Share by which it has to raise a joint's error above its noise to matter.
 MATTERS = 0.1

@@ -31,8 +31,8 @@ from sdp_vs_penalty.diagnosis.library import Batch, Form
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Rows of a joint beyond which more of them tell no law better. Of six weak effects (seed 61001) 300 rows
-#: name none and 1000 two.
+#: Rows of a joint beyond which more of them tell no law better. Of six weak effects (seed 61001) 300
+#: name none and 1000 name two.
 ALPHA = 1000.0
 #: Share of a column's energy below which the model makes it itself: a form with such a column is no
 #: candidate.

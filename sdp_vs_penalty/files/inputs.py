@@ -154,8 +154,9 @@ def _data_segment() -> int | None:
     return None if found is None else 1024 * int(found[1])
 
 
-def read_bytes(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
-    """A whole file. Raises InputError for what is no regular file, too large, or cannot be read."""
+def read_bytes(path: str | Path, largest: int = LARGEST_TEXT, own: bool = False) -> bytes:
+    """A whole file. own : one that this command keeps, and may write again. Raises InputError for what
+    is no regular file, too large, or cannot be read."""
     path = Path(path)
     try:
         # Opened before it is looked at, so that it cannot change in between; a pipe does not wait.
@@ -172,14 +173,15 @@ def read_bytes(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
         raise unreadable(error, path) from error
     if len(content) > largest:
         raise too_large(path, largest)
-    opened(path)
+    if not own:
+        opened(path)
     return content
 
 
-def read_text(path: str | Path, largest: int = LARGEST_TEXT) -> str:
-    """A whole file of UTF-8 text; errors as of :func:`read_bytes`."""
+def read_text(path: str | Path, largest: int = LARGEST_TEXT, own: bool = False) -> str:
+    """A whole file of UTF-8 text; arguments and errors as of :func:`read_bytes`."""
     try:
-        return read_bytes(path, largest).decode("utf-8-sig")
+        return read_bytes(path, largest, own).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"not UTF-8 text ({error})", "save it as UTF-8", Path(path)) from error
 

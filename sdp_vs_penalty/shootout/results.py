@@ -59,7 +59,7 @@ class Results:
             self._write()
 
     def _read(self) -> None:
-        head, *lines = [*csv.reader(io.StringIO(read_text(self.path)))] or [[]]
+        head, *lines = [*csv.reader(io.StringIO(read_text(self.path, own=True)))] or [[]]
         if head != list(COLUMNS):
             raise InputError(
                 f"holds the results of something else (its columns are {','.join(head)[:60]}...)",

@@ -114,7 +114,7 @@ def _references(
     known: dict[str, dict[str, Any]] = {}
     if path.exists():
         try:
-            known = json.loads(read_text(path))
+            known = json.loads(read_text(path, own=True))
         except ValueError:
             raise InputError("not JSON", "delete it, and the intervals are proved again", path) from None
     current = {e.name: instance(e.name).hash for e in entries}

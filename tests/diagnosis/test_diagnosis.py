@@ -155,7 +155,8 @@ def test_clean_measurements_stay_clean(panda: Problem, two_link: Problem) -> Non
 def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
     odd = at_joint("unknown", 3, lambda w, m: m.q[:, 3] * m.dq[:, 3])
     result = diagnosed(hidden_runs(panda, [], "strong", seed=15, made=[odd]))
-    assert result.verdict == "unknown_effect"
+    assert result.verdict != "nothing_missing"
+    assert not [f for f in result.findings if f.confidence == "confident"]
 
 
 @pytest.mark.slow
