@@ -33,6 +33,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.noise import REPETITION
 
 #: A finding that lowers no joint's held-out error by this share is minor where no repetition shows the
 #: noise.
@@ -102,7 +103,7 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     doubt = torque_errors(data, found.estimate, gain_errors)
     every = [_finding(found, k, term, errors, left, doubt) for k, term in enumerate(search.terms)]
     minor = [
-        data.noise.source != "repetition" and _minor(errors[k], errors[k + 1]) for k in range(len(every))
+        data.noise.source != REPETITION and _minor(errors[k], errors[k + 1]) for k in range(len(every))
     ]
     every = _stood_in(found, every)
     findings = tuple(f for f, m in zip(every, minor, strict=True) if not m)

@@ -20,6 +20,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_json
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, Table
+from sdp_vs_penalty.signals.noise import REPETITION
 
 EFFECT_MISSING, NOTHING_MISSING, UNKNOWN = "effect_missing", "nothing_missing", "unknown_effect"
 _VERDICTS = (EFFECT_MISSING, NOTHING_MISSING, UNKNOWN)
@@ -132,7 +133,7 @@ class Diagnosis(Shown):
     adding; minor : those that lower no joint's held-out error noticeably beside them, added after
     them by :meth:`selected`; noise_floor (n,) of the filtered torque; events : what happened once.
 
-    noise_source : "repetition", or "residual" where nothing repeats and abstention is weaker;
+    noise_source : "repetition", else "spectrum" or "residual", and abstention is weaker;
     unexplained (n,) : repeatable error left, as a share of the noise's variance; held_out_rmse_before,
     held_out_rmse (n,) : before the first effect and after the last, on the source that
     held_out_source names: "test" (a test run) or "folds"; band_hz : below which all errors are meant;
@@ -231,7 +232,7 @@ class Diagnosis(Shown):
         if self.verdict == UNKNOWN and self.left:
             said = ", ".join(f"{name} on joint {j} ({rms:.2g} N m)" for j, name, rms in self.left)
             return f"Look first at what carries most of the error that is left: {said}."
-        if self.noise_source != "repetition":
+        if self.noise_source != REPETITION:
             record = "record a run with more than one period: only repetition tells noise from error."
             confident = [f for f in self.effects if f.confidence == "confident"]
             return f"Add the confident findings; {record}" if confident else record.capitalize()
@@ -256,7 +257,7 @@ class Diagnosis(Shown):
         rows += [("held-out RMSE", ", ".join(f"{x:.3g}" for x in self.held_out_rmse_before))]
         if self.effects or self.retuned:
             rows.append(("with the findings", ", ".join(f"{x:.3g}" for x in self.held_out_rmse)))
-        name = "noise floor" if self.noise_source == "repetition" else "noise (estimated)"
+        name = "noise floor" if self.noise_source == REPETITION else "noise (estimated)"
         return self.headline, [*rows, (name, ", ".join(f"{x:.3g}" for x in self.noise_floor))]
 
     def _table(self) -> Table:

@@ -15,7 +15,6 @@ from sdp_vs_penalty.robot.robot import Robot
 
 #: Velocity [rad/s, m/s] over which the sign of a velocity is smoothed.
 SIGN_WIDTH = 0.01
-_NO_COMMAND = "these measurements hold no commands", "add columns qcmd1..qcmdn to the log"
 
 
 @dataclass(frozen=True)

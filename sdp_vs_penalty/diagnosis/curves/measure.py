@@ -169,16 +169,12 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
         law = law_of(laws, f)
         best = max([f.J, *(J for J, own in laws if own is law)])
         rated.append((best, f, law))
-    rated = [r for r in rated if r[0] > _needed(search, terms, joint)]
+    rated = [r for r in rated if r[0] > search.margin((joint,), terms)]
     if not rated:
         return None
     top = max(r[0] for r in rated)
     alike = [r for r in rated if r[0] > top - EQUIVALENT - FORM * top]
     return min(alike, key=lambda r: (len(r[1].basis.axes), r[2] is None, -r[0]))
-
-
-def _needed(search: Search, terms: Sequence[Term], joint: int) -> float:
-    return search.margin((joint,), terms)
 
 
 def _measured(
