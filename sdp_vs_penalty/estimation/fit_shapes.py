@@ -56,13 +56,16 @@ def estimate_shapes(
     weighting: str,
     chosen: Chosen | None = None,
     workers: Workers = ALONE,
+    beyond: int = 0,
 ) -> list[ShapeEstimate]:
     """The open shape constants of a model, each at its best value if that explains significantly more
-    than the one the model has, of motion left out as well, else at that; from the chosen rows."""
+    than the one the model has, of motion left out as well, else at that; from the chosen rows. beyond :
+    how many values more, each twice the last, the grids hold."""
     wanted = open_shapes(model.effects)
     if not wanted:
         return []
     ranges = [effect.shapes[key].on(effect.robot.joints[j].kind).grid for effect, j, key in wanted]
+    ranges = [(*grid, *(grid[-1] * 2.0**k for k in range(1, beyond + 1))) for grid in ranges]
     ends = [(grid[0], grid[-1]) for grid in ranges]
     grids = [_with(effect.shape[key], g) for (effect, _, key), g in zip(wanted, ranges, strict=True)]
     rows = _OpenColumns(model, wanted, ends, measurements, settings, chosen, workers)

@@ -372,11 +372,11 @@ def _regression(
 ) -> Regression:
     rows = sum(f.rows for f in factors if f.joint == 0)
     p = len(model.parameters)
-    if any(np.any(f.indices >= p) for f in factors):
-        half = [f.indices[len(f.indices) // 2 :] for f in factors]
-        parts = [(f.joint, own, f.triangle) for f, own in zip(factors, half, strict=True)]
+    own_errors = model.drives.any() and model.reference is not None
+    if own_errors or any(np.any(f.indices >= p) for f in factors):
+        found = instrumented(model, [(f.joint, f.indices, f.triangle) for f in factors])
         factors = [
             replace(f, indices=own, triangle=_folded([rows]))
-            for f, own, rows in zip(factors, half, instrumented(parts, p), strict=True)
+            for f, (own, rows) in zip(factors, found, strict=True)
         ]
     return Regression(model.parameters, model.robot.n, tuple(blocks), tuple(factors), rows / samples)
