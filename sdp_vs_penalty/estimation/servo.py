@@ -22,7 +22,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
 from sdp_vs_penalty.estimation.servo_law import LAWS, Law, find_law
-from sdp_vs_penalty.estimation.shape_profiles import with_shapes
+from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimation.simulated_motion import with_simulated_motion
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -35,10 +35,11 @@ from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
 #: Cut-off of the states over the highest harmonic of the command.
 _HARMONICS = 5.0
+#: Simulations of the command at most, each by the model that the last one's instruments gave, until the
+#: law is the same and its delay moves by less than this [s].
+_SIMULATIONS, _SAME = 3, 1e-3
 #: A parameter counts as determined where others leave this share of its column.
 _DETERMINED = 1e-5
-#: Passes in which the command is simulated, each by the model that the last one's instruments gave.
-_SIMULATIONS = 1
 #: Velocities over which dry friction may turn round while the law is sought [rad/s, m/s]; doublings of
 #: the widest one of its law that are tried: a simulator's friction is that soft.
 _TURNS, _BEYOND = (0.01, 0.05, 0.25), 3
@@ -108,27 +109,33 @@ def servo_log(
             "this log holds neither torque nor commands", "log tau1..taun or qcmd1..qcmdn", data.names[0]
         )
     load, drives = _parts(problem, effects, chosen)
-    progress("choosing the servo law")
-    law = _law(load, drives, data, settings)
-    names = LAWS[law.name] if not drives else tuple(e.name for e in drives)
-    kinds, robot = effect_types(), problem.robot
-    own = tuple(kinds[name](robot, T=float(f"{law.delay:.6g}")) for name in names)
-    model = Model(robot, (*load, *own), gains=problem.gains)
-    progress("balancing the gains")
-    regression = compress(data, model, settings)
-    model = _gauge(model, _balanced(problem, model, regression))
-    shapes = estimate_shapes(model, data, settings, weighting, beyond=_BEYOND)
-    if shapes:
-        model = replace(model, effects=with_shapes(model.effects, shapes), known={}, reference=None)
-        regression = compress(data, model, settings)
-    theta = _balanced(problem, model, regression)
-    scale = _scale(problem, model, regression, theta, known)
-    model = replace(model, known=dict(scale), reference=theta * _factor(model, theta, scale))
-    for k in range(_SIMULATIONS if instruments else 0):
-        progress(f"simulating the command, pass {k + 1}")
-        task = make_task(problem, model, compress(data, model, settings), weighting)
-        fitted = model.with_known(make_estimator(DEFAULT_METHOD).fit(task).theta)
-        data = with_simulated_motion(data, model, fitted)
+    scale: Mapping[str, float] = {}
+    measured, shapes = data, list[ShapeEstimate]()
+    law: Law | None = None
+    for k in range(1 + _SIMULATIONS * instruments):
+        progress(f"choosing the servo law, pass {k + 1}")
+        before, law = law, _law(load, drives, data, settings, law.delay if law else 0.0)
+        names = LAWS[law.name] if not drives else tuple(e.name for e in drives)
+        model = _with_drives(problem, load, names, law.delay)
+        progress("balancing the gains")
+        if k == 0:
+            free = _gauge(model, _balanced(problem, model, compress(measured, model, settings)))
+            shapes = estimate_shapes(free, measured, settings, weighting, beyond=_BEYOND)
+            settled = with_shapes(model.effects, shapes)
+            load = tuple(e for e in settled if e.forward != "drive")
+            model = replace(model, effects=settled)
+        regression = compress(measured, model, settings)
+        theta = _balanced(problem, model, regression)
+        scale = _scale(problem, model, regression, theta, known)
+        model = replace(model, known=dict(scale), reference=theta * _factor(model, theta, scale))
+        if k > 0 and before and abs(law.delay - before.delay) < _SAME and law.name == before.name:
+            break
+        if k < _SIMULATIONS * instruments:
+            progress("simulating the command")
+            task = make_task(problem, model, compress(data, model, settings), weighting)
+            fitted = model.with_known(make_estimator(DEFAULT_METHOD).fit(task).theta)
+            data = with_simulated_motion(data, model, fitted)
+    assert law is not None
     details = {"law": "as given" if drives else law.name, "delay": law.delay, "held_out": law.errors}
     details |= {"shapes": [s.to_dict() for s in shapes], "known": dict(scale)}
     return ServoLog(model, data, details | {"scale": _scale_said(known, scale)})
@@ -157,25 +164,40 @@ def _parts(
     if not drives:  # kd and viscous friction have one column: kd is their sum
         load = [e for e in load if e.name != "viscous_friction"]
     if not chosen and "rotor_inertia" not in {e.name for e in load} and problem.robot.n > 1:
-        # A drive has a rotor; the first one's inertia is the first link's.
-        load.append(effect_types()["rotor_inertia"](problem.robot, range(1, problem.robot.n)))
+        # A drive has a rotor. A single joint's cannot be told from what it moves.
+        load.append(effect_types()["rotor_inertia"](problem.robot))
     return tuple(load), drives
 
 
+def _with_drives(problem: Problem, load: Sequence[Effect], names: Sequence[str], delay: float) -> Model:
+    """The load with the servo effects of these names."""
+    kinds = effect_types()
+    drives = [kinds[name](problem.robot, T=float(f"{delay:.6g}")) for name in names]
+    if "servo_integral" in names and not any(e.name == "torque_offset" for e in load):
+        load = (*load, kinds["torque_offset"](problem.robot))  # where the integral began
+    return Model(problem.robot, (*load, *drives), gains=problem.gains)
+
+
 def _law(
-    load: Sequence[Effect], drives: Sequence[Effect], data: Measurements, settings: Preprocessing
+    load: Sequence[Effect],
+    drives: Sequence[Effect],
+    data: Measurements,
+    settings: Preprocessing,
+    about: float,
 ) -> Law:
     """The law and its delay; friction may turn round over several velocities meanwhile."""
     wide: list[Effect] = []
     for e in load:
         free = "v_s" in e.shapes and "v_s" not in e.given
         wide += [e.with_shape(v_s=v) for v in _TURNS] if free else [e]
+    if not any(e.name == "torque_offset" for e in load):
+        wide.append(effect_types()["torque_offset"](load[0].robot))
     names = tuple(LAWS)
     if drives:
         own = {e.name for e in drives}
         names = tuple(name for name, law in LAWS.items() if set(law) == own) or names[-1:]
     delay = next((e.shape["T"] for e in drives if "T" in e.given), None)
-    return find_law(wide, data, settings, names, delay)
+    return find_law(wide, data, settings, names, delay, about)
 
 
 def _balanced(problem: Problem, model: Model, regression: Regression) -> Array:
@@ -217,7 +239,9 @@ def _balanced(problem: Problem, model: Model, regression: Regression) -> Array:
 
     owner = np.repeat(np.arange(len(errors)), [len(e) for e in errors])
     both = zip(of_links, errors, strict=True)
-    ln_kp = np.log([max(np.linalg.norm(w @ nominal[links]) / np.linalg.norm(e), 1e-6) for w, e in both])
+    ln_kp = np.log(
+        [max(float(np.linalg.norm(w @ nominal[links]) / np.linalg.norm(e)), 1e-6) for w, e in both]
+    )
     (psi, beside, left, loss), damping = fitted(ln_kp), 1e-3
     for _ in range(_STEPS):
         H, g = beside.T @ beside, beside.T @ left

@@ -70,17 +70,22 @@ def instrumented_rows(run: Measurements, model: Model, settings: Preprocessing) 
         yield replace(rows, columns=both)
 
 
+def paired(indices: NDArray[np.intp], rows: Array, p: int) -> tuple[NDArray[np.intp], Array, Array]:
+    """Of a factor's columns the model's parameters (k,), [Z, tau_Z] and [X, tau]; columns without
+    instruments serve as their own."""
+    if not np.any(indices >= p):
+        return indices, rows, rows
+    k = len(indices) // 2
+    return indices[-k:], rows[:, : k + 1], rows[:, -k - 1 :]
+
+
 def instrumented(
     model: Model, factors: Sequence[tuple[int, NDArray[np.intp], Array]]
 ) -> list[tuple[NDArray[np.intp], Array]]:
-    """Of each factor (its joint, the parameters of its columns, the rows) the model's parameters (k,) and
-    the rows (r, k + 1) [Z, tau^]; factors without instruments serve as their own."""
+    """Of each factor (joint, its columns' parameters, rows) the model's parameters (k,) and the rows
+    (r, k + 1) [Z, tau^]."""
     p = len(model.parameters)
-    parts = []
-    for joint, indices, rows in factors:
-        k = len(indices) // 2 if np.any(indices >= p) else len(indices)
-        both = (rows[:, : k + 1], rows[:, -k - 1 :]) if k < len(indices) else (rows, rows)
-        parts.append(Instrumented(joint, indices[-k:] if k else indices, *both))
+    parts = [Instrumented(joint, *paired(indices, rows, p)) for joint, indices, rows in factors]
     own, theta = _estimate(model, parts)
     return [
         (f.indices, np.column_stack([Z, f.X[:, -1] + (Z - f.X[:, :-1]) @ theta[f.indices]]))
@@ -106,6 +111,7 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
     theta, p = model.reference if model.drives.any() else None, len(model.parameters)
     joints = sorted({f.joint for f in parts})
     left = np.ones(len(joints)) if theta is None else _residuals(parts, joints, theta)
+    known = np.array([q.name in model.known for q in model.parameters])
     for _ in range(_PASSES):
         Z = [_instruments(f, model, theta) for f in parts]
         weights = 1.0 / np.maximum(left, 1e-12 * max(float(left.max()), 1e-300))
@@ -120,12 +126,12 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
         values, vectors = np.linalg.eigh(zz[np.ix_(seen, seen)] / np.outer(size[seen], size[seen]))
         told = values > _RANK**2 * values.max(initial=0.0)
         V = vectors[:, told] / size[seen, None]
-        theta = np.zeros(p)
+        found = np.zeros(p)
         middle = V.T @ zx[np.ix_(seen, seen)] @ V
-        theta[seen] = V @ np.linalg.lstsq(middle, V.T @ right[seen], rcond=None)[0]
-        theta = model.with_known(theta)
+        found[seen] = V @ np.linalg.lstsq(middle, V.T @ right[seen], rcond=None)[0]
+        theta = model.with_known(found)
         left = _residuals(parts, joints, theta)
-    return Z, np.where([q.name in model.known for q in model.parameters], 0.0, theta)
+    return Z, np.where(known, 0.0, found)
 
 
 def _residuals(parts: Sequence[Instrumented], joints: Sequence[int], theta: Array) -> Array:
