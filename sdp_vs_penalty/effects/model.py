@@ -123,8 +123,10 @@ class Model:
     def blocks(
         self, motion: Motion, known: Collection[int] = (), smooth: Motion | None = None
     ) -> dict[int, list[Block]]:
-        """Each effect's columns by its place in the model, but for those that are known already; smooth :
-        the motion at which those of smooth effects are wanted instead."""
+        """Each effect's columns by its place in the model, but for those that are known already.
+
+        smooth : the motion on which those of smooth effects are wanted instead.
+        """
         if motion.sign_width != self.sign_width:
             motion = replace(motion, sign_width=self.sign_width)
         made = {

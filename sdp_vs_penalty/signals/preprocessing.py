@@ -12,7 +12,7 @@ through in pieces with exactly the result of the whole:
    are decimated to four times its cut-off. Columns are computed at 30 times that cut-off (effects
    with memory: at the full rate), where the low-pass is the same to 1e-4 of the sharpest of them,
    Coulomb friction's. Smooth ones (the links') are no sharper than products of the states, and are
-   computed at a rate at which these do not fold back: the same to 1e-6 of the column.
+   computed at a rate at which these do not fold back: the same to 1e-5 of the largest one.
 
 The kernel (kernels.py) reaches 2 / cut-off to either side. Rows within the half lengths of both kernels
 of the ends of a run would need samples from outside it, and are dropped.
@@ -57,7 +57,7 @@ _PRODUCTS, _STOPS = 4.0, 1.4
 #: Filters that need more than so many lengths of the run are not made at all.
 _LONGER = 1.5
 #: Samples of a run that is not kept worked on at a time: bounds the memory whatever the run's length.
-_CHUNK = 4096
+_CHUNK = 1 << 15
 #: Filtered instants at a time: each has a row as long as the kernel.
 _FILTERED = 512
 #: Samples of a stretch of which a few are chosen.
@@ -275,7 +275,7 @@ def filtered_rows(
 @dataclass(frozen=True)
 class _Piece:
     """Consecutive rows of a run before they have columns: the motion on the column grid around them,
-    the low-pass from there to the rows, both of smooth columns, the motion and the torque at the rows."""
+    the low-pass from there to the rows, the same of smooth columns, motion and torque at the rows."""
 
     around: Motion
     low_pass: Decimator
