@@ -186,9 +186,9 @@ class RunFilter:
         fine = self._motion(
             part, at[0] - reach[0], at[-1] + reach[0], [x[own : end - own] for x in states]
         )
-        few = [x[smooth : end - smooth : self.smooth_stride] for x in states]
+        q, dq, ddq = (x[smooth : end - smooth : self.smooth_stride] for x in states)
         clock = part.clock(np.arange(at[0] - reach[1], at[-1] + reach[1] + 1, self.smooth_stride))
-        return fine, Motion(clock, *few)
+        return fine, Motion(clock, q, dq, ddq)
 
     def _states(self, part: Stretch, first: int, last: int) -> tuple[Array, Array, Array]:
         around = part.resampled(part.q, first - self.state.half, last + 1 + self.state.half)
