@@ -1,8 +1,8 @@
 """Several shape constants of one model at their joint optimum.
 
-Constants that are found one after the other stop beside the least squared error where one takes what is
-the other's: Coulomb friction that turns over a wide velocity and Stribeck friction that falls over a small
-one. All of them together minimise what least squares leave (variable projection, as in
+Constants that are found one after the other stop beside the least squared error where one takes what
+is the other's: Coulomb friction that turns over a wide velocity and Stribeck friction that falls over a
+small one. All of them together minimise what least squares leave (variable projection, as in
 :mod:`~sdp_vs_penalty.estimation.shapes`); each is one linear parameter more whose column is
 (dY/ds) theta (:mod:`~sdp_vs_penalty.estimation.shape_constants`). Every step is a pass over the data.
 """

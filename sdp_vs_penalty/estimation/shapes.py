@@ -1,21 +1,22 @@
 """The open shape constants of a model, estimated from measurements by variable projection.
 
-A constant u (the velocity over which Coulomb friction turns round) is no coefficient, but for every u the
-coefficients theta(u) are those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a function of
-the constants alone (Golub, Pereyra, SIAM J. Numerical Analysis 1973), which
+A constant u (the velocity over which Coulomb friction turns round) is no coefficient, but for every u
+the coefficients theta(u) are those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a
+function of the constants alone (Golub, Pereyra, SIAM J. Numerical Analysis 1973), which
 ``scipy.optimize.least_squares`` minimises with the Jacobian of Kaufman (BIT 1975). The columns are
 computed on a grid of u once; between its values they are cubic splines of ln u, so that everything is
-small algebra on compressed data. Where these tell a constant more finely than the grid does, columns at
-the value itself follow (:mod:`~sdp_vs_penalty.estimation.joint_shapes`): exact data give exact constants.
+small algebra on compressed data. Where these tell a constant more finely than the grid does, columns
+at the value itself follow (:mod:`~sdp_vs_penalty.estimation.joint_shapes`): exact data give exact
+constants.
 
-In-sample, slow noise and what the model lacks look like evidence. So every fold of the motion is left out
-once, all constants are found anew from the rest, and the fold is predicted with a constant as found there
-and as the model has it. With r what the former leaves of the torque and d the difference of the two
-predictions, sum_k |d_k|^2 + 2 r_k'd_k is what it takes from the squared error of all folds k. A constant is
-confirmed where that exceeds Student's 95 % quantile times its own deviation: the larger of
-sqrt(sum_k (2 r_k'd_k)^2), which holds for noise of any colour, and what white noise would make of it. Else
-the model's own value stays: the simpler model unless another is significantly better (Breiman et al.,
-Classification and Regression Trees, 1984, sec. 3.4.3).
+In-sample, slow noise and what the model lacks look like evidence. So every fold of the motion is left
+out once, all constants are found anew from the rest, and the fold is predicted with a constant as found
+there and as the model has it. With r what the former leaves of the torque and d the difference of the
+two predictions, sum_k |d_k|^2 + 2 r_k'd_k is what it takes from the squared error of all folds k. A
+constant is confirmed where that exceeds Student's 95 % quantile times its own deviation: the larger of
+sqrt(sum_k (2 r_k'd_k)^2), which holds for noise of any colour, and what white noise would make of it.
+Else the model's own value stays: the simpler model unless another is significantly better (Breiman et
+al., Classification and Regression Trees, 1984, sec. 3.4.3).
 """
 
 from __future__ import annotations
@@ -219,8 +220,8 @@ class _Bank:
 def _with_banks(
     model: Model, wanted: Sequence[tuple[Effect, int, str]]
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
-    """The model with the columns of each open constant at all values of its grid, where all other columns
-    stand, and where those of the grids do."""
+    """The model with the columns of each open constant at all values of its grid, where all other
+    columns stand, and where those of the grids do."""
     own = [effect for effect, _, _ in wanted]
     fixed = [e for e in model.effects if not any(e is effect for effect in own)]
     first = sum(len(e.parameters) for e in fixed)
@@ -274,9 +275,11 @@ class _Grid(Effect):
 
 @dataclass(frozen=True)
 class _Profile:
-    """What least squares in all other columns leave of the banks' (r, P) and of the torque (r,); variance
-    of a row times how often rows repeat each other; base (b,), pool (P,) : where the other columns and
-    the banks' stand in the data; explained (b, P + 1) : coefficients of the former in the latter."""
+    """What least squares in all other columns leave of the banks' (r, P) and of the torque (r,).
+
+    variance : of a row times how often rows repeat each other; base (b,), pool (P,) : where the other
+    columns and the banks' stand in the data; explained (b, P + 1) : coefficients of the former in the
+    latter."""
 
     columns: Array
     torque: Array
@@ -311,8 +314,8 @@ class _Profile:
         return np.array([bank.start for bank in self.banks])
 
     def at(self, u: Array) -> tuple[Array, Array, Array]:
-        """What is left of the torque (r,) at constants ln u (B,), its slopes (r, B), and the coefficients
-        (M,). Columns of an effect that would push instead of brake are left out."""
+        """What is left of the torque (r,) at constants ln u (B,), its slopes (r, B), and the
+        coefficients (M,). Columns of an effect that would push instead of brake are left out."""
         A, D, _ = self._columns(u)
         used, theta = np.ones(A.shape[1], bool), np.zeros(A.shape[1])
         while True:
@@ -436,7 +439,7 @@ class _Profile:
         return np.array([self.loss(other) - least for other in each]) / self.variance
 
     def errors(self, data: LeastSquares, u: Array) -> Array:
-        """(r,) what this profile's parameters at constants ln u (B,) leave of the torque of other data."""
+        """(r,) what this profile's parameters at constants ln u (B,) leave of other data's torque."""
         _, _, theta = self.at(u)
         both = np.append(self._columns(u)[2] @ theta, -1.0)
         both = (
