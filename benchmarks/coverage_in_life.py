@@ -31,11 +31,12 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot.trajectory import random_trajectory
-from sdp_vs_penalty.shootout.regular import chain_problem, thin_links
+from sdp_vs_penalty.shootout.standard_instances import chain_problem, thin_links
 
 Array = NDArray[np.float64]
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
-SECONDS, STEP, EVERY = 14.0, 1e-3, 2  # s; s; logged samples
+SECONDS, STEP, EVERY = 14.0, 2.5e-4, 8  # s; s of the integration; logged samples
+HOLD = 4  # steps for which the controller holds a reading of its encoder
 TURN = 0.05  # rad/s over which dry friction turns round
 QUANTUM, JITTER = 2.0 * np.pi / 2**17, 2e-5  # rad, of the encoder
 BANDWIDTH = 4.0  # Hz, of the position loop
@@ -65,7 +66,7 @@ def drive(
     inertia = np.mean([np.diag(terms(x[None], 0 * x[None])[0][0]) for x in q[::1000]], axis=0)
     gain = inertia * (2.0 * np.pi * BANDWIDTH) ** 2
     damp = 2.0 * np.sqrt(gain * inertia)
-    noise = JITTER * rng.normal(size=q.shape)
+    noise = JITTER * rng.normal(size=q.shape)[np.arange(len(q)) // HOLD * HOLD]
     x, v = q[0].copy(), dq[0].copy()
     seen, torque = np.empty_like(q), np.empty_like(q)
     for k in range(len(q)):
@@ -75,7 +76,9 @@ def drive(
         lost = viscous * v + dry * np.tanh(v / TURN) + offset + disturbance[k]
         # Implicit in all that damps: the slope of dry friction is steep where it turns round.
         slope = damp + viscous + dry / TURN / np.cosh(np.clip(v / TURN, -20, 20)) ** 2
-        v = v + STEP * np.linalg.solve(mass[0] + STEP * np.diag(slope), torque[k] - bias[0] - lost)
+        change = STEP * np.linalg.solve(mass[0] + STEP * np.diag(slope), torque[k] - bias[0] - lost)
+        torque[k] -= damp * change  # what the implicit step applied is what is logged
+        v = v + change
         x = x + STEP * v
     return seen, torque
 
