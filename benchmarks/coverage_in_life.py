@@ -35,8 +35,7 @@ from sdp_vs_penalty.shootout.standard_instances import chain_problem, thin_links
 
 Array = NDArray[np.float64]
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
-SECONDS, STEP, EVERY = 14.0, 2.5e-4, 8  # s; s of the integration; logged samples
-HOLD = 4  # steps for which the controller holds a reading of its encoder
+SECONDS, STEP, EVERY = 14.0, 1e-3, 2  # s; s; logged samples
 TURN = 0.05  # rad/s over which dry friction turns round
 QUANTUM, JITTER = 2.0 * np.pi / 2**17, 2e-5  # rad, of the encoder
 BANDWIDTH = 4.0  # Hz, of the position loop
@@ -66,21 +65,24 @@ def drive(
     inertia = np.mean([np.diag(terms(x[None], 0 * x[None])[0][0]) for x in q[::1000]], axis=0)
     gain = inertia * (2.0 * np.pi * BANDWIDTH) ** 2
     damp = 2.0 * np.sqrt(gain * inertia)
-    noise = JITTER * rng.normal(size=q.shape)[np.arange(len(q)) // HOLD * HOLD]
+    noise = JITTER * rng.normal(size=q.shape)
     x, v = q[0].copy(), dq[0].copy()
-    seen, torque = np.empty_like(q), np.empty_like(q)
+    seen, motion = np.empty_like(q), np.empty((3, *q.shape))
     for k in range(len(q)):
         seen[k] = np.round((x + noise[k]) / QUANTUM) * QUANTUM
-        torque[k] = feed[k] + gain * (q[k] - seen[k]) + damp * (dq[k] - v)
+        torque = feed[k] + gain * (q[k] - seen[k]) + damp * (dq[k] - v)
         mass, bias = terms(x[None], v[None])
         lost = viscous * v + dry * np.tanh(v / TURN) + offset + disturbance[k]
         # Implicit in all that damps: the slope of dry friction is steep where it turns round.
         slope = damp + viscous + dry / TURN / np.cosh(np.clip(v / TURN, -20, 20)) ** 2
-        change = STEP * np.linalg.solve(mass[0] + STEP * np.diag(slope), torque[k] - bias[0] - lost)
-        torque[k] -= damp * change  # what the implicit step applied is what is logged
-        v = v + change
+        change = np.linalg.solve(mass[0] + STEP * np.diag(slope), torque - bias[0] - lost)
+        motion[:, k] = x, v + 0.5 * STEP * change, change
+        v = v + STEP * change
         x = x + STEP * v
-    return seen, torque
+    # The torque that this motion takes: what the implicit steps applied in all, without their error.
+    x, v = motion[0], motion[1]
+    lost = viscous * v + dry * np.tanh(v / TURN) + offset + disturbance
+    return seen, problem.robot.inverse_dynamics(links, *motion) + lost
 
 
 def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:
