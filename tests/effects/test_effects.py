@@ -10,6 +10,7 @@ from effect_contract import robots, steady_motion, wide_columns
 from numpy.typing import NDArray
 from random_robots import uicker_torques
 
+from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.bristles import Bristles, Law, dahl, stop
 from sdp_vs_penalty.effects.curve_variable import Variable
@@ -19,9 +20,6 @@ from sdp_vs_penalty.effects.measured_curve import corners
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.effects.torque_ripple import TorqueRipple
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sdp_vs_penalty import Problem
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.estimation.shape_constants import (
@@ -14,7 +15,6 @@ from sdp_vs_penalty.estimation.shape_constants import (
     prior_deviation,
     with_sensitivities,
 )
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.trajectory import random_trajectory
 
 

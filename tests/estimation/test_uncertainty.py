@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdp_vs_penalty import Problem, identify, load_estimate, load_problem
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.intervals import (
     IDENTIFIABLE,
     NOT_SEEN,
@@ -22,8 +21,6 @@ from sdp_vs_penalty.estimation.intervals import (
 )
 from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.estimation.uncertainty import of_regression
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot import inertia
