@@ -75,7 +75,7 @@ def test_measurements_are_checked_first_unless_told_otherwise(two_link: Problem)
             verb(two_link, dead)
     estimate = identify(two_link, dead, "ols", check=False)
     assert estimate.provenance["checked"] is False
-    assert diagnose(estimate, dead).findings is not None
+    assert diagnose(estimate, dead).verdict
     gapped = {name: np.delete(x, slice(200, 800), axis=0) for name, x in dead.items()}
     gapped["tau"] = np.delete(run.tau, slice(200, 800), axis=0)
     with pytest.warns(UserWarning, match="gap"):
