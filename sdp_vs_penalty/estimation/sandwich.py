@@ -25,11 +25,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.special import stdtrit
 
+from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Singular values below this share of the largest are rounding: the data do not show that direction.
-UNSEEN = 1e-9
 #: A linear function of theta belongs to the visible ones up to this much of its square.
 _INSIDE = 1e-6
 #: Length of the window in correlation times. Chosen for 95 % coverage at forty of them a run.
@@ -171,7 +170,7 @@ def sandwich(
     # Where the torque is fitted to rounding, a prior weighs that much and no less.
     strength = max(white, 1e-24 * data.tau_squared / max(data.rows, 1))
     whole = data.with_prior(scale, strength) if np.any(np.isfinite(scale)) else data
-    V = visible_directions(whole)
+    V = visible(whole.R)[1]
     z = V.T @ (whole.R.T @ whole.rho)
     B, r = len(regression.blocks), V.shape[1]
     grams, scores = np.zeros((B, r, r)), np.zeros((B, r))
@@ -193,9 +192,9 @@ def sandwich(
 
 def white_variance(data: LeastSquares, oversampling: float) -> float:
     """Variance of the residual of least squares, were it white: of one independent row."""
-    V = visible_directions(data)
-    left = data.rho - data.R @ (V @ (V.T @ (data.R.T @ data.rho)))
-    degrees = max(data.rows - oversampling * V.shape[1], 1.0)
+    U, _ = visible(data.R)
+    left = data.rho - U @ (U.T @ data.rho)
+    degrees = max(data.rows - oversampling * U.shape[1], 1.0)
     return (float(left @ left) + data.residual_norm**2) / degrees * oversampling
 
 
@@ -216,16 +215,3 @@ def _kernel(regression: Regression, inflation: float) -> sparse.csr_array:
         apart = np.abs(np.subtract.outer(middle, middle))
         parts.append(np.maximum(1.0 - apart / length, 0.0) if length > 0.0 else np.eye(len(middle)))
     return sparse.csr_array(sparse.block_diag(parts)) if parts else sparse.csr_array((0, 0))
-
-
-def visible_directions(data: LeastSquares) -> Array:
-    """(p, r) directions V of theta that the data show, with V' R' R V = 1."""
-    norms = data.column_norms
-    seen = np.flatnonzero(norms > 0.0)
-    if not len(seen):
-        return np.zeros((data.R.shape[1], 0))
-    _, s, vt = np.linalg.svd(data.R[:, seen] / norms[seen], full_matrices=False)
-    good = s > UNSEEN * s[0]
-    out = np.zeros((data.R.shape[1], int(good.sum())))
-    out[seen] = (vt[good] / s[good, None]).T / norms[seen, None]
-    return out

@@ -26,11 +26,12 @@ from sdp_vs_penalty.estimation.intervals import (
     intervals_of,
     physical_limits,
 )
-from sdp_vs_penalty.estimation.sandwich import NORMAL_95, Sandwich, sandwich, visible_directions
+from sdp_vs_penalty.estimation.sandwich import NORMAL_95, Sandwich, sandwich
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.task import joint_weights, with_plausible
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
+from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, nearest_least_squares
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -211,7 +212,7 @@ class _Evidence:
     def narrow_solution(self) -> Array:
         """(p,) the smallest least-squares theta with the shape constants as they are."""
         data = self._plausible(self._weighted)
-        V = visible_directions(data)
+        V = visible(data.R)[1]
         return np.asarray(V @ (V.T @ (data.R.T @ data.rho)))
 
     @cached_property
