@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.held_out import lowers
 from sdp_vs_penalty.diagnosis.search import APART
 from sdp_vs_penalty.effects.effect import Effect, Seen
 from sdp_vs_penalty.robot.arrays import Array
@@ -17,7 +18,7 @@ REASONS: Mapping[str, str] = {
     "rivals": "another effect fits as well",
     "uncertain": "its size is uncertain by > 20 %",
     "small": "its gain is small",
-    "not_held_out": "no joint's held-out error falls by 0.1 %",
+    "not_held_out": "no joint's held-out error falls by 1 %",
     "more_left": "more error is left on its joints than it explains",
     "shared": "other findings share most of its torque: only their sum is known",
     "absorbed": "the model's own parameters make nearly all of its torque",
@@ -27,8 +28,6 @@ REASONS: Mapping[str, str] = {
 }
 #: Relative standard deviation of a size from which it is uncertain.
 _UNCERTAIN = 0.2
-#: Share by which a held-out error has to fall.
-_FALLS = 0.001
 #: Share of an effect's energy that the model makes, from which nobody sees it beside the model; and that
 #: other findings make, from which its size is not its own: standard deviations are then 32 and 2.2 times
 #: as large as alone, 1 / sqrt(1 - share).
@@ -71,7 +70,7 @@ def reasons(e: Evidence) -> dict[str, str]:
         "rivals": e.rivals,
         "uncertain": not e.std <= _UNCERTAIN * abs(e.size),
         "small": not e.J > 2.0 * APART,
-        "not_held_out": not np.any(e.after[on] < (1.0 - _FALLS) * e.before[on]),
+        "not_held_out": not lowers(e.before[on], e.after[on]),
         "more_left": bool(explained < np.sum(e.left[on] ** 2)),
         "shared": e.shared > _SHARED,
         "absorbed": e.absorbed > INVISIBLE,

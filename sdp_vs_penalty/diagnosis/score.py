@@ -41,10 +41,11 @@ ABSORBED = 1e-3
 _TURNS = 6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Term:
     """A form with its white columns (M, k) by joint, its score beside what it was judged with, its
-    coefficients (k,), their sandwich covariance (k, k), and the forms that do as well."""
+    coefficients (k,), their sandwich covariance (k, k), and the forms that do as well. Equal to itself
+    alone."""
 
     form: Form
     columns: dict[int, Array]
@@ -248,14 +249,15 @@ class Score:
             B = np.tensordot(fit.Q, X, axes=((0, 1), (0, 1)))
             B[:, list(fit.dropped)] = 0.0
             norms = np.linalg.norm(B, axis=0)
-            B = np.hstack([B / np.where(norms > 0.0, norms, 1.0), fit.beside_model])
+            seen = norms > 1e-12 * norms.max(initial=0.0)  # others are rounding
+            B = np.hstack([B * (seen / np.where(seen, norms, 1.0)), fit.beside_model])
             W = np.linalg.pinv(B.T, rcond=1e-9)
             found = dict[tuple[int, ...], Array]()
             for own in self.owned:
                 (place,) = own
                 apart = B.T @ W[:, place]
                 apart[place] -= 1.0
-                if norms[place] > 0.0 and np.max(np.abs(apart)) < 1e-6:
+                if seen[place] and np.max(np.abs(apart)) < 1e-6:
                     found[own] = W[:, place] / np.linalg.norm(W[:, place])
             self._last = fit, found
         return self._last[1]
