@@ -65,7 +65,7 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, ignore: NDArray[np.boo
     squares = mean(residual**2, slides), mean(residual**2, keep & ~slides)
     beyond, slow = (np.sqrt(np.maximum(x - noise.floor**2, 0.0)) for x in squares)
     torque = np.sqrt(np.mean(rows.torque**2, axis=0))
-    least = np.full(rows.n, MISFIT_SPECTRUM)
+    least = np.full(len(noise.floor), MISFIT_SPECTRUM)
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         least = MISFIT * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
     with np.errstate(divide="ignore", invalid="ignore"):
