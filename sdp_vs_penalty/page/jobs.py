@@ -288,7 +288,7 @@ def take_run(request: Request, progress: Progress) -> Answer:
 
 
 def report(request: Request, progress: Progress) -> Answer:
-    """The self-contained report about the ladder of models."""
+    """The self-contained report about the history of models."""
     runs = runs_of(request)
     write_report(
         {m["label"]: load_estimate(m["file"]) for m in request["models"]},

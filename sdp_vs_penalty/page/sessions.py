@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.workshop import Workshop
+from sdp_vs_penalty.page.worker_pool import WorkerPool
 
 #: Closed tabs that can be opened again: how many, and for how many seconds.
 _KEPT, _KEPT_FOR = 4, 4 * 3600.0
@@ -23,8 +23,8 @@ _CONNECTS = 60.0
 class Sessions:
     """Sessions whose folders, readable by their owner only, end with the server."""
 
-    def __init__(self, workshop: Workshop) -> None:
-        self.workshop = workshop
+    def __init__(self, pool: WorkerPool) -> None:
+        self.pool = pool
         self.root = Path(tempfile.mkdtemp(prefix="sdp-vs-penalty-page-"))
         self._all: dict[str, Session] = {}
 
@@ -39,7 +39,7 @@ class Sessions:
         token = secrets.token_urlsafe(24)
         folder = self.root / token
         folder.mkdir(mode=0o700)
-        self._all[token] = Session(token, folder, self.workshop)
+        self._all[token] = Session(token, folder, self.pool)
         return self._all[token]
 
     def get(self, token: str) -> Session | None:

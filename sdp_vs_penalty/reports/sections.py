@@ -140,7 +140,7 @@ def _bands(material: Material) -> list[tuple[Array, Array]]:
     return bands
 
 
-def ladder(material: Material) -> Section:
+def history(material: Material) -> Section:
     """The error of every joint, model by model, above the noise."""
     heads = ["joint"]
     for c in material.comparisons:
@@ -166,7 +166,7 @@ def ladder(material: Material) -> Section:
     body += table([*heads, "noise floor"], rows)
     if floor is None:
         body += text("No motion repeats in these runs: the noise floor is unknown.")
-    return Section("ladder", "From model to model", body)
+    return Section("history", "From model to model", body)
 
 
 def forward(material: Material) -> Section:

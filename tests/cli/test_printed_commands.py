@@ -28,7 +28,7 @@ from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
-from sdp_vs_penalty.page.workshop import Workshop
+from sdp_vs_penalty.page.worker_pool import WorkerPool
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.simulation import hidden_runs
@@ -348,11 +348,11 @@ def test_a_diagnosis_survives_its_file(twelve_found: Diagnosis, tmp_path: Path) 
 
 @pytest.fixture(scope="module")
 def sessions() -> Iterator[Sessions]:
-    workshop = Workshop()
-    made = Sessions(workshop)
+    pool = WorkerPool()
+    made = Sessions(pool)
     yield made
     made.close()
-    workshop.close()
+    pool.close()
 
 
 async def _finish(session: Session, act: Callable[[], None]) -> None:
@@ -397,7 +397,7 @@ def test_the_pages_commands_make_the_pages_models(
     assert [shlex.split(c)[1] for c in commands][-3:] == ["identify", "add", "add"]
     for command in commands:
         run(command)
-    for k, model in enumerate(s.ladder, start=1):
+    for k, model in enumerate(s.history, start=1):
         theirs, ours = load_estimate(model.file), load_estimate(tmp_path / f"model{k}.json")
         np.testing.assert_array_equal(ours.theta, theirs.theta)
         assert ours.to_dict()["problem"] == theirs.to_dict()["problem"]

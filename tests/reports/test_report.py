@@ -40,7 +40,7 @@ SECTIONS = (
     "failures",
     "findings",
     "curves",
-    "ladder",
+    "history",
     "forward",
     "parameters",
     "arm",

@@ -37,12 +37,12 @@ KEY = "key"
 
 
 def guarded(app: App, port: int, key: str, host: str = "127.0.0.1", tls: bool = False) -> App:
-    """The app behind Starlette's check of the Host header (DNS rebinding) and :class:`Gate`."""
-    gate = Gate(app, port, key, host, tls)
-    return TrustedHostMiddleware(gate, gate.names, www_redirect=False)
+    """The app behind Starlette's check of the Host header (DNS rebinding) and our own."""
+    inner = AuthMiddleware(app, port, key, host, tls)
+    return TrustedHostMiddleware(inner, inner.names, www_redirect=False)
 
 
-class Gate:
+class AuthMiddleware:
     """ASGI middleware: refuses foreign origins and strangers.
 
     A page of another site can make a browser send requests to 127.0.0.1, under that site's name as

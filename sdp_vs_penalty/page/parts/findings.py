@@ -9,8 +9,8 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN, event_lines
 from sdp_vs_penalty.page.charts import missing_chart
 from sdp_vs_penalty.page.controls import button, chart, check, details, draw_form, note, tag, text_field
+from sdp_vs_penalty.page.part import Verdict, after_model
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import (
     change,

@@ -9,8 +9,8 @@ import numpy as np
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import torque_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, note, table, tag
+from sdp_vs_penalty.page.part import Verdict, after_model
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.reports.plots import Curves
 

@@ -29,7 +29,7 @@ class Cancelled(Exception):  # noqa: N818  (it is no error)
     """A job was cancelled."""
 
 
-class Work:
+class JobProcess:
     """One worker and the job that it does; its process starts meanwhile, which can take seconds."""
 
     def __init__(self, context: BaseContext) -> None:
@@ -119,7 +119,7 @@ def _run(connection: Connection) -> None:
     main(connection)
 
 
-class Workshop:
+class WorkerPool:
     """Where workers come from: forked from a process that has loaded everything, where that exists."""
 
     def __init__(self) -> None:
@@ -127,11 +127,11 @@ class Workshop:
         self._context: BaseContext = multiprocessing.get_context("forkserver" if forks else "spawn")
         if forks:
             self._context.set_forkserver_preload(["sdp_vs_penalty.page.worker"])
-        self._spare: Work | None = None
+        self._spare: JobProcess | None = None
         self._running = 0
 
     async def run(
-        self, work: Work, request: Mapping[str, Any], progress: Callable[[str], None]
+        self, work: JobProcess, request: Mapping[str, Any], progress: Callable[[str], None]
     ) -> dict[str, Any]:
         """What ``work.do`` returns, once fewer than AT_ONCE jobs are running."""
         waited = False
@@ -151,9 +151,9 @@ class Workshop:
     def warm(self) -> None:
         """Start the next worker."""
         if self._spare is None or self._spare.ended:
-            self._spare = Work(self._context)
+            self._spare = JobProcess(self._context)
 
-    def worker(self) -> Work:
+    def worker(self) -> JobProcess:
         """A started worker; the next one starts meanwhile."""
         self.warm()
         work, self._spare = self._spare, None

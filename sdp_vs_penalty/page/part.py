@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.session import Session
-    from sdp_vs_penalty.page.summary import Rung
+    from sdp_vs_penalty.page.summary import ModelStep
     from sdp_vs_penalty.page.view import View
 
 
@@ -28,7 +28,7 @@ _COLOURS: dict[str, Literal["good", "usable", "bad"]] = {
 }  # fmt: skip
 
 
-def model_verdict(model: Rung) -> Verdict:
+def model_verdict(model: ModelStep) -> Verdict:
     """What estimation/verdict.py says of a model."""
     said = model.comparison["verdict"]
     grade = said["grade"]
@@ -40,7 +40,7 @@ def no_verdict(session: Session) -> Verdict | None:
 
 
 @dataclass(frozen=True)
-class Step:
+class Part:
     """anchor, title : where and what; ready : whether it can be taken yet, else ``before`` says what
     comes first; depends : everything that its content is made of, so that it is redrawn only when that
     changes; draw : fills it; verdict : the sentence that it ends in, None while nothing can be judged.
@@ -61,14 +61,14 @@ def after_model(
     draw: Callable[[View], None],
     verdict: Callable[[Session], Verdict | None] = no_verdict,
     also: Callable[[Session], Any] = no_verdict,
-) -> Step:
-    """A step that can be taken once there is a model; it depends on the ladder and on ``also``."""
-    return Step(
+) -> Part:
+    """A step that can be taken once there is a model; it depends on the history and on ``also``."""
+    return Part(
         anchor,
         title,
         "Identify a model first.",
         lambda s: s.model is not None,
-        lambda s: ([model.file for model in s.ladder], also(s)),
+        lambda s: ([model.file for model in s.history], also(s)),
         draw,
         verdict,
     )

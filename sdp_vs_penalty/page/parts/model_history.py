@@ -7,36 +7,36 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.estimation.verdict import changes
-from sdp_vs_penalty.page.charts import ladder_chart
+from sdp_vs_penalty.page.charts import history_chart
 from sdp_vs_penalty.page.controls import button, chart, details, note, table, tag
+from sdp_vs_penalty.page.part import Verdict, after_model
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import change, figure
 
 
 def _draw(view: View) -> None:
     session = view.session
-    ladder, units = session.ladder, session.arm["units"]
-    with tag("ol", style="rungs"):
-        for model in ladder:
+    history, units = session.history, session.arm["units"]
+    with tag("ol", style="history"):
+        for model in history:
             with tag("li"):
                 tag("strong", model.label)
                 relative = figure(model.comparison["relative_error_percent"])
                 tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
     _all_models(view)
     with tag("div", style="row"):
-        if len(ladder) > 1:
+        if len(history) > 1:
             button("Undo the last step", session.undo, "undo")
         if session.undone:
             button(f"Redo {session.undone[-1].label}", session.redo, "redo")
-    if len(ladder) == 1:
+    if len(history) == 1:
         note("Add what is missing and watch the error of each joint fall here.")
         return
-    errors = [model.comparison["rmse"] for model in ladder]
-    floor = ladder[-1].comparison["noise_floor"]
-    names = [m.label for m in ladder]
-    chart(ladder_chart(names, errors, units, floor), "Error of each joint over its noise")
+    errors = [model.comparison["rmse"] for model in history]
+    floor = history[-1].comparison["noise_floor"]
+    names = [m.label for m in history]
+    chart(history_chart(names, errors, units, floor), "Error of each joint over its noise")
     rows = [
         [
             f"{j + 1} [{unit}]",
@@ -46,16 +46,16 @@ def _draw(view: View) -> None:
         ]
         for j, unit in enumerate(units)
     ]
-    heads = ["joint", *(str(k) for k in range(1, len(ladder) + 1)), "change", "noise"]
-    table(heads, rows, "RMS error of each joint, model by model", "numbers ladder")
-    judged = ", ".join(ladder[-1].judged_on)
+    heads = ["joint", *(str(k) for k in range(1, len(history) + 1)), "change", "noise"]
+    table(heads, rows, "RMS error of each joint, model by model", "numbers history")
+    judged = ", ".join(history[-1].judged_on)
     note(f"RMS error on {judged}.")
 
 
 def _all_models(view: View) -> None:
-    """Those that have left the ladder too, each to be gone on from."""
+    """Those that have left the history too, each to be gone on from."""
     session = view.session
-    left = [m for m in session.models if m not in session.ladder]
+    left = [m for m in session.models if m not in session.history]
     if not left:
         return
     with (
@@ -80,9 +80,9 @@ def _all_models(view: View) -> None:
 
 def _verdict(session: Session) -> Verdict | None:
     """What became of each joint's error."""
-    if len(session.ladder) == 1:
+    if len(session.history) == 1:
         return None
-    first, last = (session.ladder[k].comparison for k in (0, -1))
+    first, last = (session.history[k].comparison for k in (0, -1))
     floor = None if None in last["noise_floor"] else np.array(last["noise_floor"], float)
     said = changes(np.array(first["rmse"]), np.array(last["rmse"]), floor)
     whole = [figure(c["relative_error_percent"]) for c in (first, last)]
@@ -90,6 +90,10 @@ def _verdict(session: Session) -> Verdict | None:
     return Verdict("", f"{said} All joints together: {whole[0]} % became {whole[1]} %.")
 
 
-LADDER = after_model(
-    "ladder", "The falling error", _draw, _verdict, lambda s: ([m.file for m in s.models], len(s.undone))
+HISTORY = after_model(
+    "history",
+    "The falling error",
+    _draw,
+    _verdict,
+    lambda s: ([m.file for m in s.models], len(s.undone)),
 )

@@ -20,9 +20,9 @@ from sdp_vs_penalty.page.charts import (
     with_shades,
 )
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, framed, note, tag
+from sdp_vs_penalty.page.part import Verdict, after_model, model_verdict
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Verdict, after_model, model_verdict
-from sdp_vs_penalty.page.summary import Rung
+from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held, with_unit
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_rows, legend
@@ -39,9 +39,9 @@ def _draw(view: View) -> None:
     view.joint = min(view.joint, robot["n"] - 1)
     if view.run not in model.runs:
         view.run, view.span = model.runs[-1], None
-    first = session.ladder[0].comparison
+    first = session.history[0].comparison
     floor = None if None in comparison["noise_floor"] else comparison["noise_floor"]
-    after = comparison["rmse"] if len(session.ladder) > 1 else None
+    after = comparison["rmse"] if len(session.history) > 1 else None
     ui.html(bars(first["rmse"], after, floor, units), sanitize=False)
     _figures(model)
     chips = _chips(view, model, units)
@@ -57,14 +57,14 @@ def _draw(view: View) -> None:
 
     def options() -> dict[str, Any]:
         curves = session.curves(model, view.run)
-        if len(session.ladder) > 1:
-            curves = merged(session.curves(session.ladder[0], view.run), curves)
+        if len(session.history) > 1:
+            curves = merged(session.curves(session.history[0], view.run), curves)
         shown = torque_chart(curves, view.joint or 0, units, view.span, view.marked)
         return with_shades(shown, _stretches(view, model))
 
     def reads() -> list[Any]:
-        rungs = [session.ladder[0], model][-len(session.ladder) :]
-        return [session.recording(rung, view.run) for rung in rungs]
+        steps = [session.history[0], model][-len(session.history) :]
+        return [session.recording(step, view.run) for step in steps]
 
     def against() -> dict[str, Any]:
         j = view.joint or 0
@@ -110,7 +110,7 @@ def _draw(view: View) -> None:
     ui.html(legend([cause for cause in SHADES if cause in seen_causes]), sanitize=False)
     parts["words"] = tag("p", "", "words")
     if model.failures:
-        found = session.findings if session.found_for == len(session.ladder) else None
+        found = session.findings if session.found_for == len(session.history) else None
         _heat(view, model.failures, found)
     with tag("div", style="pick"):
         across = list(SIGNALS.items())
@@ -140,7 +140,7 @@ def _draw(view: View) -> None:
         )
 
 
-def _figures(model: Rung) -> None:
+def _figures(model: ModelStep) -> None:
     """How well the model does, in a line."""
     comparison = model.comparison
     figures(
@@ -158,7 +158,7 @@ def _figures(model: Rung) -> None:
         tag("p", f"{line['about'].capitalize()} ({line['grade']}): {line['text']}", "line")
 
 
-def _chips(view: View, model: Rung, units: list[str]) -> list[Any]:
+def _chips(view: View, model: ModelStep, units: list[str]) -> list[Any]:
     """A button a joint with its error and noise, by which it is chosen."""
     comparison = model.comparison
     chips: list[Any] = []
@@ -180,7 +180,7 @@ def _names(names: list[str]) -> str:
     return ", ".join(names) if len(names) <= 3 else f"{len(names)} runs"
 
 
-def _words(model: Rung, j: int, unit: str) -> str:
+def _words(model: ModelStep, j: int, unit: str) -> str:
     """What can be said of a joint's error in a sentence or two."""
     error, floor = model.comparison["rmse"][j], model.comparison["noise_floor"][j]
     text = f"Joint {j + 1}: the error is {with_unit(error, unit)}"
@@ -199,7 +199,7 @@ _SHOWN_BY = {
 }  # fmt: skip
 
 
-def _stretches(view: View, model: Rung) -> list[tuple[float, float, str]]:
+def _stretches(view: View, model: ModelStep) -> list[tuple[float, float, str]]:
     """Where the chosen joint fails on the run that is shown, in its seconds."""
     if not model.failures or view.joint is None:
         return []

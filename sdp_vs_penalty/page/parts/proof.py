@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from sdp_vs_penalty.page.controls import button, drop, note, table, tag
+from sdp_vs_penalty.page.part import Verdict, after_model
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held

@@ -19,8 +19,8 @@ from sdp_vs_penalty.page.controls import (
     tag,
     text_field,
 )
+from sdp_vs_penalty.page.part import Part
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
 from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import plain_name
@@ -167,7 +167,7 @@ def _name(effect: str) -> str:
     return effect.partition("@")[0].partition(":")[0]
 
 
-MODEL = Step(
+MODEL = Part(
     "model",
     "Model",
     "Add measurements first.",

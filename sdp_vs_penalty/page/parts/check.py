@@ -11,8 +11,8 @@ from sdp_vs_penalty import show
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, note, tag
+from sdp_vs_penalty.page.part import Part, Verdict
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.view import View
 
 
@@ -82,7 +82,7 @@ def _verdict(session: Session) -> Verdict | None:
     return Verdict("good", f"Nothing wrong in {show.count(len(session.runs), 'run')}.", "Check")
 
 
-CHECK = Step(
+CHECK = Part(
     "check",
     "Look at the data",
     "Add measurements first.",

@@ -18,8 +18,8 @@ from sdp_vs_penalty.page.controls import (
     number,
     tag,
 )
+from sdp_vs_penalty.page.part import Part, Verdict
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.uploads import RUN_SUFFIXES
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import plain_name
@@ -164,7 +164,7 @@ def _verdict(session: Session) -> Verdict | None:
     return Verdict("", f"{runs}; {'part is' if kept else 'nothing is'} kept for testing.")
 
 
-RUNS = Step(
+RUNS = Part(
     "runs",
     "Measurements",
     "Choose a robot first, so that its joints are known.",

@@ -8,8 +8,8 @@ from typing import Any
 from sdp_vs_penalty import show
 from sdp_vs_penalty.checks.urdf import HEADS
 from sdp_vs_penalty.page.controls import button, details, drop, note, table, tag, text_field
+from sdp_vs_penalty.page.part import Part, Verdict
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES
 from sdp_vs_penalty.page.view import View
 
@@ -90,4 +90,4 @@ def _verdict(session: Session) -> Verdict | None:
     return Verdict("", f"{robot['file'] or robot['name']} has {show.count(robot['n'], 'joint')}.")
 
 
-ROBOT = Step("robot", "Robot", "", lambda session: True, _depends, _draw, _verdict)
+ROBOT = Part("robot", "Robot", "", lambda session: True, _depends, _draw, _verdict)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from sdp_vs_penalty.page.controls import button, check, note, table, tag
-from sdp_vs_penalty.page.step import after_model
+from sdp_vs_penalty.page.part import after_model
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held
 

@@ -6,7 +6,7 @@ from functools import partial
 
 from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page.controls import button, details, tag, text_field
-from sdp_vs_penalty.page.step import after_model, model_verdict
+from sdp_vs_penalty.page.part import after_model, model_verdict
 from sdp_vs_penalty.page.uploads import MOST_FILES
 from sdp_vs_penalty.page.view import View
 
@@ -59,7 +59,7 @@ def _draw(view: View) -> None:
             with button("", take, f"take-run-{k + 1}.csv", "tile"):
                 tag("strong", f"run-{k + 1}.csv")
                 tag("span", run["name"])
-    if "payload" in session.ladder[-1].effects:
+    if "payload" in session.history[-1].effects:
         said = "Flange in the last joint's frame [m]: x,y,z"
         text_field(said, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107")
         with tag("div", style="tiles", role="group", aria_label="The payload's files"):

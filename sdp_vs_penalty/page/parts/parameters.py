@@ -6,8 +6,8 @@ from typing import Any
 
 from sdp_vs_penalty.page.charts import friction_chart
 from sdp_vs_penalty.page.controls import button, chart, note, table, tag
+from sdp_vs_penalty.page.part import Verdict, after_model
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import held
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
