@@ -39,10 +39,8 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
     fit = search.score.fit(others, search.fit.level)
     if term.form.own:
         fit = search.score.without_own(fit, term.form) or fit
-    scaled = fit.scaled(term.columns)
-    columns = [fit.beside(scaled)]
-    energy = np.asarray(sum(np.sum(z**2, axis=0) for z in scaled.values()))
-    known = search.score.prior(fit, term.form, tuple(scaled), energy)
+    apart, known = search.score.apart(fit, term.form, term.columns)
+    columns = [apart]
     own = free_constants(term.form.effect)
     for t in [term, *others]:
         if free_constants(t.form.effect):
