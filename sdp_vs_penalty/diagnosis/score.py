@@ -330,7 +330,7 @@ def _whitener(gram: Array) -> Array:
     size = 1.0 / np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
     unit = gram * size * size[:, None]
     L, info = scipy.linalg.lapack.dpotrf(unit, lower=1, clean=1)
-    if info == 0 and np.min(np.diagonal(L)) > _DEPENDENT:
+    if info == 0 and np.min(np.diagonal(L), initial=1.0) > _DEPENDENT:
         return np.asarray(scipy.linalg.solve_triangular(L, np.diag(size), lower=True).T)
     values, vectors = np.linalg.eigh(unit)
     kept = values > _DEPENDENT**2
