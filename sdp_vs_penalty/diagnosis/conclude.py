@@ -36,6 +36,11 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
 
 
+#: Share by which the order of a wave differs at most from a multiple of the slowest one's, of which it
+#: is a harmonic: what a refined order is uncertain by.
+HARMONIC = 0.02
+
+
 @dataclass(frozen=True)
 class Left:
     """What a model leaves: residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it;
@@ -105,7 +110,13 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     findings = tuple(f for f, m in zip(every, minor, strict=True) if not m)
     beside = tuple(replace(f, confidence="minor") for f, m in zip(every, minor, strict=True) if m)
     curves = _told(found, seed)
-    verdict = UNKNOWN if left.matters or curves else EFFECT_MISSING if findings else NOTHING_MISSING
+    nameless = {j: float(left.beyond[j]) for j in left.matters}
+    for term in search.terms:
+        if in_pieces(term, search.terms):
+            (j,) = term.joints
+            own = spread_columns(rows, term.form.effect)[j] @ term.beta
+            nameless[j] = float(np.hypot(nameless.get(j, 0.0), own.std()))
+    verdict = UNKNOWN if nameless or curves else EFFECT_MISSING if findings else NOTHING_MISSING
     return Diagnosis(
         verdict,
         findings,
@@ -124,9 +135,17 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         retuned,
         curves,
         tuple(carriers(rows, residual, left.matters)),
-        tuple((j + 1, float(left.beyond[j])) for j in left.matters),
+        tuple((j + 1, size) for j, size in sorted(nameless.items())),
         beside,
     )
+
+
+def in_pieces(term: Term, terms: Sequence[Term]) -> bool:
+    """Whether a wave is one of several on its joint that are no harmonics of one: together they make a
+    function of the position that no effect is."""
+    waves = np.array([t.form.effect.waves or 0.0 for t in terms if t.key == term.key])
+    orders = waves / max(waves.min(), 1e-300)
+    return bool(term.form.effect.waves and np.any(np.abs(orders - np.round(orders)) > HARMONIC * orders))
 
 
 def _told(found: Found, seed: int) -> tuple[Curve, ...]:
@@ -190,6 +209,7 @@ def _finding(
             float(np.max(torque / np.maximum(whole, 1e-300))),
             0.0 if prior is None else float(np.sqrt(np.mean((known.beta / prior) ** 2))),
             search.data.rows.seen(effect.joints[0]),
+            in_pieces(term, search.terms),
         )
     )
     return Finding(

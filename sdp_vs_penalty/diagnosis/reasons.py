@@ -24,6 +24,7 @@ REASONS: Mapping[str, str] = {
     "absorbed": "the model's own parameters make nearly all of its torque",
     "implausible": "its size is not plausible",
     "looks_like": "something else looks so",
+    "pieces": "with others of its kind it makes one function of the position, which has no name",
     "curve": "a measured curve explains the joint better",
 }
 #: Relative standard deviation of a size from which it is uncertain.
@@ -43,7 +44,7 @@ class Evidence:
     (n,) : held-out errors of the ladder's step, left (n,) : what remains beyond the noise at its end;
     joints : on which it acts; absorbed, shared : shares of its energy; torque : its RMS over its
     joint's, the largest; plausible : the sizes' ratio to what the effect says is plausible, the
-    largest."""
+    largest; pieces : whether it is one of several that make one function."""
 
     effect: Effect
     size: float
@@ -59,6 +60,7 @@ class Evidence:
     torque: float
     plausible: float
     seen: Seen
+    pieces: bool = False
 
 
 def reasons(e: Evidence) -> dict[str, str]:
@@ -76,6 +78,7 @@ def reasons(e: Evidence) -> dict[str, str]:
         "absorbed": e.absorbed > INVISIBLE,
         "implausible": e.torque > _TORQUE or e.plausible > _FAR,
         "looks_like": bool(looks_like),
+        "pieces": e.pieces,
     }
     said = {**REASONS, "looks_like": looks_like}
     return {name: said[name] for name, true in holds.items() if true}

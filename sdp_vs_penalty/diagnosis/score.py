@@ -234,7 +234,7 @@ class Score:
         if known is not None:
             return known
         whole = float(np.sum(fit.target[list(joints)] ** 2))
-        return np.asarray(np.sqrt(whole / np.maximum(energy, 1e-300)))
+        return np.asarray(np.sqrt(whole / np.maximum(energy, 1e-200)))
 
     def _retuned(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
         """A form in the place of the model's own column, of which the fit has one."""
