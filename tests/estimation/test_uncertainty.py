@@ -10,6 +10,7 @@ import pytest
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.intervals import (
     IDENTIFIABLE,
     NOT_SEEN,
@@ -17,7 +18,6 @@ from sdp_vs_penalty.estimation.intervals import (
     counts,
     coverage,
 )
-from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
