@@ -59,6 +59,9 @@ VERBS = {
 }
 
 
+#: Bytes of address space that the libraries take before any data: a check of 1 s of a two-link arm ends
+#: with 420 MiB, not with 400.
+LEAST_MEMORY = 512 * 2**20
 #: Parameters that name what a verb writes.
 OUTPUTS = frozenset({"out", "json_file", "fix", "proof"})
 
@@ -89,6 +92,7 @@ class _Lazy(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         if name not in list(self):
             raise KeyError(name)
+        _require_memory()
         verb = import_module(f"sdp_vs_penalty.cli.verbs.{name.replace('-', '_')}").verb
         text, _, example = inspect.cleandoc(verb.__doc__).partition("Example: ")
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
@@ -101,6 +105,21 @@ class _Lazy(Mapping[str, Any]):
 
     def __len__(self) -> int:
         return sum(map(len, VERBS.values()))
+
+
+def _require_memory() -> None:
+    """InputError where a limit (``ulimit -v``) leaves less than the libraries need: OpenBLAS ends the
+    process in words of its own where it finds no room."""
+    try:
+        import resource
+    except ImportError:  # a system without such limits
+        return
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if 0 <= limit < LEAST_MEMORY:  # no limit is negative
+        raise InputError(
+            f"this process may take {limit // 2**20} MiB of memory, and needs {LEAST_MEMORY // 2**20}",
+            "raise the limit (ulimit -v)",
+        )
 
 
 class VerbGroup(TyperGroup):

@@ -130,16 +130,17 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
         return
     energies = ways = shared = np.zeros(run.n)
     channels = (parts(x, overlap=1) for x in (run.t, run.q, run.dq))
-    for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
-        travelled, expected = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
-        energies = energies + np.einsum("kj,kj->j", expected, expected)
-        ways = ways + np.einsum("kj,kj->j", travelled, travelled)
-        shared = shared + np.einsum("kj,kj->j", travelled, expected)
+    with np.errstate(over="ignore", invalid="ignore"):  # of 1e300 nothing is concluded
+        for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
+            travelled, expected = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
+            energies = energies + np.einsum("kj,kj->j", expected, expected)
+            ways = ways + np.einsum("kj,kj->j", travelled, travelled)
+            shared = shared + np.einsum("kj,kj->j", travelled, expected)
     for j, joint in enumerate(robot.joints):
-        energy, common, way = energies[j], shared[j], ways[j]
-        if joint.kind != "revolute" or 0.0 in (energy, way, common):
+        energy, common, way = float(energies[j]), float(shared[j]), float(ways[j])
+        if joint.kind != "revolute" or not 0.0 < energy * way < np.inf or common == 0.0:
             continue
-        if common**2 < 0.5 * energy * way:
+        if not common * common >= 0.5 * energy * way:
             continue  # noise, or a coarse encoder: nothing to conclude from
         ratio = common / energy
         for name, value in (("q", ratio), ("dq", 1.0 / ratio)):

@@ -17,12 +17,14 @@ import math
 import multiprocessing
 import os
 import resource
+import select
 import signal
 import sys
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, replace
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
@@ -49,6 +51,7 @@ def main() -> None:
     silence = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silence, 1)
     os.dup2(silence, 2)
+    threading.Thread(target=_end_with_asker, args=(sys.stdin.fileno(),), daemon=True).start()
     everyone = contestants()
     for line in _lines(sys.stdin.fileno()):
         request = json.loads(line)
@@ -61,6 +64,23 @@ def main() -> None:
             reply = {"error": f"{type(error).__name__}: {error}"}
         answers.write(json.dumps(reply) + "\n")
         answers.flush()
+
+
+def _end_with_asker(handle: int) -> None:
+    """End this process and its children, whatever they do, when nobody writes to the pipe any more."""
+    asker = select.poll()
+    asker.register(handle, 0)  # a hang-up alone: requests are read elsewhere
+    asker.poll()
+    for child in multiprocessing.active_children():
+        _kill(child)
+    os._exit(0)
+
+
+def _kill(child: Any) -> None:
+    """A child with whatever it has started."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, signal.SIGKILL)
+    child.kill()
 
 
 def _lines(handle: int) -> Any:
@@ -90,7 +110,7 @@ def _checked(request: dict[str, Any]) -> Instance:
 def _reference(request: dict[str, Any]) -> dict[str, Any]:
     made = _checked(request)
     _prepare(made)
-    kind, payload, _ = in_child(lambda: reference(made), REFERENCE_LIMIT, request["memory"], [0])
+    kind, payload, _ = in_child(lambda: reference(made), REFERENCE_LIMIT, request["memory"])
     if kind != "ended":
         found = asdict(Reference("unknown", -np.inf, np.inf, 1.0))
         return {"hash": made.hash, "reference": found, "remark": f"{kind} {payload}".strip()}
@@ -112,7 +132,7 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
     known = Reference(**request["reference"])
     asked = float(request["accuracy"])
     kind, payload, seconds = in_child(
-        lambda: contestant.solve(made, asked), request["time_limit"], request["memory"], [0]
+        lambda: contestant.solve(made, asked), request["time_limit"], request["memory"]
     )
     if kind == "ended":
         answer = payload
@@ -138,31 +158,24 @@ def _verdict(verdict: Judgement, known: Reference) -> dict[str, Any]:
     return row
 
 
-def in_child(
-    work: Callable[[], Any], limit: float, memory: float, watch: Sequence[int] = ()
-) -> tuple[str, Any, float]:
+def in_child(work: Callable[[], Any], limit: float, memory: float) -> tuple[str, Any, float]:
     """Fork and work: ("ended", result, seconds), or "failed", "timeout" or "crash" with words.
 
     limit : seconds of processor time, and ``_PATIENCE`` times as many by the clock, because machines are
-    shared; memory : GB beyond what the parent already has; watch : file descriptors at whose end nobody
-    waits for the answer any more: child and parent then end.
+    shared; memory : GB beyond what the parent already has.
     """
     reader, writer = _FORK.Pipe(duplex=False)
     start = time.monotonic()
     child = _FORK.Process(target=_child, args=(work, writer, limit, memory))
     child.start()
     writer.close()
-    ready = wait([reader, *watch], _PATIENCE * limit)
+    ready = reader.poll(_PATIENCE * limit)
     told = None
-    if reader in ready:
+    if ready:
         with contextlib.suppress(EOFError):  # it has died
             told = reader.recv()
     else:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(child.pid or 0, signal.SIGKILL)
-        child.kill()
-        if ready:  # standard input: requests come one at a time, so this is its end
-            os._exit(0)
+        _kill(child)
     child.join()
     reader.close()
     seconds = time.monotonic() - start
