@@ -31,7 +31,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import carriers
 from sdp_vs_penalty.diagnosis.whitening import spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
 
