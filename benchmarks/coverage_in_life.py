@@ -144,7 +144,12 @@ def main() -> None:
             )
     head = (__doc__ or "").split("\n\n")
     text = ["# Coverage of 95 % intervals, in life", "", *head[2].splitlines(), ""]
-    text += [f"    python benchmarks/coverage_in_life.py --draws {chosen.draws} --seed {chosen.seed}", "", *lines, ""]
+    text += [
+        f"    python benchmarks/coverage_in_life.py --draws {chosen.draws} --seed {chosen.seed}",
+        "",
+        *lines,
+        "",
+    ]
     write_text(chosen.out, "\n".join(text))
     print("\n".join(lines))
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sdp_vs_penalty.problem.bodies import GEOMETRY_MARGIN, LAYER
+from sdp_vs_penalty.problem.constants import ACTUATOR, DEFAULT_DENSITY, HOLDING, LARGEST, POWER, TUBE
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
@@ -16,14 +17,6 @@ from sdp_vs_penalty.robot.robot import Robot
 if TYPE_CHECKING:
     from sdp_vs_penalty.problem.problem import Problem
 
-#: A link of which nothing but the joints is known: a tube [kg/m], and actuators of 1.6 kg at 54 N m and
-#: 6.2 kg at 330 N m, mass = 0.08 kg (torque / N m)^(3/4): joints of UR and xArm arms, makers' figures.
-TUBE, ACTUATOR, POWER = 4.0, 0.08, 0.75
-#: Torque of a joint of unknown limit: three times what holds 10 kg/m from there to the tip [N m/m^2];
-#: beyond so much [N m] the rule for actuators is not known.
-HOLDING, LARGEST = 3.0 * 0.5 * 10.0 * 9.81, 1000.0
-#: Nominal density of a link of which only the geometry is known [kg/m^3]: aluminium shells and motors.
-DEFAULT_DENSITY = 1500.0
 #: Smallest eigenvalue of a pseudo-inertia in units of reach and mass that counts as that of a body.
 _SLENDEREST = 1e-6
 
