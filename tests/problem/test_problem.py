@@ -184,7 +184,7 @@ def test_bounds_by_a_word() -> None:
 
 @pytest.mark.parametrize("name", ["ur10", "ur5", "panda"])
 def test_an_arm_of_unknown_masses_weighs_about_what_its_maker_says(name: str) -> None:
-    """Reaches [m] and torque limits [N m] of the makers' URDFs, and the sum of their links' masses [kg]."""
+    """Reaches [m], torque limits [N m] and the total mass [kg] of the makers' URDFs."""
     reaches, limits, total = {
         "ur10": ([0.0, 0.22, 0.612, 0.572, 0.115, 0.115], [330, 330, 150, 54, 54, 54], 28.7),
         "ur5": ([0.0, 0.136, 0.425, 0.392, 0.093, 0.095], [150, 150, 150, 28, 28, 28], 17.0),
