@@ -66,6 +66,7 @@ class Estimate(Shown):
 
     @property
     def robot(self) -> Robot:
+        """The robot of the model."""
         return self.model.robot
 
     @property
