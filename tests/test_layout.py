@@ -17,8 +17,8 @@ PACKAGE = ROOT.name
 ORDER = (
     "version", "errors", "show", "files", "parallel", "registration", "robot",
     "constraints", "data", "effects", "signals", "problem", "regression", "solvers", "estimators",
-    "estimation", "exporters", "diagnosis", "simulation", "checks", "shootout", "reports", "page",
-    "paper", "cli", "__main__",
+    "estimation", "exporters", "diagnosis", "simulation", "checks", "checked", "shootout", "reports",
+    "page", "paper", "cli", "__main__",
 )  # fmt: skip
 #: The front door: re-exports for users, and nothing inside goes through it.
 DOOR = PACKAGE

@@ -20,6 +20,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from sdp_vs_penalty.cli.conversion import lightened
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.files.inputs import opened
@@ -68,6 +69,10 @@ OUTPUTS = frozenset({"out", "json_file", "fix", "proof"})
 
 class VerbCommand(TyperCommand):
     """Every path among the parsed parameters that is not an output is an input."""
+
+    def get_params(self, ctx: Any) -> Any:
+        """The parameters, plain values of which need no pydantic."""
+        return [lightened(param) for param in super().get_params(ctx)]
 
     def invoke(self, ctx: Any) -> Any:
         for name, value in ctx.params.items():
@@ -128,6 +133,10 @@ class VerbGroup(TyperGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands: Any = _Lazy()
+
+    def get_params(self, ctx: Any) -> Any:
+        """Its own options, likewise."""
+        return [lightened(param) for param in super().get_params(ctx)]
 
     def list_commands(self, ctx: Any) -> list[str]:
         """The names, in the order of the help."""

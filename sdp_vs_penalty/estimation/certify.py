@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import platform
+import sys
 from collections.abc import Mapping
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -211,15 +211,15 @@ def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000, seed
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
 
 
-@cache
 def versions() -> dict[str, str]:
-    """Versions of everything that a figure may depend on."""
-    from importlib.metadata import PackageNotFoundError, version
-
+    """Versions of everything that took part in a figure."""
     found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
-    for name in ("numpy", "scipy", "pin", "clarabel", "cvxpy"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
+    parts = {
+        "numpy": "numpy",
+        "scipy": "scipy",
+        "pinocchio": "pin",
+        "clarabel": "clarabel",
+        "cvxpy": "cvxpy",
+    }
+    loaded = ((name, sys.modules.get(module)) for module, name in parts.items())
+    return found | {name: module.__version__ for name, module in loaded if module is not None}
