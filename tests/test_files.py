@@ -11,11 +11,10 @@ from pathlib import Path
 import pytest
 from small_runs import write_run
 
+from sdp_vs_penalty import InputError, load_problem
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import protecting, write_text, writing
 from sdp_vs_penalty.files.inputs import opened
-from sdp_vs_penalty.problem.load import load_problem
 
 
 def run(*arguments: str | Path) -> int:

@@ -35,7 +35,6 @@ from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
 
-
 #: Share by which the order of a wave differs at most from a multiple of the slowest one's, of which it
 #: is a harmonic: what a refined order is uncertain by.
 HARMONIC = 0.02

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError, unknown
-from sdp_vs_penalty.registration import classes, named
+from sdp_vs_penalty.plugins import classes, named
 from sdp_vs_penalty.robot.robot import Robot
 
 DEFAULT_EFFECTS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")

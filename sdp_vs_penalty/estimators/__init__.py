@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.registration import classes, named
+from sdp_vs_penalty.plugins import classes, named
 from sdp_vs_penalty.solvers import solver
 
 DEFAULT_METHOD = "lmi-sdp"

@@ -20,7 +20,7 @@ from importlib import metadata
 from types import ModuleType
 
 from sdp_vs_penalty.errors import InputError, unknown
-from sdp_vs_penalty.registration import marked
+from sdp_vs_penalty.plugins import marked
 
 
 @cache

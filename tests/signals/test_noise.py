@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty import Measurements
+from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.signals.kernels import Kernel
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, noise_floor, noise_of

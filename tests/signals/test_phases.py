@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from periodic_runs import SETTINGS, run_of
 
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty import Measurements
+from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.signals.phases import (
     MotionClock,
     PhaseFolds,
