@@ -15,10 +15,9 @@ from typing import get_args, get_type_hints
 import pytest
 
 import sdp_vs_penalty
-from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Effect, JointEffect
-from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
+from sdp_vs_penalty.effects import Effect, Model, effect_types
+from sdp_vs_penalty.effects.effect import JointEffect
+from sdp_vs_penalty.estimators import Estimator, Fit, Task
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
 WITH_EXAMPLES = [

@@ -24,17 +24,17 @@ from sdp_vs_penalty import (
     InputError,
     Measurements,
     check,
-    diagnose,
     export,
-    identify,
     load_estimate,
     load_measurements,
     load_problem,
 )
 from sdp_vs_penalty.checks.urdf import check_urdf, massless_links
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.diagnosis.findings import load_diagnosis
-from sdp_vs_penalty.estimation.verify import verify_proof_file
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.diagnosis import load_diagnosis
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
+from sdp_vs_penalty.estimation import verify_proof_file
+from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.load import problems_folder
 
 CORPUS = Path(__file__).parent / "data" / "corpus"

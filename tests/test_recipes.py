@@ -12,10 +12,10 @@ import pytest
 
 import sdp_vs_penalty.estimators
 import sdp_vs_penalty.solvers
-from sdp_vs_penalty import InputError, identify, load_problem
+from sdp_vs_penalty import InputError, load_problem
 from sdp_vs_penalty.cli.verbs.list import listing
-from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimators import LmiSdp, estimator_types
 from sdp_vs_penalty.paper.tables.methods import build
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.plugins import by_word, written

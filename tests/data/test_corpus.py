@@ -19,7 +19,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, Problem, check, identify, load_measurements
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data import save
 
 CORPUS = Path(__file__).parent / "corpus"
 FILES = sorted(CORPUS.iterdir())

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sdp_vs_penalty import InputError, Measurements, load_measurements
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.data.measurements import concatenate
+from sdp_vs_penalty.data import concatenate, save
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=25, deadline=None, derandomize=True)

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from random_robots import repeating_run as run_of
 
-from sdp_vs_penalty import Estimate, InputError, Measurements, Problem, compare, identify
-from sdp_vs_penalty.data.measurements import concatenate
+from sdp_vs_penalty import Estimate, InputError, Measurements, Problem, compare
+from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.diagnosis.comparison import predicted
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.signals import Preprocessing, filtered_torque
 
 FIELDS = {
     "judged_on",
