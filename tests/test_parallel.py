@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty import InputError, Measurements, cross_validate, load_measurements, load_problem
+from sdp_vs_penalty import InputError, Measurements, cross_validate, identify, load_problem
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.parallel import ALONE, Workers, spread
 from sdp_vs_penalty.regression import compress

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import Measurements, load_problem
+from sdp_vs_penalty.checks import Issue, mended
 from sdp_vs_penalty.checks.glance import Glance
-from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.row_rules import frozen_torque, repeated_run
-from sdp_vs_penalty.checks.rules import mended
 
 ROBOT, RATE, PERIOD, STANDSTILL = load_problem("two_link").robot, 250, 8.0, 0.02
 

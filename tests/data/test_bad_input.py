@@ -20,19 +20,18 @@ from hypothesis import strategies as st
 from small_runs import small_run
 
 from sdp_vs_penalty import (
-    InputError,
     Measurements,
     Problem,
     compare,
     files,
+    identify,
     load_estimate,
     load_measurements,
     load_problem,
 )
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.effects import Motion, parse_effects
-from sdp_vs_penalty.errors import Remark
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.regression import load_answers
 from sdp_vs_penalty.robot import load_urdf
 

@@ -17,9 +17,10 @@ import pytest
 from peak_memory import peak_memory
 from small_runs import small_run
 
-from sdp_vs_penalty import InputError, Measurements, Problem, check, identify, load_measurements
+from sdp_vs_penalty import InputError, Measurements, Problem, check, identify
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data import save
+from sdp_vs_penalty.data.files import load_measurements
 
 CORPUS = Path(__file__).parent / "corpus"
 FILES = sorted(CORPUS.iterdir())

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import InputError, compare, fetch, identify, load_measurements, load_problem
+from sdp_vs_penalty import InputError, compare, identify, load_measurements, load_problem
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import DATASETS, datasets
-from sdp_vs_penalty.data.datasets import clean_stretch
+from sdp_vs_penalty.data.datasets import clean_stretch, fetch
 from sdp_vs_penalty.problem.load import problem_names
 from sdp_vs_penalty.robot import Robot, load_urdf
 

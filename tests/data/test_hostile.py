@@ -14,8 +14,9 @@ from peak_memory import peak_memory
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty import InputError, Measurements, Problem, check, load_measurements, load_problem
+from sdp_vs_penalty import InputError, Measurements, Problem, check, load_problem
 from sdp_vs_penalty.data import read_run, save
+from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.files import inputs
 from sdp_vs_penalty.page.uploads import too_large
 from sdp_vs_penalty.signals import Preprocessing

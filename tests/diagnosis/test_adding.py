@@ -10,10 +10,10 @@ import pytest
 from arms import HEAVY, THREE, write_folder, write_urdf
 from small_runs import small_run
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, add, compare, load_estimate, load_problem
+from sdp_vs_penalty import Estimate, Problem, add, compare, identify, load_estimate, load_problem
 from sdp_vs_penalty.constraints import ConstraintSet
 from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.reports import evidence
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation import HiddenRuns

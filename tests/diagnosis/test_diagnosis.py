@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import Estimate, InputError, Measurements, Problem, add, load_estimate
+from sdp_vs_penalty import Estimate, InputError, Problem, add, diagnose, identify, load_estimate
 from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis, diagnosis_rows
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.signals import noise_of
 from sdp_vs_penalty.simulation import HiddenRuns

@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 from random_arms import SCARA_FRICTION, run_of, scara
 
-from sdp_vs_penalty import Estimate, InputError, Measurements, add
+from sdp_vs_penalty import Estimate, InputError, Measurements, add, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis, diagnosis_rows
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.library import own_forms
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.whitening import prepare
 from sdp_vs_penalty.effects import Model
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.problem import as_problem
 

@@ -13,9 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, compare, load_estimate
+from sdp_vs_penalty import Estimate, Measurements, Problem, compare, identify, load_estimate
 from sdp_vs_penalty.effects import Motion, effect_types
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY
 
 seeds = st.integers(0, 2**32 - 1)

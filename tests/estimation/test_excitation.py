@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty import InputError, Problem, excite, load_problem
+from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.estimation import Limits
-from sdp_vs_penalty.estimation.excitation import _Search, save_trajectory, shrunk
+from sdp_vs_penalty.estimation.excitation import _Search, excite, save_trajectory, shrunk
 from sdp_vs_penalty.estimation.motion_regressor import BaseRegressor
 from sdp_vs_penalty.robot import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiment import experiment

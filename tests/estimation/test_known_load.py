@@ -7,12 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import InputError, Measurements, Problem, add, load_estimate, load_problem
+from sdp_vs_penalty import (
+    InputError,
+    Measurements,
+    Problem,
+    add,
+    diagnose,
+    identify,
+    load_estimate,
+    load_problem,
+)
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.datasets import _ur10e_runs
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.known_load import parsed_known_load
 from sdp_vs_penalty.robot import inertia, random_trajectory
 

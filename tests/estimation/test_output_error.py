@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import InputError, load_problem
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty import InputError, identify, load_problem
 from sdp_vs_penalty.regression import BlackBox
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation import Sensor

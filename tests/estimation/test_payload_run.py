@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import Estimate, InputError, Problem
+from sdp_vs_penalty import Estimate, InputError, Problem, identify
 from sdp_vs_penalty.estimation import Limits
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.payload_run import PayloadRun, payload_run
 from sdp_vs_penalty.estimation.separation import independent_rate
 from sdp_vs_penalty.robot import Robot

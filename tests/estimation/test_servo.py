@@ -20,10 +20,10 @@ from sdp_vs_penalty import (
     cross_validate,
     export,
     follow,
+    identify,
     load_estimate,
 )
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.signals import Preprocessing
 
 URDF = """<robot name="slide"><link name="base"/><link name="cart"><inertial><mass value="2"/>

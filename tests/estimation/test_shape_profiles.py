@@ -9,10 +9,9 @@ import pytest
 from random_arms import SCARA_FRICTION, run_of, scara
 from random_robots import sines
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, compare
+from sdp_vs_penalty import Estimate, Measurements, Problem, compare, identify
 from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.effects.effect import Sampling, smooth_sign
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem import as_problem
 
 #: Truth, in the units of each joint; the third axis slides.

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from random_robots import sines
 
-from sdp_vs_penalty import InputError, Measurements, Problem
+from sdp_vs_penalty import InputError, Measurements, Problem, identify
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.estimation.certify import certify
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import (
     Estimator,
     Fit,

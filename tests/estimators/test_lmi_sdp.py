@@ -13,10 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty import InputError, Measurements, Problem
-from sdp_vs_penalty.errors import Infeasible
+from sdp_vs_penalty import Measurements, Problem, identify
+from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certify import certify
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import (
     LmiSdp,
     LmiSdpEntropic,

@@ -9,11 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty import Measurements, Problem, load_measurements
+from sdp_vs_penalty import Measurements, Problem, identify, load_measurements
 from sdp_vs_penalty.constraints import project
 from sdp_vs_penalty.constraints.cones import projection_curvature
 from sdp_vs_penalty.estimation.certify import certify
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import (
     LmiSdp,
     PenaltyPaper,

@@ -17,13 +17,13 @@ import random_robots
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty import Estimate, InputError, export, load_problem
+from sdp_vs_penalty import Estimate, InputError, load_problem
 from sdp_vs_penalty.checks.urdf import check_urdf, massless_links
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
 from sdp_vs_penalty.estimation import Certificate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
-from sdp_vs_penalty.exporters.export import formats
+from sdp_vs_penalty.exporters.export import export, formats
 from sdp_vs_penalty.page import jobs
 from sdp_vs_penalty.robot import Robot, inertia, load_urdf
 from sdp_vs_penalty.robot._pinocchio import pin

@@ -808,6 +808,21 @@ def test_tabs_are_counted(sessions: Sessions) -> None:
         sessions.new()
 
 
+def test_tabs_that_lose_their_connections_at_once_are_found_again(
+    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "_all", {})
+    made = [sessions.new() for _ in range(10)]
+    for session in made:
+        session.shown = True
+        sessions.leave(session)
+    sessions.new()
+    assert all(sessions.get(session.token) is session for session in made)
+    monkeypatch.setattr(sessions_module, "_CONNECTS", 0.0)  # a minute later they are closed tabs
+    sessions.new()
+    assert sum(sessions.get(session.token) is not None for session in made) < 5
+
+
 class Tab:
     present = True
 

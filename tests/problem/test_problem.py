@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import bare, link_parameters, sines, task_of, tree
 
-from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty import InputError, Measurements, Problem, identify
 from sdp_vs_penalty.estimators import interior_point
 from sdp_vs_penalty.problem import plausible_links, with_bounds
+from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot import Joint, Robot, inertia
 

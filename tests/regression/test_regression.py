@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty import InputError, Measurements, Problem
+from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.regression import LeastSquares, Regression, compress, triangular
 from sdp_vs_penalty.regression.base_parameters import base_parameters

@@ -17,11 +17,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, follow, report
+from sdp_vs_penalty import Estimate, Measurements, Problem, follow, identify, report
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.reports.parameters import ellipsoid
 from sdp_vs_penalty.reports.plots import correlation
 from sdp_vs_penalty.robot import inertia

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from random_robots import sines
 
-from sdp_vs_penalty import InputError, Measurements, load_problem
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty import InputError, Measurements, identify, load_problem
 from sdp_vs_penalty.robot import inertia, load_urdf
 from sdp_vs_penalty.robot._pinocchio import pin
 

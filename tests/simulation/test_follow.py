@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import Estimate, InputError, Measurements, follow, load_problem
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty import Estimate, InputError, Measurements, follow, identify, load_problem
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation import Sensor
 from sdp_vs_penalty.simulation.simulate import simulate

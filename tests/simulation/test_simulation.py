@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
-from sdp_vs_penalty import InputError, Measurements, Problem, compare, load_measurements, load_problem
+from sdp_vs_penalty import InputError, Measurements, Problem, compare, identify, load_problem
 from sdp_vs_penalty.data import save
+from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.effects import Motion
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.simulation import Sensor, sigmoid_friction
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.simulation.simulate import innovation_share, simulate

@@ -17,15 +17,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import InputError, load_problem
+from sdp_vs_penalty import identify, load_problem
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.constraints import ConstraintSet
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.errors import Infeasible
+from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.certify import certify
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import make_estimator, make_task
 from sdp_vs_penalty.regression import LeastSquares, compress
 from sdp_vs_penalty.simulation.experiment import experiment
