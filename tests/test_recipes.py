@@ -9,7 +9,6 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from sdp_vs_penalty.plugins import by_word, written
 
 import sdp_vs_penalty.estimators
 import sdp_vs_penalty.solvers
@@ -18,6 +17,7 @@ from sdp_vs_penalty.cli.verbs.list import listing
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
 from sdp_vs_penalty.paper.tables.methods import build
 from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.plugins import by_word, written
 from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers import solver_modules
