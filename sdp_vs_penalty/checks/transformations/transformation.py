@@ -76,10 +76,12 @@ class Scene:
 
     @property
     def n(self) -> int:
+        """How many joints."""
         return self.tried.data.n
 
     @property
     def moving(self) -> NDArray[np.bool_]:
+        """(n,) joints that move."""
         return self.tried.data.moving
 
     @cached_property
@@ -99,6 +101,7 @@ class Scene:
 
     @cached_property
     def none(self) -> Repair:
+        """The repair that changes nothing."""
         return Repair.none(self.n, self.problem.robot.gravity)
 
     @cached_property
