@@ -22,7 +22,7 @@ import sdp_vs_penalty
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.cli.main import app, expand_many, main
 from sdp_vs_penalty.data import DATASETS, save
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

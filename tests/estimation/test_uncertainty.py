@@ -21,8 +21,7 @@ from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot import inertia, random_trajectory
-from sdp_vs_penalty.simulation import Sensor
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import Sensor, experiment
 from sdp_vs_penalty.simulation.simulate import simulate
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
