@@ -8,20 +8,16 @@ import threading
 import time
 from pathlib import Path
 
-import cloudpickle
 import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty.data.files import load_measurements, save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.cross_validation import cross_validate
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty import InputError, Measurements, cross_validate, identify, load_problem
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.parallel import ALONE, Workers, spread
+from sdp_vs_penalty.regression import compress
 
 
 @pytest.fixture(scope="module")
@@ -30,26 +26,6 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Measurements:
     for seed in range(4):
         save(small_run(load_problem("two_link"), 8.0, seed), folder / f"run{seed}.csv")
     return load_measurements(folder)
-
-
-def test_a_run_travels_as_the_name_of_its_file(runs: Measurements) -> None:
-    one = runs.runs()[2].window(2.0, 5.0).runs()[0]
-    packed = cloudpickle.dumps(one.sent)
-    assert len(packed) < 1000 < one.q.nbytes
-    again = cloudpickle.loads(packed)()
-    assert again.names == one.names
-    assert again.data_hash == one.data_hash
-    changed = cloudpickle.loads(cloudpickle.dumps(Measurements(one.t, -one.q, one.tau).sent))()
-    np.testing.assert_array_equal(changed.q, -one.q)
-
-
-def test_a_file_that_changed_is_not_read_again(tmp_path: Path) -> None:
-    path = tmp_path / "run.csv"
-    save(small_run(load_problem("two_link")), path)
-    packed = cloudpickle.dumps(load_measurements(path).sent)
-    path.write_text(path.read_text().rsplit("\n", 2)[0] + "\n")
-    with pytest.raises(InputError, match="has changed since"):
-        cloudpickle.loads(packed)()
 
 
 def test_processes_give_the_same_and_a_killed_one_is_replaced(
@@ -116,3 +92,14 @@ def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs: Measurements) 
         killer.join()
         assert time.monotonic() - started > 0.5  # it was killed while they worked
     np.testing.assert_array_equal(found.theta, alone.theta)
+
+
+def test_a_scheduler_that_ends_is_a_sentence() -> None:
+    distributed = pytest.importorskip("distributed")
+    quiet = {"silence_logs": 50, "dashboard_address": None}
+    with distributed.LocalCluster(n_workers=1, processes=False, **quiet) as cluster:
+        results = spread(time.sleep, [0.0, 3.0, 3.0], cluster.scheduler_address)
+        next(results)
+        threading.Timer(0.2, cluster.sync, (cluster.scheduler.close,)).start()
+        with pytest.raises(InputError, match="the scheduler, or one worker after another, has ended"):
+            next(results)

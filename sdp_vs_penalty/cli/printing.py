@@ -225,7 +225,7 @@ def failure_tables(failures: Sequence[JointFailure]) -> None:
 def diagnosis(
     result: Diagnosis, units: Sequence[str], add: Sequence[str], verbose: bool = False
 ) -> None:
-    """The verdict, what to do next, the ladder of effects with the falling error, and what is left.
+    """The verdict, what to do next, the history of effects with the falling error, and what is left.
 
     add : the words of the command that adds the findings shown, none where there are none; verbose :
     the weak findings at the end as well.
@@ -304,7 +304,7 @@ def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding])
 
 
 def worth_showing(effects: Sequence[Finding]) -> Sequence[Finding]:
-    """The ladder without the weak findings at its end, but for the first two of them."""
+    """The history without the weak findings at its end, but for the first two of them."""
     last = max((k for k, f in enumerate(effects) if f.confidence == "confident"), default=-1)
     return effects[: last + 3]
 

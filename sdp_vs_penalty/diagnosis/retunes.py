@@ -13,7 +13,7 @@ from sdp_vs_penalty.diagnosis.search import APART
 from sdp_vs_penalty.diagnosis.sizes import Size
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import plain_unit
@@ -41,6 +41,7 @@ class Retune:
 
     @property
     def effect(self) -> str:
+        """The name of the effect."""
         return self.estimate.effect
 
     @property
@@ -62,6 +63,7 @@ class Retune:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Retune:
+        """What :meth:`to_dict` wrote."""
         errors = float(data["rmse_before"]), float(data["rmse_after"])
         estimate = ShapeEstimate.from_dict({"at_end": False, **data})
         remarks = tuple(map(str, data["remarks"]))

@@ -11,7 +11,7 @@ from nicegui import ui
 from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.page.controls import button, note, tag
-from sdp_vs_penalty.page.summary import Rung
+from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.view import View
 
 #: The colour is full where the error is so many times its noise floor, or where that is not known its
@@ -133,7 +133,7 @@ def _camera(poses: Any, bodies: list[dict[str, Any]]) -> tuple[Any, Any]:
     return centre + max(away, 0.05) * _TOWARDS, centre
 
 
-def torque_errors(model: Rung, read: Mapping[str, Any]) -> Any:
+def torque_errors(model: ModelStep, read: Mapping[str, Any]) -> Any:
     """(F, n) torque errors at the instants of the poses, 0 to 1."""
     left = np.abs(read["torque"] - read["modelled"])
     own = np.sqrt(np.mean(left**2, axis=0))

@@ -20,7 +20,7 @@ from sdp_vs_penalty.reports.plots import (
     correlation_figure,
     envelope,
     friction_figure,
-    ladder_figure,
+    history_figure,
     missing_figure,
     residual_figure,
     scatter_rows,
@@ -121,7 +121,7 @@ def asked_instants(event: Any) -> tuple[float, ...]:
     return tuple(sorted({float(x) for x in given if isinstance(x, int | float)}))
 
 
-def ladder_chart(
+def history_chart(
     names: Sequence[str],
     rmse: Sequence[Sequence[float]],
     units: Sequence[str],
@@ -131,10 +131,10 @@ def ladder_chart(
     numbers, known = [f"{k}" for k in range(1, len(names) + 1)], [f for f in floor if f]
     if len(known) == len(units):
         over = [[e / f for e, f in zip(errors, known, strict=True)] for errors in rmse]
-        plot = ladder_figure(numbers, over, [""] * len(units))
+        plot = history_figure(numbers, over, [""] * len(units))
         plot.update_yaxes(title_text="RMS error / noise floor").add_hline(1.0, line_dash="dot")
     else:
-        plot = ladder_figure(numbers, rmse, units)
+        plot = history_figure(numbers, rmse, units)
     plot.update_traces(line_shape="hvh")
     plot.update_xaxes(title_text="model", type="category")
     return _ready(styled(plot, 360))

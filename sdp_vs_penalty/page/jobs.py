@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.cli_parsing import numbers, time_windows
 from sdp_vs_penalty.data.datasets import DATASETS
 from sdp_vs_penalty.data.files import load_measurements, save, windowed
-from sdp_vs_penalty.data.texts import numbers, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -288,7 +288,7 @@ def take_run(request: Request, progress: Progress) -> Answer:
 
 
 def report(request: Request, progress: Progress) -> Answer:
-    """The self-contained report about the ladder of models."""
+    """The self-contained report about the history of models."""
     runs = runs_of(request)
     write_report(
         {m["label"]: load_estimate(m["file"]) for m in request["models"]},

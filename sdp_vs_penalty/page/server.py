@@ -6,6 +6,7 @@ import asyncio
 import atexit
 import contextlib
 import errno
+import logging
 import os
 import secrets
 import signal
@@ -27,15 +28,15 @@ from starlette.requests import ClientDisconnect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import uploads
-from sdp_vs_penalty.page.gate import KEY, LOOPBACK, guarded
+from sdp_vs_penalty.page.auth_middleware import KEY, LOOPBACK, guarded
+from sdp_vs_penalty.page.parts import PARTS
+from sdp_vs_penalty.page.parts.take_away import FILES, LOAD, MADE, MORE
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.state import internal_error
-from sdp_vs_penalty.page.steps import STEPS
-from sdp_vs_penalty.page.steps.take_away import FILES, LOAD, MADE, MORE
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
-from sdp_vs_penalty.page.workshop import Work, Workshop
+from sdp_vs_penalty.page.worker_pool import JobProcess, WorkerPool
 from sdp_vs_penalty.reports.pictures import LOOK as PICTURES
 
 #: Tried first, so that the page can be bookmarked.
@@ -44,7 +45,7 @@ _COOKIE = "sdp-vs-penalty-page"
 _HERE = Path(__file__).parent
 #: Seconds for which a tab may draw, sleep or wait for a busy computer and go on where it was; the work
 #: of one that was closed ends after them.
-WAITS = 8.0
+WAITS = 20.0
 
 
 class Page:
@@ -52,16 +53,16 @@ class Page:
 
     def __init__(self, folder: Path | None, forms: Forms) -> None:
         self.folder, self.forms = folder, forms
-        self.workshop = Workshop()
-        self.sessions = Sessions(self.workshop)
+        self.pool = WorkerPool()
+        self.sessions = Sessions(self.pool)
         #: What there is to choose from: the robots at once, the rest when a worker has loaded it.
         self.catalogue: dict[str, Any] = {"problems": _problems()}
 
     def start(self) -> None:
         """Ask a first worker what there is to choose from; the next one warms up meanwhile."""
-        self._asking = asyncio.get_running_loop().create_task(self._ask(self.workshop.worker()))
+        self._asking = asyncio.get_running_loop().create_task(self._ask(self.pool.worker()))
 
-    async def _ask(self, work: Work) -> None:
+    async def _ask(self, work: JobProcess) -> None:
         try:
             self.catalogue |= await work.do({"job": "catalogue"}, lambda _: None)
             self.sessions.changed()
@@ -70,7 +71,7 @@ class Page:
 
     def close(self) -> None:
         self.sessions.close()
-        self.workshop.close()
+        self.pool.close()
 
 
 def _problems() -> list[dict[str, str]]:
@@ -144,6 +145,7 @@ def serve(
         signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
     if browser:
         nicegui_app.on_startup(lambda: asyncio.to_thread(webbrowser.open, address))
+    logging.getLogger("engineio").setLevel(logging.CRITICAL)  # that a tab has lost its connection
     config = uvicorn.Config(
         guarded(make_app(page), chosen, key, at.host, at.tls),
         ssl_certfile=at.certificate,
@@ -252,7 +254,7 @@ def make_app(page: Page) -> FastAPI:
 def _build(page: Page, session: Session) -> None:
     client = ui.context.client
     limits = f"<script>const LARGEST = {uploads.LARGEST_FILE};</script>"
-    shown = ", ".join(f"[data-at={s.anchor}] [data-step={s.anchor}]" for s in STEPS)
+    shown = ", ".join(f"[data-at={s.anchor}] [data-part={s.anchor}]" for s in PARTS)
     look = f"{(_HERE / 'look.css').read_text()}\n{PICTURES}\n:is({shown}) {{ display: block; }}"
     ui.add_head_html(f"<style>{look}</style>")
     ui.add_head_html(f"{limits}<script>{(_HERE / 'workbench.js').read_text()}</script>")

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.data.files import for_testing
-from sdp_vs_penalty.data.texts import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.state import METHOD, Notice, TabState
-from sdp_vs_penalty.page.summary import Rung
+from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, JOINT, LEVEL
 
 #: What belongs to a robot, and is put aside with it.
 _OF_A_ROBOT = (
-    "robot", "runs", "effects", "method", "ladder", "findings", "found_for", "found_in",
+    "robot", "runs", "effects", "method", "history", "findings", "found_for", "found_in",
     "made_by", "models", "curve_texts",
 )  # fmt: skip
 _OTHER_RUNS = "The runs have changed: identify again."
@@ -49,7 +49,7 @@ class Session(TabState):
         self.dropped = {name: getattr(self, name) for name in _OF_A_ROBOT}
         if self.robot is not None and self.runs:
             what = [show.count(len(self.runs), "run")]
-            what += [show.count(len(self.ladder), "model")] if self.ladder else []
+            what += [show.count(len(self.history), "model")] if self.history else []
             said = f"{self.robot['name']}: {show.words(what)} put aside with the robot."
             self.notice = Notice((said,), error=False, undo=True)
 
@@ -108,7 +108,7 @@ class Session(TabState):
             if run["file"] == file:
                 run["use"] = use
         self.runs = [run for run in self.runs if run["use"]]
-        self.notice = Notice((_OTHER_RUNS,), error=False) if self.ladder else None
+        self.notice = Notice((_OTHER_RUNS,), error=False) if self.history else None
         self.forget_models()
         self.changed()
 
@@ -121,7 +121,7 @@ class Session(TabState):
             turned = {**self.robot, "gravity": numbers("gravity", gravity, 3)}
             answer = await self._job("look_again", robot=turned)
             self.robot, self.runs = turned, answer["runs"]
-            had_models = bool(self.ladder)
+            had_models = bool(self.history)
             self.forget_models()
             if had_models:
                 self.notice = Notice(("Gravity has changed: identify again.",), error=False)
@@ -142,7 +142,7 @@ class Session(TabState):
         self._start("Repairing a run", do())
 
     def identify(self) -> None:
-        """The first model of a new ladder."""
+        """The first model of a new history."""
         self._start(f"Identifying by {self.method}", self._identify())
 
     async def _identify(self) -> None:
@@ -157,7 +157,7 @@ class Session(TabState):
             out=self._next_file(),
         )
         self.forget_models()
-        self._take_ladder([Rung(**{**answer, "label": "identified"})])
+        self._take_history([ModelStep(**{**answer, "label": "identified"})])
 
     def open_model(self, path: str, name: str) -> None:
         """Go on from a model.json, identified from other runs perhaps: how a payload is found."""
@@ -165,7 +165,7 @@ class Session(TabState):
         async def do() -> None:
             answer = await self._job("open_model", model=path, out=self._next_file())
             self.forget_models()
-            self._take_ladder([Rung(**{**answer, "label": name, "opened": name})])
+            self._take_history([ModelStep(**{**answer, "label": name, "opened": name})])
 
         self._start(f"Opening {name}", do(), {path: name})
 
@@ -178,24 +178,24 @@ class Session(TabState):
         answer = await self._job("find", model=self._current(), frozen=self.frozen)
         self.findings = Diagnosis.from_dict(answer["diagnosis"])
         self.curve_texts = answer["curves"]
-        self.found_for, self.found_in = len(self.ladder), answer["seconds"]
+        self.found_for, self.found_in = len(self.history), answer["seconds"]
         self.changed()
 
     def add(self, texts: list[str]) -> None:
-        """Add effects to the current model, a rung of the ladder each."""
+        """Add effects to the current model, a step of the history each."""
         named = ", ".join(text.partition("@")[0] for text in texts)
         self._start(f"Adding {named}", self._add(texts))
 
     async def _add(self, texts: list[str]) -> None:
         frozen = self.frozen or (self.findings is not None and self.findings.frozen)
-        model, rungs = self._current(), []
+        model, steps = self._current(), []
         for text in texts:
             details = {"effect": text, "frozen": frozen, "out": self._next_file()}
             answer = await self._job("extend", model=model, **details)
             new = {"label": f"+ {text.partition('@')[0]}", "added": (text,), "frozen": frozen}
-            rungs.append(Rung(**{**answer, **new}))
-            model = rungs[-1].file
-        self._take_ladder([*self.ladder, *rungs])
+            steps.append(ModelStep(**{**answer, **new}))
+            model = steps[-1].file
+        self._take_history([*self.history, *steps])
 
     def ask(self, job: str, title: str, ready: Callable[[str], None] | None = None, **on: Any) -> None:
         """A job that changes nothing: its answer is kept; ``ready`` hears of the files that it made."""
@@ -216,17 +216,17 @@ class Session(TabState):
 
     def undo(self) -> None:
         """One model back."""
-        if self.busy or len(self.ladder) < 2:
+        if self.busy or len(self.history) < 2:
             return
-        self.undone.append(self.ladder.pop())
-        if len(self.ladder) < self.found_for:
+        self.undone.append(self.history.pop())
+        if len(self.history) < self.found_for:
             self.findings = None
         self.changed()
 
     def redo(self) -> None:
         """The model that was left last, once more."""
         if not self.busy and self.undone:
-            self.ladder.append(self.undone.pop())
+            self.history.append(self.undone.pop())
             self.changed()
 
     def show_me(self) -> None:
@@ -253,8 +253,8 @@ class Session(TabState):
     def take(self, name: str, ready: Callable[[str], None], options: Mapping[str, str]) -> None:
         """Make a file to take away; ``ready`` hears its name. options : the flange, for a payload."""
         if name == "report.html":
-            ladder = enumerate(self.ladder, start=1)
-            models = [{"label": f"{k}: {m.label}", "file": m.file} for k, m in ladder]
+            history = enumerate(self.history, start=1)
+            models = [{"label": f"{k}: {m.label}", "file": m.file} for k, m in history]
             found = None if self.findings is None else self.findings.to_dict()
             details = {"models": models, "commands": self.commands(), "findings": found}
             self.ask("report", f"Making {name}", ready, **details)
@@ -270,11 +270,11 @@ class Session(TabState):
         name = f"run-{index + 1}.csv"
         self.ask("take_run", f"Making {name}", ready, name=name, index=index)
 
-    def take_up(self, model: Rung) -> None:
+    def take_up(self, model: ModelStep) -> None:
         """Go on from a model of this session that was left."""
         if not self.busy:
             self.findings = None
-            self._take_ladder([model])
+            self._take_history([model])
             self.changed()
 
     async def _take_runs(self, job: str, **details: Any) -> None:
@@ -295,7 +295,7 @@ class Session(TabState):
             new[0]["use"] = "train"
         if "effects" in answer:
             self.effects = list(answer["effects"])
-        had_models = bool(self.ladder)
+        had_models = bool(self.history)
         if new:
             self.forget_models()
         if answer["refused"]:

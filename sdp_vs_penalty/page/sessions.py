@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import secrets
 import shutil
 import tempfile
@@ -9,23 +11,38 @@ import time
 from pathlib import Path
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files.outputs import lives
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.workshop import Workshop
+from sdp_vs_penalty.page.worker_pool import WorkerPool
 
 #: Closed tabs that can be opened again: how many, and for how many seconds.
 _KEPT, _KEPT_FOR = 4, 4 * 3600.0
 #: Tabs that can be open at once.
 MOST = 20
-#: How long a browser may take from its request until its tab is there [s].
+#: How long a browser may take from its request until its tab is there, or is there again [s].
 _CONNECTS = 60.0
+
+
+#: Begin of the names of servers' folders; the number of the server's process follows.
+_PREFIX = "sdp-vs-penalty-page-"
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """What servers of this account that were killed have left."""
+    for left in folder.glob(f"{_PREFIX}*-*"):
+        number = left.name.removeprefix(_PREFIX).split("-")[0]
+        with contextlib.suppress(OSError, AttributeError):
+            if number.isdigit() and not lives(int(number)) and left.lstat().st_uid == os.getuid():
+                shutil.rmtree(left, ignore_errors=True)
 
 
 class Sessions:
     """Sessions whose folders, readable by their owner only, end with the server."""
 
-    def __init__(self, workshop: Workshop) -> None:
-        self.workshop = workshop
-        self.root = Path(tempfile.mkdtemp(prefix="sdp-vs-penalty-page-"))
+    def __init__(self, pool: WorkerPool) -> None:
+        self.pool = pool
+        _remove_leftovers(Path(tempfile.gettempdir()))
+        self.root = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
         self._all: dict[str, Session] = {}
 
     def new(self) -> Session:
@@ -39,7 +56,7 @@ class Sessions:
         token = secrets.token_urlsafe(24)
         folder = self.root / token
         folder.mkdir(mode=0o700)
-        self._all[token] = Session(token, folder, self.workshop)
+        self._all[token] = Session(token, folder, self.pool)
         return self._all[token]
 
     def get(self, token: str) -> Session | None:
@@ -74,7 +91,9 @@ class Sessions:
         closed = sorted((s for s in self._all.values() if not _open(s)), key=lambda s: -s.left_at)
         now = time.monotonic()
         for k, session in enumerate(closed):
-            if k >= _KEPT or now - session.left_at > _KEPT_FOR:
+            since = now - session.left_at
+            # On a busy computer many tabs lose their connection at once, and come back.
+            if (k >= _KEPT and since > _CONNECTS) or since > _KEPT_FOR:
                 session.cancel()
                 del self._all[session.token]
                 shutil.rmtree(session.folder, ignore_errors=True)

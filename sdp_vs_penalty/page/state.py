@@ -16,8 +16,8 @@ from sdp_vs_penalty.checks import contradicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.options import FormField, words
-from sdp_vs_penalty.page.summary import Rung
-from sdp_vs_penalty.page.workshop import Cancelled, Work, Workshop
+from sdp_vs_penalty.page.summary import ModelStep
+from sdp_vs_penalty.page.worker_pool import Cancelled, JobProcess, WorkerPool
 from sdp_vs_penalty.reports.plots import Curves
 
 #: Before the first identification of a robot.
@@ -35,7 +35,7 @@ class Working:
     """The job that is being done: what it is, where it stands, since when (monotonic seconds)."""
 
     title: str
-    work: Work
+    work: JobProcess
     status: str = ""
     since: float = field(default_factory=time.monotonic)
 
@@ -65,14 +65,14 @@ class Watcher(Protocol):
 class TabState:
     """The state of a tab, with one job at a time; kept while the server runs, also of a closed tab.
 
-    robot : the answer about it, with ``source``; runs : see jobs.read, each with its ``use``; ladder :
-    models, the last one current; findings : of the model number ``found_for`` of the ladder, found in
+    robot : the answer about it, with ``source``; runs : see jobs.read, each with its ``use``; history :
+    models, the last one current; findings : of the model number ``found_for`` of the history, found in
     ``found_in`` seconds.
     """
 
     token: str
     folder: Path
-    workshop: Workshop
+    pool: WorkerPool
     robot: dict[str, Any] | None = None
     runs: list[dict[str, Any]] = field(default_factory=list)
     effects: list[str] = field(default_factory=list)
@@ -85,11 +85,11 @@ class TabState:
     reading: dict[str, str] = field(default_factory=dict)
     #: Identify even from runs that the check calls meaningless.
     anyway: bool = False
-    ladder: list[Rung] = field(default_factory=list)
+    history: list[ModelStep] = field(default_factory=list)
     #: Models that were undone, the last one first to come back.
-    undone: list[Rung] = field(default_factory=list)
-    #: All models of this robot, those that have left the ladder too.
-    models: list[Rung] = field(default_factory=list)
+    undone: list[ModelStep] = field(default_factory=list)
+    #: All models of this robot, those that have left the history too.
+    models: list[ModelStep] = field(default_factory=list)
     findings: Diagnosis | None = None
     curve_texts: list[str] = field(default_factory=list)
     found_for: int = 0
@@ -116,13 +116,13 @@ class TabState:
     _count: int = 0
 
     @property
-    def model(self) -> Rung | None:
-        return self.ladder[-1] if self.ladder else None
+    def model(self) -> ModelStep | None:
+        return self.history[-1] if self.history else None
 
     @property
-    def current(self) -> Rung:
+    def current(self) -> ModelStep:
         """``model``, in steps that come after the first one."""
-        return self.ladder[-1]
+        return self.history[-1]
 
     @property
     def arm(self) -> dict[str, Any]:
@@ -156,14 +156,14 @@ class TabState:
     @property
     def added(self) -> set[str]:
         """Texts of the findings that are part of the current model."""
-        return {text for model in self.ladder[self.found_for :] for text in model.added}
+        return {text for model in self.history[self.found_for :] for text in model.added}
 
     def answer(self, job: str) -> dict[str, Any] | None:
         """What a job said of the current model, if it was asked."""
         found = self.answers.get(job)
         return found if found and self.model and found["model"] == self.model.file else None
 
-    def recording(self, model: Rung, run: str) -> dict[str, Any]:
+    def recording(self, model: ModelStep, run: str) -> dict[str, Any]:
         """t, torque, modelled, q, dq, ddq, tf and poses of a run (summary.py)."""
         return self.arrays(model.curves, model.runs.index(run))
 
@@ -178,7 +178,7 @@ class TabState:
             if name.rstrip("0123456789") + str(k) == name
         }
 
-    def curves(self, model: Rung, run: str) -> Curves:
+    def curves(self, model: ModelStep, run: str) -> Curves:
         """Measured and modelled torque of a run."""
         read = self.recording(model, run)
         return Curves(read["t"], read["torque"], {model.label: read["modelled"]})
@@ -193,14 +193,14 @@ class TabState:
 
     def commands(self) -> list[str]:
         """The same on the command line, in the folder where the files of the shown names are."""
-        if self.robot is None or not self.ladder:
+        if self.robot is None or not self.history:
             return []
         robot = self.robot["file"] or self.robot["source"]
         data = ["--data", *(r["given"] for r in self.runs if r["use"] in ("train", "split"))]
         if len(self.runs) == 1 and self.runs[0]["use"] == "split":
             windows = self.runs[0]["split"]["train"]
             data += ["--window", ",".join(f"{a!r}:{b!r}" for a, b in windows)]
-        first, seed = self.ladder[0], ["--seed", str(self.seed)]
+        first, seed = self.history[0], ["--seed", str(self.seed)]
         out = [["simulate", robot, *self.made_by]] if self.made_by else []
         names = [first.opened or "model1.json"]
         if not first.opened:
@@ -208,7 +208,7 @@ class TabState:
             how += ["--no-check"] if self.meaningless else []
             how += self.options_as_words()
             out.append(["identify", robot, *data, *how, "--out", names[0]])
-        for k, model in enumerate(self.ladder[1:], start=2):
+        for k, model in enumerate(self.history[1:], start=2):
             names.append(f"model{k}.json")
             how = [*seed, *(["--frozen"] if model.frozen else [])]
             out.append(["add", names[-2], ",".join(model.added), *data, *how, "--out", names[-1]])
@@ -227,7 +227,7 @@ class TabState:
         return text.replace(f"{self.folder}/", "")
 
     def forget_models(self) -> None:
-        self.ladder, self.undone, self.findings, self.answers = [], [], None, {}
+        self.history, self.undone, self.findings, self.answers = [], [], None, {}
         self._read.clear()
 
     def cancel(self) -> None:
@@ -249,7 +249,7 @@ class TabState:
             return
         self.names |= names or {}
         self.notice = None
-        self.working = Working(title, self.workshop.worker())
+        self.working = Working(title, self.pool.worker())
         self.task = asyncio.get_running_loop().create_task(self._watch(doing))
         self.changed()
 
@@ -272,7 +272,7 @@ class TabState:
     async def _job(self, job: str, **details: Any) -> dict[str, Any]:
         assert self.working is not None
         if self.working.work.killed and not self.working.work.cancelled:  # it has done a job
-            self.working.work = self.workshop.worker()
+            self.working.work = self.pool.worker()
         request = {
             "job": job,
             "folder": str(self.folder),
@@ -281,7 +281,7 @@ class TabState:
             "seed": self.seed,
             **details,
         }
-        return await self.workshop.run(self.working.work, request, self._progress)
+        return await self.pool.run(self.working.work, request, self._progress)
 
     def _progress(self, text: str) -> None:
         if self.working is not None:
@@ -291,10 +291,10 @@ class TabState:
     def read_arrived(self) -> None:
         """What is to be done when a job has ended."""
 
-    def _take_ladder(self, ladder: list[Rung]) -> None:
-        """Another ladder; the session remembers every model that was on one."""
-        self.ladder, self.undone = ladder, []
-        self.models += [rung for rung in ladder if rung.file not in {m.file for m in self.models}]
+    def _take_history(self, history: list[ModelStep]) -> None:
+        """Another history; the session remembers every model that was on one."""
+        self.history, self.undone = history, []
+        self.models += [step for step in history if step.file not in {m.file for m in self.models}]
 
     def _refuse_meaningless(self) -> None:
         if self.meaningless and not self.anyway:

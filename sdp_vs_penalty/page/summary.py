@@ -15,9 +15,9 @@ from sdp_vs_penalty.data.measurements import Measurements, Runs
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.sandwich import NORMAL_95
-from sdp_vs_penalty.estimation.shape_profiles import asked_effects
+from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes
@@ -37,13 +37,13 @@ _FRAMES = 160
 
 
 @dataclass(frozen=True)
-class Rung:
-    """One model of a session's ladder, judged; plain JSON apart from being a class.
+class ModelStep:
+    """One model of a session's history, judged; plain JSON apart from being a class.
 
     file, curves : its model.json and the .npz of its torques; runs : names of those, training runs
     first, a part of a run by its seconds; tested : whether runs were kept from training; judged_on : the
     runs behind comparison and failures (as `compare --json` writes them); violation, about : see the
-    functions; label, added : what it is called and the effects added to the rung below, with the others
+    functions; label, added : what it is called and the effects added to the step below, with the others
     held where frozen; opened : the file that a person brought, if any.
     """
 
@@ -136,7 +136,7 @@ def _plain(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [{k: x.tolist() if isinstance(x, np.ndarray) else x for k, x in r.items()} for r in rows]
 
 
-def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress: Progress) -> Rung:
+def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress: Progress) -> ModelStep:
     """Save a model at ``out`` and its curves beside it; judge it.
 
     Curves : t0, torque0, modelled0, t1, ... of every run, training runs first, as .npz; also its
@@ -167,7 +167,7 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
     save_arrays(out.with_suffix(".npz"), arrays)
     estimate.save(out)
     certificate = estimate.certificate
-    return Rung(
+    return ModelStep(
         file=str(out),
         curves=str(out.with_suffix(".npz")),
         runs=_named(runs),

@@ -31,10 +31,10 @@ const workbench = {
     const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (matchMedia("(max-width: 640px)").matches)
       document
-        .querySelector(`[data-step="${step}"]`)
+        .querySelector(`[data-part="${step}"]`)
         ?.scrollIntoView({ behavior: still ? "auto" : "smooth", block: "start" });
     else scrollTo(0, 0);
-    document.querySelector(`[data-step="${step}"] h2`)?.focus({ preventScroll: true });
+    document.querySelector(`[data-part="${step}"] h2`)?.focus({ preventScroll: true });
     dispatchEvent(new Event("resize")); // charts drawn out of sight learn how wide they are
   },
   key: null,

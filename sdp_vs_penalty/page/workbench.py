@@ -10,8 +10,8 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
-from sdp_vs_penalty.page.step import Step, Verdict
-from sdp_vs_penalty.page.steps import STAGES, STEPS
+from sdp_vs_penalty.page.part import Part, Verdict
+from sdp_vs_penalty.page.parts import PARTS, STAGES
 from sdp_vs_penalty.page.view import View
 
 _COLOURS = frozenset({"good", "usable", "bad"})
@@ -43,7 +43,7 @@ class Workbench:
                 with tag("div", style="intro"):
                     tag("h1", "Identify your robot, see what the model is missing, add it")
                     tag("p", "Everything is computed on this computer, and no data leave it.", "lead")
-                for k, step in enumerate(STEPS, start=1):
+                for k, step in enumerate(PARTS, start=1):
                     self._stage(k, step)
         self._skip.props["href"] = f"#{self._main.html_id}"
         self._dock()
@@ -70,7 +70,7 @@ class Workbench:
             self.close()
             return
         with self.client:
-            for step in STEPS:
+            for step in PARTS:
                 self._redraw_step(step)
             self._redraw_dock()
             self._lead_on()
@@ -103,8 +103,8 @@ class Workbench:
                         self._levels[step.anchor] = tag("span", style="unseen")
                     self._links[step.anchor] = link
 
-    def _stage(self, k: int, step: Step) -> None:
-        with tag("section", style="step", data_step=step.anchor) as section:
+    def _stage(self, k: int, step: Part) -> None:
+        with tag("section", style="step", data_part=step.anchor) as section:
             self._sections[step.anchor] = section
             with tag("div", style="title"):
                 tag("span", str(k), "number", aria_hidden="true")
@@ -129,10 +129,10 @@ class Workbench:
         if (working := self.session.working) is not None:
             self._clock.text = f"{time.monotonic() - working.since:.0f} s"
 
-    def _redraw_step(self, step: Step) -> None:
+    def _redraw_step(self, step: Part) -> None:
         session, body = self.session, self._bodies[step.anchor]
         # What the steps after the first offer comes when the first worker has loaded everything.
-        ready = step.ready(session) and (step is STEPS[0] or "effects" in self.view.catalogue)
+        ready = step.ready(session) and (step is PARTS[0] or "effects" in self.view.catalogue)
         self._redraw_end(step, step.verdict(session) if ready else None, ready)
         state = json.dumps(step.depends(session) if ready else None, default=str)
         if self._drawn.get(step.anchor) == state:
@@ -148,9 +148,9 @@ class Workbench:
             else:
                 note(step.before)
 
-    def _redraw_end(self, step: Step, verdict: Verdict | None, ready: bool) -> None:
+    def _redraw_end(self, step: Part, verdict: Verdict | None, ready: bool) -> None:
         """The sentence that a step ends in, and the way to the next one."""
-        following = dict(itertools.pairwise(STEPS)).get(step)
+        following = dict(itertools.pairwise(PARTS)).get(step)
         on = ready and following is not None and following.ready(self.session)
         state = json.dumps(
             [None if verdict is None else (verdict.level, verdict.word, verdict.text), on]
@@ -208,7 +208,7 @@ class Workbench:
 
     def _marks(self) -> tuple[int, bool, bool]:
         session = self.session
-        return len(session.ladder), session.findings is not None, session.answer("methods") is not None
+        return len(session.history), session.findings is not None, session.answer("methods") is not None
 
     def _lead_on(self) -> None:
         """Bring what is new into sight."""
@@ -220,7 +220,7 @@ class Workbench:
         elif found and not had_found:
             to = "findings"
         elif models > had > 0:
-            to = "ladder"
+            to = "history"
         elif compared and not had_compared:
             to = "methods"
         if to is not None:

@@ -1,6 +1,6 @@
 """The process that does one job: told by JSON over a pipe, answers by JSON, ends.
 
-It is started before it is needed, with everything loaded (see workshop.py), and ends with the server
+It is started before it is needed, with everything loaded (see pool.py), and ends with the server
 whatever happens to that.
 """
 

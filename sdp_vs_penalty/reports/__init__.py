@@ -31,7 +31,7 @@ _SECTIONS = (
     sections.failures,
     findings_of.findings,
     findings_of.curves,
-    sections.ladder,
+    sections.history,
     sections.forward,
     parameters.parameters,
     parameters.arm,

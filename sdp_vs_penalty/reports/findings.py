@@ -9,7 +9,7 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
-from sdp_vs_penalty.reports.plots import ladder_figure, missing_figure
+from sdp_vs_penalty.reports.plots import history_figure, missing_figure
 from sdp_vs_penalty.reports.section import Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
@@ -50,7 +50,7 @@ def findings(material: Material) -> Section:
     if rows:
         names = ["model", *(f"+ {k}. {row[0]} {row[1]}" for k, row in enumerate(rows, start=1))]
         errors = [found.effects[0].held_out_rmse_before, *(f.held_out_rmse_after for f in found.effects)]
-        plot = ladder_figure(names, errors, material.last.robot.torque_units)
+        plot = history_figure(names, errors, material.last.robot.torque_units)
         body += figure(plot, "Held-out RMS error of each joint, finding by finding.", 380)
         body += table(heads, rows, numbers_from=5)
     body += "".join(text(remark) for remark in (found.beside, *found.remarks) if remark)

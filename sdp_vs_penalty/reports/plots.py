@@ -88,7 +88,7 @@ def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = 
     return plot.update_yaxes(title_text=f"left [{plain_unit(unit)}]", **places[1])
 
 
-def ladder_figure(names: Sequence[str], rmse: Sequence[ArrayLike], units: Sequence[str]) -> Any:
+def history_figure(names: Sequence[str], rmse: Sequence[ArrayLike], units: Sequence[str]) -> Any:
     """RMS error of each joint, one (n,) array a model, from model to model."""
     from plotly.graph_objects import Figure, Scatter
 

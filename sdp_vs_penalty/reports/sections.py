@@ -12,7 +12,7 @@ from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.diagnosis.show import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
-from sdp_vs_penalty.estimation.sandwich import NORMAL_95
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.reports.pictures import (
     SHADES,
@@ -140,7 +140,7 @@ def _bands(material: Material) -> list[tuple[Array, Array]]:
     return bands
 
 
-def ladder(material: Material) -> Section:
+def history(material: Material) -> Section:
     """The error of every joint, model by model, above the noise."""
     heads = ["joint"]
     for c in material.comparisons:
@@ -166,7 +166,7 @@ def ladder(material: Material) -> Section:
     body += table([*heads, "noise floor"], rows)
     if floor is None:
         body += text("No motion repeats in these runs: the noise floor is unknown.")
-    return Section("ladder", "From model to model", body)
+    return Section("history", "From model to model", body)
 
 
 def forward(material: Material) -> Section:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -57,14 +57,16 @@ class Joint:
             )
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON; infinite limits are left out."""
         return {
             key: value.tolist() if isinstance(value, np.ndarray) else value
-            for key, value in vars(self).items()
+            for key, value in asdict(self).items()
             if not (isinstance(value, float) and np.isinf(value))
         }
 
     @classmethod
     def from_dict(cls, given: Mapping[str, Any]) -> Joint:
+        """What :meth:`to_dict` wrote."""
         arrays = ("placement", "axis", "link_frame")
         return cls(**{**given, **{key: np.array(given[key], float) for key in arrays}})
 

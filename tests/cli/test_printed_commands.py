@@ -16,23 +16,19 @@ import pytest
 from arms import HEAVY, SCARA, write_folder, write_urdf
 from small_runs import small_run, write_run
 
+from sdp_vs_penalty import InputError, Problem, diagnose, identify, load_estimate, load_problem
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.cli.verbs.list import Kind
-from sdp_vs_penalty.constraints.constraint import ConstraintSet
-from sdp_vs_penalty.data.files import load_measurements, save
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, load_diagnosis
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.constraints import ConstraintSet
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.diagnosis import Diagnosis, load_diagnosis
+from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.estimation import separation
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
-from sdp_vs_penalty.page.workshop import Workshop
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.simulation import hidden_runs
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.page.worker_pool import WorkerPool
+from sdp_vs_penalty.simulation import experiment, hidden_runs
 
 PROGRAM = "sdp-vs-penalty"
 Run = Callable[..., str]
@@ -348,11 +344,11 @@ def test_a_diagnosis_survives_its_file(twelve_found: Diagnosis, tmp_path: Path) 
 
 @pytest.fixture(scope="module")
 def sessions() -> Iterator[Sessions]:
-    workshop = Workshop()
-    made = Sessions(workshop)
+    pool = WorkerPool()
+    made = Sessions(pool)
     yield made
     made.close()
-    workshop.close()
+    pool.close()
 
 
 async def _finish(session: Session, act: Callable[[], None]) -> None:
@@ -397,7 +393,7 @@ def test_the_pages_commands_make_the_pages_models(
     assert [shlex.split(c)[1] for c in commands][-3:] == ["identify", "add", "add"]
     for command in commands:
         run(command)
-    for k, model in enumerate(s.ladder, start=1):
+    for k, model in enumerate(s.history, start=1):
         theirs, ours = load_estimate(model.file), load_estimate(tmp_path / f"model{k}.json")
         np.testing.assert_array_equal(ours.theta, theirs.theta)
         assert ours.to_dict()["problem"] == theirs.to_dict()["problem"]

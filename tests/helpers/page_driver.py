@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.simulation import HiddenRuns
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
@@ -195,8 +195,8 @@ def choose(page: Page, robot: str, data: list[Path]) -> None:
 
 
 def errors(page: Page) -> list[list[float]]:
-    """RMS errors of the ladder's table: a list a joint, of its models."""
-    rows = page.locator("table.ladder tbody tr").all()
+    """RMS errors of the history's table: a list a joint, of its models."""
+    rows = page.locator("table.history tbody tr").all()
     return [[float(cell) for cell in row.locator("td").all_inner_texts()[:-2]] for row in rows]
 
 

@@ -27,10 +27,8 @@ from page_driver import (
     pick,
 )
 
-from sdp_vs_penalty.data.files import load_measurements
-from sdp_vs_penalty.diagnosis.comparison import compare
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty import compare, load_estimate, load_measurements
+from sdp_vs_penalty.robot import load_urdf
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext
@@ -47,22 +45,22 @@ def story(
         choose(page, "two_link", files)
         seen["uses"] = page.locator("table.runs select").evaluate_all("all => all.map(s => s.value)")
         page.click(key("identify"))
-        page.wait_for_selector("[data-step=fit] .js-line")
-        seen["fit"] = page.inner_text("[data-step=fit]")
+        page.wait_for_selector("[data-part=fit] .js-line")
+        seen["fit"] = page.inner_text("[data-part=fit]")
         seen["barriers"] = barriers(page)
         begin = time.perf_counter()
         page.click(key("joint-2"))
         page.wait_for_function(
-            "document.querySelector('[data-step=fit] .ytitle')?.textContent.startsWith('joint 2')"
+            "document.querySelector('[data-part=fit] .ytitle')?.textContent.startsWith('joint 2')"
         )
         seen["click"] = time.perf_counter() - begin
         go(page, "findings")
         page.click(key("diagnose"))
         page.wait_for_selector(key("add-0"))
-        seen["findings"] = page.inner_text("[data-step=findings]")
+        seen["findings"] = page.inner_text("[data-part=findings]")
         seen["barriers"] += barriers(page)
         page.click(key("add-0"))
-        page.wait_for_selector("table.ladder")
+        page.wait_for_selector("table.history")
         idle(page)
         seen["errors"] = errors(page)
         go(page, "methods")
@@ -71,15 +69,15 @@ def story(
         seen["methods"] = page.locator("table.methods tbody tr").all_inner_texts()
         go(page, "forward")
         page.click(key("forward"))
-        page.wait_for_selector("[data-step=forward] .js-line")
+        page.wait_for_selector("[data-part=forward] .js-line")
         idle(page)
-        seen["forward"] = page.inner_text("[data-step=forward]")
+        seen["forward"] = page.inner_text("[data-part=forward]")
         seen["barriers"] += barriers(page)
         go(page, "proof")
         with page.expect_download() as waiting:
             page.click(key("prove"))
         seen["proof"] = waiting.value.suggested_filename
-        page.wait_for_selector("[data-step=proof] .verdict:has-text('Accepted')")
+        page.wait_for_selector("[data-part=proof] .verdict:has-text('Accepted')")
         idle(page)
         seen["barriers"] += barriers(page)
         go(page, "take-away")
@@ -162,10 +160,10 @@ def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
 ) -> None:
     with a_context(browser, viewport=PHONE, color_scheme="dark", has_touch=True) as context:
         page = open_page(context, server, story["page"].url.removeprefix(server.address))
-        page.wait_for_selector("[data-step=ladder] .js-line, [data-step=ladder] .lines path")
+        page.wait_for_selector("[data-part=history] .js-line, [data-part=history] .lines path")
         assert errors(page) == story["errors"]
         no_sideways_scrolling(page)
-        for step in ("runs", "model", "fit", "findings", "ladder", "methods", "take-away"):
+        for step in ("runs", "model", "fit", "findings", "history", "methods", "take-away"):
             page.evaluate(f"workbench.show('{step}')")
             no_sideways_scrolling(page)
 
@@ -175,7 +173,7 @@ def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
 
         def looks_dark() -> bool:
             paper = brightness("body", "backgroundColor")
-            ink = brightness("[data-step=fit] .ytitle", "fill")
+            ink = brightness("[data-part=fit] .ytitle", "fill")
             assert abs(paper - ink) > 120  # can be read either way, charts too
             return paper < ink
 
@@ -198,11 +196,11 @@ def test_a_model_can_be_brought(
     page.set_input_files(key("drop-model"), str(story["folder"] / "model.json"))
     page.wait_for_selector(key("diagnose"), state="attached")
     idle(page)
-    go(page, "ladder")
-    assert "model.json" in page.inner_text("[data-step=ladder]")
+    go(page, "history")
+    assert "model.json" in page.inner_text("[data-part=history]")
     go(page, "findings")
     page.click(key("diagnose"))
-    said = page.wait_for_selector("[data-step=findings] .verdict")
+    said = page.wait_for_selector("[data-part=findings] .verdict")
     assert "Nothing is missing that these measurements could show." in said.inner_text()
     text = (story["folder"] / "model.json").read_text().replace('"format": 2', '"format": 99')
     idle(page)
@@ -217,13 +215,13 @@ def test_undo_takes_the_last_step_back_and_redo_brings_it_again(
 ) -> None:
     """In a second tab on the same session: both show it."""
     page = open_page(story["context"], server, story["page"].url.removeprefix(server.address))
-    go(page, "ladder")
+    go(page, "history")
     page.wait_for_selector(key("undo")).click()
     page.wait_for_selector(key("undo"), state="detached")
     go(page, "findings")
     page.wait_for_selector(key("add-0"))
     story["page"].wait_for_selector(key("undo"), state="detached")
-    go(page, "ladder")
+    go(page, "history")
     page.click(key("redo"))
     page.wait_for_selector(key("undo"))
     idle(page)
@@ -276,7 +274,7 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
     page.wait_for_selector(key("identify"))
     walk("identify")
     page.keyboard.press("Space")
-    page.wait_for_selector("[data-step=fit] .js-line")
+    page.wait_for_selector("[data-part=fit] .js-line")
     idle(page)
     expect(page.locator("[aria-live=polite]")).to_have_text("Identifying by lmi-sdp. Done.")
     # The focus is at the step that came, so that the way goes on from there.
@@ -291,7 +289,7 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
     idle(page)
     walk("add-0")
     page.keyboard.press("Enter")
-    page.wait_for_selector("table.ladder")
+    page.wait_for_selector("table.history")
     idle(page)
     before, after = errors(page)[0]
     assert after < 0.6 * before
@@ -314,14 +312,14 @@ def test_how_fast_it_answers_on_the_real_panda(context: BrowserContext, server: 
     assert page.locator("table.runs select").evaluate_all("all => all.map(s => s.value)") == ["split"]
     go(page, "model")
     page.click(key("identify"))
-    page.wait_for_selector("[data-step=fit] .js-line")
+    page.wait_for_selector("[data-part=fit] .js-line")
     idle(page)
     seconds = []
     for joint in (1, 5, 3, 6, 2):
         begin = time.perf_counter()
         page.click(key(f"joint-{joint}"))
         page.wait_for_function(
-            f"document.querySelector('[data-step=fit] .ytitle')?.textContent.startsWith('joint {joint}')"
+            f"document.querySelector('[data-part=fit] .ytitle')?.textContent.startsWith('joint {joint}')"
         )
         seconds.append(time.perf_counter() - begin)
     assert sorted(seconds)[2] < 2.0  # 0.3 to 0.9 s beside other tests: something is wrong, not slow

@@ -30,10 +30,11 @@ from page_driver import (
     pick,
     psutil,
     serving,
+    start,
 )
 
+from sdp_vs_penalty import Problem
 from sdp_vs_penalty.page.server import WAITS
-from sdp_vs_penalty.problem.problem import Problem
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext
@@ -72,7 +73,7 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
     idle(page)
     go(page, "model")
     page.click(key("identify"))
-    page.wait_for_selector("[data-step=fit] .js-line")
+    page.wait_for_selector("[data-part=fit] .js-line")
     idle(page)
     go(page, "methods")
     for name in ("lmi-sdp", "ols", "penalty"):
@@ -89,12 +90,32 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
     assert again.url == address
     again.wait_for_selector("table.runs", state="attached")
     go(again, "fit")
-    again.wait_for_selector("[data-step=fit] .js-line")
+    again.wait_for_selector("[data-part=fit] .js-line")
     assert again.locator("table.runs tbody tr").count() == 4
     assert again.locator("table.methods").count() == 0
     go(again, "findings")
     again.click(key("diagnose"))  # and it goes on
     again.wait_for_selector(key("add-0"))
+
+
+@pytest.mark.slow
+def test_a_killed_server_leaves_no_worker(browser: Browser, tmp_path: Path) -> None:
+    made = start(tmp_path)
+    with a_context(browser) as context:
+        page = open_page(context, made)
+        pick(page, "panda")
+        page.wait_for_selector(key("simulate"))
+        idle(page)
+        page.click(key("simulate"))
+        page.wait_for_selector(".working .status:has-text('simulating')")
+        family = psutil.Process(made.process.pid).children(recursive=True)
+        assert len(family) >= 2
+        made.process.kill()
+        assert not psutil.wait_procs(family, 5.0)[1]
+    again = start(tmp_path)  # which takes away what the killed one has left
+    again.process.terminate()
+    again.process.wait(10)
+    assert list(tmp_path.glob("sdp-vs-penalty-page-*")) == []
 
 
 @pytest.mark.slow
@@ -110,8 +131,8 @@ def test_two_tabs_are_independent(context: BrowserContext, server: Server) -> No
         page.wait_for_selector("table.runs")
         assert page.locator(f"{key('hide-joint')} option").count() == joints
         go(page, "robot")
-    assert "torques in N." in second.inner_text("[data-step=robot]")
-    assert "torques in N m." in first.inner_text("[data-step=robot]")
+    assert "torques in N." in second.inner_text("[data-part=robot]")
+    assert "torques in N m." in first.inner_text("[data-part=robot]")
 
 
 def bad_runs(folder: Path) -> dict[str, tuple[Path, str]]:
@@ -199,7 +220,7 @@ def test_bad_robots_are_refused_and_names_are_no_paths(context: BrowserContext, 
     arm = {"name": "../my arm.urdf", "mimeType": "text/xml", "buffer": ARM.encode()}
     page.set_input_files(key("drop-robot"), arm)
     page.wait_for_selector(key("drop-runs"), state="attached")
-    text = page.inner_text("[data-step=robot]")
+    text = page.inner_text("[data-part=robot]")
     assert "my arm.urdf: arm, 2 joints" in text
     assert "turn [N m], slide [N]" in text
     # Whatever the names said, files are in the session's own folder under names of ours.
@@ -277,7 +298,7 @@ def test_the_folder_is_offered_and_kept_as_it_is(
     before = {p: p.lstat().st_mtime_ns for p in folder.iterdir()}
     with serving(temporary, str(folder)) as server, a_context(browser) as context:
         page = open_page(context, server)
-        offered = page.inner_text("[data-step=robot]")
+        offered = page.inner_text("[data-part=robot]")
         assert "arm.urdf" in offered
         assert "not_mine" not in offered
         pick(page, "with_bounds")
@@ -287,7 +308,7 @@ def test_the_folder_is_offered_and_kept_as_it_is(
         page.wait_for_selector("text=two_link has 2 joints")  # the runs of the other one are gone
         go(page, "runs")
         page.wait_for_selector(key("read-folder"))
-        assert "elsewhere.csv" not in page.inner_text("[data-step=runs]")
+        assert "elsewhere.csv" not in page.inner_text("[data-part=runs]")
         page.get_by_label("run1.csv").check()
         page.get_by_label("test.npz").check()
         page.click(key("read-folder"))

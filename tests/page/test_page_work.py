@@ -22,16 +22,14 @@ import numpy as np
 import pytest
 from starlette.requests import ClientDisconnect
 
+from sdp_vs_penalty import InputError, Problem, cross_validate, follow, load_estimate
 from sdp_vs_penalty.checks.urdf import check_urdf
 from sdp_vs_penalty.cli.verbs import identify as identify_verb
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.diagnosis.findings import load_diagnosis
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.cross_validation import cross_validate
-from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.diagnosis import Curve, load_diagnosis
 from sdp_vs_penalty.page import sessions as sessions_module
 from sdp_vs_penalty.page import uploads, worker
+from sdp_vs_penalty.page.auth_middleware import guarded
 from sdp_vs_penalty.page.charts import (
     asked_span,
     correlation_chart,
@@ -40,13 +38,11 @@ from sdp_vs_penalty.page.charts import (
     residual_chart,
     torque_chart,
 )
-from sdp_vs_penalty.page.gate import guarded
 from sdp_vs_penalty.page.options import fields_of
 from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import MOST, Sessions
-from sdp_vs_penalty.page.workshop import Cancelled, Work, Workshop
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.page.worker_pool import Cancelled, JobProcess, WorkerPool
 from sdp_vs_penalty.reports.plots import (
     Curves,
     envelope,
@@ -55,8 +51,8 @@ from sdp_vs_penalty.reports.plots import (
     styled,
     torque_figure,
 )
-from sdp_vs_penalty.simulation.follow import follow
-from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
+from sdp_vs_penalty.simulation import HiddenRuns
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 #: A job of seconds.
 LONG = {
@@ -66,15 +62,15 @@ LONG = {
 
 
 @pytest.fixture(scope="module")
-def workshop() -> Any:
-    made = Workshop()
+def pool() -> Any:
+    made = WorkerPool()
     yield made
     made.close()
 
 
 @pytest.fixture
-def sessions(workshop: Workshop) -> Any:
-    made = Sessions(workshop)
+def sessions(pool: WorkerPool) -> Any:
+    made = Sessions(pool)
     yield made
     made.close()
 
@@ -191,22 +187,22 @@ def test_the_story_without_a_browser(
         return s
 
     s = asyncio.run(story())
-    before, after = (m.comparison["rmse"] for m in s.ladder)
+    before, after = (m.comparison["rmse"] for m in s.history)
     assert after[0] < 0.6 * before[0]
-    assert s.ladder[1].judged_on == ["my test.csv"]
+    assert s.history[1].judged_on == ["my test.csv"]
     assert s.findings is not None
     assert s.added == {s.findings.effects[0].text}
-    estimate = load_estimate(s.ladder[1].file)
-    from sdp_vs_penalty.diagnosis.comparison import compare
+    estimate = load_estimate(s.history[1].file)
+    from sdp_vs_penalty import compare
 
     assert compare(estimate, hidden.runs[3])[0].rmse.tolist() == pytest.approx(after, rel=1e-12)
-    assert s.ladder[1].runs == ["a.csv", "b.csv", "c.csv", "my test.csv"]
-    curves = s.curves(s.ladder[1], "my test.csv")
-    left = curves.torque - curves.modelled[s.ladder[1].label]
+    assert s.history[1].runs == ["a.csv", "b.csv", "c.csv", "my test.csv"]
+    curves = s.curves(s.history[1], "my test.csv")
+    left = curves.torque - curves.modelled[s.history[1].label]
     np.testing.assert_allclose(np.sqrt(np.mean(left**2, axis=0)), after, rtol=1e-4)
     assert "--data a.csv b.csv c.csv" in s.commands()[0]
     again = asyncio.run(taken_and_opened(s, sessions.new()))
-    assert again.ladder[0].comparison["rmse"] == pytest.approx(after, rel=1e-9)
+    assert again.history[0].comparison["rmse"] == pytest.approx(after, rel=1e-9)
     asyncio.run(finish(s, lambda: s.ask("methods", "Comparing", methods=["ols"], folds=True)))
     found = s.answer("methods")
     assert found is not None
@@ -215,11 +211,11 @@ def test_the_story_without_a_browser(
     unseen = cross_validate(two_link, runs, "ols", effects=effects).relative_error_percent
     assert found["rows"][0]["unseen"] == pytest.approx(unseen, rel=1e-9)
     s.undo()
-    assert len(s.ladder) == 1
+    assert len(s.history) == 1
     assert len(s.models) == 2
     assert s.findings is not None
     s.undo()
-    assert len(s.ladder) == 1
+    assert len(s.history) == 1
 
 
 def test_bounds_of_the_page_hold_and_are_on_the_command_line(
@@ -242,7 +238,7 @@ def test_bounds_of_the_page_hold_and_are_on_the_command_line(
 
     free, bound = asyncio.run(story())
     assert "--bounds total=:8" in bound.commands()[0]
-    masses = [float(load_estimate(s.ladder[0].file).links[:, 0].sum()) for s in (free, bound)]
+    masses = [float(load_estimate(s.history[0].file).links[:, 0].sum()) for s in (free, bound)]
     assert masses[0] > 8.0 >= masses[1] - 1e-6
 
 
@@ -308,13 +304,13 @@ def test_meaningless_runs_are_identified_only_when_asked_twice(
         await finish(s, s.read_arrived)
         with pytest.raises(InputError, match=r"flipped.csv: .*wrong sign.*Identify anyway"):
             await finish(s, s.identify)
-        assert not s.ladder
+        assert not s.history
         s.anyway = True
         await finish(s, s.identify)
         return s
 
     s = asyncio.run(story())
-    assert len(s.ladder) == 1
+    assert len(s.history) == 1
     assert "--no-check" in s.commands()[0]
 
 
@@ -367,7 +363,7 @@ def test_a_run_is_repaired_where_it_is_certain(
 
 
 def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions: Sessions) -> None:
-    async def story() -> tuple[Session, Work, float]:
+    async def story() -> tuple[Session, JobProcess, float]:
         s = sessions.new()
         await finish(s, lambda: s.choose_robot("panda"))
         s.simulate("joint_spring", [3], "strong", 0)
@@ -457,9 +453,9 @@ def test_of_a_dropped_run_only_its_samples_are_kept(
     assert (tmp_path / "own.csv").is_file()
 
 
-def test_a_worker_that_the_system_ends_is_a_sentence(workshop: Workshop) -> None:
+def test_a_worker_that_the_system_ends_is_a_sentence(pool: WorkerPool) -> None:
     async def story() -> None:
-        work = workshop.worker()
+        work = pool.worker()
         doing = asyncio.ensure_future(work.do(LONG, lambda _: None))
         while not work._started:
             await asyncio.sleep(0.01)
@@ -470,9 +466,9 @@ def test_a_worker_that_the_system_ends_is_a_sentence(workshop: Workshop) -> None
         asyncio.run(story())
 
 
-def test_a_killed_worker_takes_no_message(workshop: Workshop) -> None:
+def test_a_killed_worker_takes_no_message(pool: WorkerPool) -> None:
     async def story() -> None:
-        work = workshop.worker()
+        work = pool.worker()
         work.cancel()
         await work.do({"job": "catalogue"}, lambda _: None)
 
@@ -495,9 +491,9 @@ def test_every_error_of_a_job_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> 
     assert "\n" not in said
 
 
-def test_a_worker_ends_with_its_server(workshop: Workshop) -> None:
+def test_a_worker_ends_with_its_server(pool: WorkerPool) -> None:
     """The server is killed: its end of the pipe closes, and with it the worker."""
-    work = workshop.worker()
+    work = pool.worker()
     work.connection.send_bytes(json.dumps(LONG).encode())
     assert work.connection.poll(10.0)  # it works
     work.connection.close()
@@ -678,6 +674,17 @@ def test_only_this_page_may_ask(headers: dict[str, str], allowed: bool | None, k
         assert b"content-security-policy" in dict(sent[0]["headers"])
 
 
+def test_an_error_of_a_request_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        raise KeyError("Session is disconnected")  # what engine.io does to a tab that was silent
+
+    headers = [(b"host", b"127.0.0.1"), (b"cookie", b"sdp-vs-penalty-key-99=secret")]
+    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": headers}
+    asyncio.run(guarded(app, 99, "secret")(scope, None, None))
+    said = capsys.readouterr().err
+    assert said == "sdp-vs-penalty: page: KeyError: 'Session is disconnected'\n"
+
+
 @pytest.mark.parametrize(
     ("path", "query", "to"),
     [
@@ -780,7 +787,7 @@ def test_the_page_over_tls(tmp_path: Path) -> None:
 def test_jobs_of_all_tabs_wait_for_each_other(
     sessions: Sessions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sdp_vs_penalty.page.workshop.AT_ONCE", 1)
+    monkeypatch.setattr("sdp_vs_penalty.page.worker_pool.AT_ONCE", 1)
 
     async def story() -> tuple[str, Session]:
         first, second = sessions.new(), sessions.new()
@@ -812,6 +819,21 @@ def test_tabs_are_counted(sessions: Sessions) -> None:
         sessions.new()
 
 
+def test_tabs_that_lose_their_connections_at_once_are_found_again(
+    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "_all", {})
+    made = [sessions.new() for _ in range(10)]
+    for session in made:
+        session.shown = True
+        sessions.leave(session)
+    sessions.new()
+    assert all(sessions.get(session.token) is session for session in made)
+    monkeypatch.setattr(sessions_module, "_CONNECTS", 0.0)  # a minute later they are closed tabs
+    sessions.new()
+    assert sum(sessions.get(session.token) is not None for session in made) < 5
+
+
 class Tab:
     present = True
 
@@ -819,8 +841,11 @@ class Tab:
         pass
 
 
-def test_sessions_are_private_and_end_with_the_server(workshop: Workshop) -> None:
-    sessions = Sessions(workshop)
+def test_sessions_are_private_and_end_with_the_server(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions_module, "_CONNECTS", 0.0)  # no tab is about to come back
+    sessions = Sessions(pool)
     first, second = sessions.new(), sessions.new()
     assert first.token != second.token
     assert len(first.token) >= 32
@@ -952,8 +977,8 @@ def test_workers_start_where_temporary_names_are_long(tmp_path: Path) -> None:
     long = tmp_path / ("long" * 30)
     long.mkdir()
     code = (
-        "import asyncio\nfrom sdp_vs_penalty.page.workshop import Workshop\n"
-        "if __name__ == '__main__':\n    shop = Workshop()\n"
+        "import asyncio\nfrom sdp_vs_penalty.page.worker_pool import WorkerPool\n"
+        "if __name__ == '__main__':\n    shop = WorkerPool()\n"
         "    doing = shop.worker().do({'job': 'robot', 'source': 'two_link'}, print)\n"
         "    print(asyncio.run(doing)['n'])\n    shop.close()\n"
     )

@@ -11,18 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import parse_effects
-from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.signals import preprocessing
-from sdp_vs_penalty.signals.kernels import Kernel
+from sdp_vs_penalty import InputError, Measurements
+from sdp_vs_penalty.effects import Model, parse_effects
+from sdp_vs_penalty.signals import Kernel, Preprocessing, filtered_torque, preprocessing
 from sdp_vs_penalty.signals.low_passed import low_passed
-from sdp_vs_penalty.signals.preprocessing import (
-    Preprocessing,
-    filtered_rows,
-    filtered_torque,
-)
+from sdp_vs_penalty.signals.preprocessing import filtered_rows
 from sdp_vs_penalty.signals.runs import moving_joints
 
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
@@ -261,7 +254,7 @@ def test_a_real_arms_idle_joints_do_not_set_the_filters(data_folder: Path, joint
 @pytest.mark.real_data
 def test_the_panda_runs_standstill_is_dropped(panda_run: Measurements) -> None:
     """About 1100 rows at its start repeat one position."""
-    from sdp_vs_penalty.problem.load import load_problem
+    from sdp_vs_penalty import load_problem
 
     problem = load_problem("panda")
     settings = problem.preprocessing.resolve(panda_run)
@@ -294,3 +287,17 @@ def test_a_long_run_is_judged_by_what_lies_around_the_chosen_instants() -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 2 * run.q.nbytes  # the whole run filtered at once takes 14 times as much
+
+
+@pytest.mark.parametrize("cutoffs", [(5.0, 8.0), (20.0, 8.0), (3.0, 12.0)])
+def test_columns_of_the_links_are_those_at_every_sample(cutoffs: tuple[float, float]) -> None:
+    model, _, run = model_and_run(seconds=8.0, dt=1e-3, effects="rigid_body")
+    settings = Preprocessing(*cutoffs)
+    found, filters = filtered_torque(run, model, settings), preprocessing.RunFilter(run, settings)
+    half = filters.state.half
+    assert filters.smooth_stride > 4
+    dense = preprocessing.Motion(run.t[half:-half], *filters.state.states(run.q))
+    at = np.rint(found.motion.t / filters.dt).astype(int) - half
+    for own, exact in zip(found.columns, model.columns(dense), strict=True):
+        low = filters.column.decimator(at) @ exact.columns
+        np.testing.assert_allclose(own.columns, low, rtol=0.0, atol=1e-5 * np.abs(low).max())

@@ -1,0 +1,117 @@
+"""Who may talk to the page: whoever has the printed address, from the page itself, and nobody else."""
+
+from __future__ import annotations
+
+import hmac
+import sys
+from collections.abc import Awaitable, Callable, MutableMapping
+from typing import Any
+from urllib.parse import urlencode
+
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import HTTPConnection
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+
+Scope = MutableMapping[str, Any]
+App = Callable[[Scope, Any, Any], Awaitable[None]]
+
+_HEADERS = [
+    (b"x-content-type-options", b"nosniff"),
+    (b"x-frame-options", b"DENY"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    # Nothing is asked of anybody else, whatever the data say.
+    (
+        b"content-security-policy",
+        b"default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
+        b"style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
+        b"connect-src 'self' SOCKETS; worker-src 'self' blob:; "
+        b"object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    ),
+]
+
+
+#: Where only this computer's own programs can ask.
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+#: Name of the key in the printed address.
+KEY = "key"
+
+
+def guarded(app: App, port: int, key: str, host: str = "127.0.0.1", tls: bool = False) -> App:
+    """The app behind Starlette's check of the Host header (DNS rebinding) and our own."""
+    inner = AuthMiddleware(app, port, key, host, tls)
+    return TrustedHostMiddleware(inner, inner.names, www_redirect=False)
+
+
+class AuthMiddleware:
+    """ASGI middleware: refuses foreign origins and strangers.
+
+    A page of another site can make a browser send requests to 127.0.0.1, under that site's name as
+    Host, or with that site as Origin; neither is ours. Another account of this computer can ask as it
+    likes: it does not know the ``key`` that is in the printed address, once, and in a cookie thereafter.
+    """
+
+    def __init__(
+        self, app: App, port: int, key: str, host: str = "127.0.0.1", tls: bool = False
+    ) -> None:
+        self.app, self.key, self.tls = app, key, tls
+        # Cookies know no ports: two servers on one computer must not take each other's away.
+        self.cookie = f"sdp-vs-penalty-key-{port}"
+        asked = {host, "127.0.0.1", "localhost"} if host in LOOPBACK else {host}
+        self.names = sorted(f"[{name}]" if ":" in name else name for name in asked)
+        self.origins = {f"http{'s' * tls}://{name}:{port}" for name in self.names}
+        sockets = " ".join(f"ws{'s' * tls}://{name}:{port}" for name in self.names).encode()
+        self.headers = [(name, value.replace(b"SOCKETS", sockets)) for name, value in _HEADERS]
+
+    async def __call__(self, scope: Scope, receive: Any, send: Any) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        asked, socket = HTTPConnection(scope), scope["type"] == "websocket"
+        origin, mode = asked.headers.get("origin"), asked.headers.get("sec-fetch-mode")
+        # Not every request of another site names its origin; browsers say where it comes from.
+        elsewhere = asked.headers.get("sec-fetch-site") in ("cross-site", "same-site")
+        # A link from there opens nothing, unless it is the printed address itself.
+        elsewhere = elsewhere and not (mode == "navigate" and self._has_key(asked))
+        foreign = origin not in self.origins if origin else socket
+        known = self._same(asked.cookies.get(self.cookie, ""))
+        refused = foreign or elsewhere
+        arrives = not socket and scope["method"] == "GET" and self._has_key(asked)
+        if refused or not (known or arrives):
+            if socket:
+                await send({"type": "websocket.close", "code": 1008})
+            else:
+                await _REFUSAL(scope, receive, send)
+            return
+
+        async def with_headers(message: MutableMapping[str, Any]) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", ()), *self.headers]
+            await send(message)
+
+        try:
+            await (self.app if known else self._welcome(asked))(scope, receive, with_headers)
+        except Exception as error:  # a tab that asks for what has ended, too; 500 is answered already
+            what = (str(error).splitlines() or [""])[0][:200]
+            print(f"sdp-vs-penalty: page: {type(error).__name__}: {what}", file=sys.stderr)
+
+    def _same(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(), self.key.encode())
+
+    def _has_key(self, asked: HTTPConnection) -> bool:
+        return self._same(asked.query_params.get(KEY, ""))
+
+    def _welcome(self, asked: HTTPConnection) -> Response:
+        """The same address without the key, which stays in a cookie that no script and no site sees."""
+        rest = urlencode([(k, v) for k, v in asked.query_params.multi_items() if k != KEY])
+        # Never //host: that would lead elsewhere.
+        path = "/" + asked.scope["path"].lstrip("/") + (f"?{rest}" if rest else "")
+        cookie = f"{self.cookie}={self.key}; Path=/; HttpOnly; SameSite=Strict" + "; Secure" * self.tls
+        return RedirectResponse(path, 303, {"set-cookie": cookie, "cache-control": "no-store"})
+
+
+_REFUSAL = PlainTextResponse(
+    "Only the page itself may ask here: open the address that was printed, key included.\n",
+    403,
+    {"connection": "close"},
+)

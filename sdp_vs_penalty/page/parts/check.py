@@ -1,0 +1,93 @@
+"""What the measurements look like, and what the check says of them."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty import show
+from sdp_vs_penalty.page.arm import draw_arm
+from sdp_vs_penalty.page.charts import data_chart
+from sdp_vs_penalty.page.controls import button, chart, choice, note, tag
+from sdp_vs_penalty.page.part import Part, Verdict
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.view import View
+
+
+def _depends(session: Session) -> Any:
+    return (session.robot or {}).get("source"), session.runs
+
+
+def _draw(view: View) -> None:
+    session = view.session
+    _findings(session)
+    names = [run["name"] for run in session.runs]
+    shown, parts = {"run": names[0]}, dict[str, Any]()
+
+    def read() -> dict[str, Any]:
+        (file,) = [run["view"] for run in session.runs if run["name"] == shown["run"]][:1]
+        return session.arrays(str(session.folder / file), 0)
+
+    def look(run: str) -> None:
+        shown["run"] = run
+        parts["chart"].update_figure(data_chart(read(), session.arm["units"]))
+        move()
+
+    def move() -> None:
+        if "arm" in parts:
+            now = read()
+            parts["arm"](now, np.zeros((len(now["tf"]), 1)))
+
+    if len(names) > 1:
+        with tag("div", style="pick"):
+            choice("Run", [(n, n) for n in names], names[0], look, "checked-run")
+    with tag("div", style="pair"):
+        drawn = data_chart(read(), session.arm["units"])
+        parts["chart"] = chart(drawn, "Positions, velocities and torques of all joints over time")
+        parts["chart"].classes("timed")
+        parts["arm"] = draw_arm(view, session.arm["drawn"], "nominal links")
+    note("Positions, velocities and torques on one time axis: drag to look closer, Play moves the arm.")
+    move()
+
+
+def _findings(session: Session) -> None:
+    """What the check says, each with its repair; a tick where it says nothing."""
+    for run, findings in session.checked:
+        if not findings:
+            tag("p", f"✓ {run['name']}: nothing wrong.", "tick")
+        for found in findings:
+            with tag("p", style=f"finding {found['severity']}"):
+                tag("strong", f"{run['name']}: {found['kind']}. ")
+                tag("span", f"{found['what']} What to do: {found['remedy']}.")
+            if found["gravity"]:
+                vector = ",".join(f"{g:g}" for g in found["gravity"])
+                button(
+                    f"Apply: gravity {vector}",
+                    partial(session.mount, vector),
+                    f"apply-{run['file']}",
+                    "primary",
+                )
+        if any(found["mends"] for found in run["findings"]):
+            button(f"Repair {run['name']}", partial(session.mend, run["file"]), f"mend-{run['file']}")
+
+
+def _verdict(session: Session) -> Verdict | None:
+    if session.meaningless:
+        return Verdict("bad", f"{session.meaningless[0]}.", "Check failed")
+    warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
+    if warned:
+        return Verdict("usable", f"It found {show.words(warned)}.", "Check")
+    return Verdict("good", f"Nothing wrong in {show.count(len(session.runs), 'run')}.", "Check")
+
+
+CHECK = Part(
+    "check",
+    "Look at the data",
+    "Add measurements first.",
+    lambda session: bool(session.runs),
+    _depends,
+    _draw,
+    _verdict,
+)

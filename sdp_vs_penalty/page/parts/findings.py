@@ -1,0 +1,203 @@
+"""Which effects are missing, ranked, each to be added with a click."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from sdp_vs_penalty import show
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN, event_lines
+from sdp_vs_penalty.page.charts import missing_chart
+from sdp_vs_penalty.page.controls import button, chart, check, details, draw_form, note, tag, text_field
+from sdp_vs_penalty.page.part import Verdict, after_model
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.wording import (
+    change,
+    physics,
+    plain_name,
+    where,
+    with_unit,
+)
+
+
+def _draw(view: View) -> None:
+    session, found = view.session, view.session.findings
+    with tag("div", style="row"):
+        again = "Diagnose" if found is None else "Diagnose again"
+        button(again, session.diagnose, "diagnose", "primary" if found is None else "")
+        check(
+            "Keep the model fixed (the only way to see a payload)",
+            session.frozen,
+            partial(setattr, session, "frozen"),
+            "frozen",
+        )
+    _by_hand(view)
+    if found is None:
+        note(
+            "Every effect of the library is tried on the error, and named only if it holds on data "
+            "that did not select it."
+        )
+        return
+    tag("p", found.headline, f"verdict {found.verdict}")
+    added = session.added
+    sure = [f.text for f in found.effects if f.confidence == "confident" and f.text not in added]
+    with tag("ol", style="findings"):
+        for k, finding in enumerate(found.effects):
+            _card(view, found, k, finding.text in added)
+    if found.beside:
+        note(found.beside)
+    _curves(view, found)
+    if len(sure) > 1:
+        button(f"Add the {len(sure)} confident ones", lambda: session.add(sure), "add-all")
+    _rest(found)
+    note(f"Found in {session.found_in:.2g} s.")
+
+
+def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
+    session, finding = view.session, found.effects[k]
+    units = session.arm["units"]
+    with tag("li", style="card finding-card" + (" done" if added else "")):
+        with tag("div", style="head"):
+            tag("h3", f"{plain_name(finding.effect)} · {where(finding.joints)}")
+            tag("span", finding.confidence, f"badge {finding.confidence}")
+        unit = show.plain_unit(finding.unit)
+        size = f"{finding.size:.4g} ± {finding.std:.1g} {unit}".strip()
+        said = finding.constants
+        tag("p", f"Size {size}" + (f"; {said}" if said else ""), "size")
+        if finding.effect in [f.effect for f in found.effects[:k]]:
+            with details("What it is", f"physics-{k}"):
+                tag("p", physics(finding))
+        else:
+            tag("p", physics(finding))
+        rivals = finding.indistinguishable_from
+        if rivals:
+            tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
+        if finding.undecided is not None:
+            _telling(view, finding.undecided, k)
+        elif finding.cooled:
+            note(f"Which run would tell: {finding.cooled}.")
+        if finding.remarks:
+            note(f"Weak: {'; '.join(finding.remarks)}.")
+        before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
+        joint = (
+            finding.joints[0] - 1
+            if finding.joints
+            else min(range(len(before)), key=lambda j: after[j] / before[j] if before[j] else 1.0)
+        )
+        known = found.noise_source == "repetition"
+        _fall(before[joint], after[joint], found.noise_floor[joint], known, joint, units[joint])
+        if added:
+            tag("p", "Added to the model.", "chosen")
+        else:
+            label = f"Add {plain_name(finding.effect)} on {where(finding.joints)}"
+            button(
+                "Add", lambda: session.add([finding.text]), f"add-{k}", "primary" if k == 0 else "",
+                aria_label=label,
+            )  # fmt: skip
+
+
+def _telling(view: View, effects: str, k: int) -> None:
+    """The run that would tell a finding from its rival or from nothing, to be designed."""
+    said = "Designing the run that would tell"
+    with details("Which run would tell", f"tell-options-{k}"):
+        with tag("div", style="fields"):
+            draw_form(view.forms.get("separate", ()), view.separating)
+        button(
+            "Design it",
+            lambda: view.session.ask(
+                "separate", said, view.download, effects=effects, options=view.separating
+            ),
+            f"tell-{k}",
+        )
+
+
+def _curves(view: View, found: Diagnosis) -> None:
+    """What was measured without a name: curve, band, and a button to add it as a table."""
+    session = view.session
+    units = session.arm["units"]
+    for k, (curve, text) in enumerate(zip(found.curves, session.curve_texts, strict=True)):
+        with tag("div", style="card finding-card"):
+            tag("h3", f"Missing torque without a name · joint {curve.joint}")
+            tag("p", curve.sentence(units))
+            if session.model is not None:
+                read = session.recording(session.model, view.run)
+                drawn = missing_chart(curve, units, read)
+                chart(drawn, f"Missing torque of joint {curve.joint}, with its band")
+            if text in session.added:
+                tag("p", "Added to the model.", "chosen")
+            else:
+                button("Add", partial(session.add, [text]), f"add-curve-{k}")
+
+
+def _by_hand(view: View) -> None:
+    """Any effect by its name: a payload beside a fixed model, or one that the diagnosis did not name."""
+    session = view.session
+    with details("Add an effect by its name", "by-hand"):
+        said = "name[:joints][@shape=value], such as payload with the model kept fixed"
+        written: dict[str, str] = {}
+        text_field(said, "", lambda text: written.update(text=text), "add-text", "payload", wide=True)
+        button("Add it", lambda: session.add([written.get("text", "")]), "add-by-hand")
+
+
+def _fall(before: float, after: float, floor: float, known: bool, joint: int, unit: str) -> None:
+    """Held-out error before and after as two bars, the noise as a line across both."""
+    largest = max(before, after, floor, 1e-300)
+    with tag("div", style="fall"):
+        tag("span", f"Held-out error of joint {joint + 1}, refitted without constraints", "what")
+        for name, value in (("before", before), ("after", after)):
+            with tag("div", style="bar"):
+                tag("span", name)
+                with tag("div", style="track"):
+                    tag("div", style=f"fill {name}").style(f"width: {100.0 * value / largest:.1f}%")
+                    tag("div", style="floor").style(f"left: {min(100.0 * floor / largest, 99.5):.1f}%")
+                tag("span", with_unit(value, unit), "value")
+        guess = "" if known else " (estimated: no motion repeats)"
+        tag("span", f"{change(before, after)}; noise {with_unit(floor, unit)}{guess}", "soft")
+
+
+def _rest(found: Diagnosis) -> None:
+    """Events, what is left, what can never be seen, and remarks."""
+    gist, every = event_lines(found.events), event_lines(found.events, every=True)
+    for line in gist:
+        tag("p", f"{line.capitalize()}.", "finding")
+    if len(every) > len(gist):
+        with details("Every event", "events"), tag("ul"):
+            for line in every:
+                tag("li", f"{line.capitalize()}.")
+    for remark in found.remarks:
+        note(remark)
+    share = ", ".join(f"{k}: {100 * max(x, 0.0):.0f} %" for k, x in enumerate(found.unexplained, 1))
+    share = share if found.noise_source == "repetition" else "not known"
+    note(f"Unexplained variance / noise variance, per joint: {share}.")
+    if found.invisible:
+        with details("Not identifiable from these runs", "invisible"):
+            note("The model's existing parameters absorb the torque of:")
+            with tag("ul"):
+                for item in found.invisible:
+                    tag("li", f"{plain_name(item.effect)}, {where(item.joints)}")
+
+
+def _verdict(session: Session) -> Verdict | None:
+    found = session.findings
+    if found is None:
+        return None
+    left = sum(f.text not in session.added for f in found.effects)
+    if found.unknown:
+        return Verdict("", f"Missing: {found.unknown}.")
+    if left:
+        return Verdict("", f"{show.count(left, 'missing effect')} can be added.")
+    if found.effects:
+        return Verdict("", "All that was found is added.")
+    if found.noise_source != "repetition":
+        return Verdict("", f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}")
+    return Verdict("", "Nothing is missing that these measurements could show.")
+
+
+FINDINGS = after_model(
+    "findings",
+    "What is missing",
+    _draw,
+    _verdict,
+    lambda s: (s.found_for, s.frozen, s.findings and s.findings.to_dict()),
+)

@@ -1,0 +1,87 @@
+"""The model run forward: how far ahead it says where the arm will be."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.page.arm import draw_arm
+from sdp_vs_penalty.page.charts import torque_chart
+from sdp_vs_penalty.page.controls import button, chart, choice, note, table, tag
+from sdp_vs_penalty.page.part import Verdict, after_model
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.reports.plots import Curves
+
+_DRIVES = (("torque", "the measured torque alone"), ("pd", "and a control loop on the measured motion"))
+
+
+def _draw(view: View) -> None:
+    session, asked = view.session, {"drive": view.drive}
+
+    def run() -> None:
+        view.drive = asked["drive"]
+        session.ask("forward", "Running the model forward", drive=view.drive)
+
+    with tag("div", style="fields pick"):
+        choice("Driven by", _DRIVES, view.drive, lambda v: asked.update(drive=v), "drive")
+    made = session.answer("forward")
+    button("Run it forward", run, "forward", "primary" if made is None else "")
+    if made is None:
+        note(
+            "The model is started from measured states and driven by the torque of the runs that it is "
+            "judged on: one sample, 0.1 s, and as long as it stays with the measured motion. Simulators "
+            "and predictive controllers need this; a model of torques can be good without it."
+        )
+        return
+    table(made["heads"], made["rows"], "Errors of the simulated motion", "numbers")
+    note(made["explained"])
+    if made["left_out"]:
+        tag("p", f"Without meaning in a simulation, left out: {', '.join(made['left_out'])}.", "finding")
+    _replay(view, made)
+
+
+def _replay(view: View, made: dict[str, Any]) -> None:
+    """A free run of one joint as curves, and of the arm in 3D."""
+    session = view.session
+    model, shown, parts = session.current, {"run": 0, "drawn": -1}, dict[str, Any]()
+
+    def options() -> dict[str, Any]:
+        read, j = session.arrays(made["file"], shown["run"]), view.joint or 0
+        curves = Curves(read["t"], read["measured"], {"simulated": read["simulated"]})
+        return torque_chart(curves, min(j, len(made["units"]) - 1), made["units"])
+
+    def follow() -> None:
+        parts["chart"].update_figure(options())
+        if "arm" in parts and shown["drawn"] != shown["run"]:
+            read = session.arrays(made["file"], shown["run"])
+            parts["arm"](read, np.zeros((len(read["tf"]), 1)))
+            shown["drawn"] = shown["run"]
+
+    def look(run: str) -> None:
+        shown["run"] = int(run)
+        follow()
+
+    with tag("div", style="fields pick"):
+        joints = [(str(j), f"{j + 1}") for j in range(len(made["units"]))]
+        choice("Joint", joints, str(view.joint or 0), lambda j: view.look(joint=int(j)), "forward-joint")
+        if len(made["runs"]) > 1:
+            choice("Free run", [(str(k), n) for k, n in enumerate(made["runs"])], "0", look, "free-run")
+    with tag("div", style="pair"):
+        parts["chart"] = chart(options(), "Measured and simulated position, and what is left")
+        parts["chart"].classes("timed")
+        if model.about["bodies"]:
+            parts["arm"] = draw_arm(view, model.about, "blue: measured, orange: simulated", arms=2)
+    view.behind["forward"] = follow
+    follow()
+
+
+def _verdict(session: Session) -> Verdict | None:
+    made: Any = session.answer("forward")
+    if made is None:
+        return None
+    return Verdict("", made["verdict"])
+
+
+FORWARD = after_model("forward", "Run forward", _draw, _verdict, lambda s: s.answer("forward"))

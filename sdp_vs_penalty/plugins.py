@@ -1,0 +1,87 @@
+"""A file in a folder is a registration: the modules of a package, and the classes that they define."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from types import ModuleType
+from typing import Any
+
+from sdp_vs_penalty.errors import InputError
+
+
+def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[ModuleType]:
+    """The modules of a package (its __name__ and __path__) that define ``mark``."""
+    homes = (import_module(f"{package}.{module.name}") for module in iter_modules(path))
+    return (home for home in homes if not mark or hasattr(home, mark))
+
+
+def marked(package: str, path: Iterable[str], mark: str = "NAME") -> dict[Any, ModuleType]:
+    """The modules that define ``mark``, by its value. Raises InputError where two define the same."""
+    return by_word((getattr(home, mark), home) for home in modules(package, path, mark))
+
+
+def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
+    """The subclasses of ``base`` that have a name, by it. Raises InputError where two have the same."""
+    return by_word(
+        (value.name, value)
+        for home in modules(package, path)
+        for _, value in inspect.getmembers(home, inspect.isclass)
+        if issubclass(value, base) and hasattr(value, "name")
+    )
+
+
+def named(package: str, path: Iterable[str], base: type, name: str) -> Any:
+    """The subclass of ``base`` called ``name`` of the file of that name, without an import of any other
+    file; None where there is no such file or class."""
+    file = name.replace("-", "_")
+    if all(module.name != file for module in iter_modules(path)):
+        return None
+    own = (x for x in vars(import_module(f"{package}.{file}")).values() if inspect.isclass(x))
+    return next((x for x in own if issubclass(x, base) and getattr(x, "name", None) == name), None)
+
+
+def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, Any]:
+    """Classes or modules by what each alone must have, in its order."""
+    out: dict[Any, Any] = {}
+    for value, thing in found:
+        if out.setdefault(value, thing) is not thing:
+            names = f"{out[value].__name__} and {thing.__name__}"
+            raise InputError(f"{names} have the same {word}, {value!r}", "give each its own")
+    return dict(sorted(out.items()))
+
+
+def written(folders: Iterable[Path], *names: str) -> Iterator[tuple[str, ...]]:
+    """The texts assigned to all of ``names`` side by side, in a file or a class, without an import."""
+    for file in sorted(path for folder in folders for path in folder.glob("*.py")):
+        text = file.read_text(encoding="utf-8")
+        if not all(name in text for name in names):
+            continue
+        tree = ast.parse(text)
+        scopes: list[ast.Module | ast.ClassDef] = [tree]
+        for scope in scopes + [node for node in tree.body if isinstance(node, ast.ClassDef)]:
+            texts = {
+                target.id: node.value.value
+                for node in scope.body
+                if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(node.value, ast.Constant)
+                for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
+                if isinstance(target, ast.Name)
+            }
+            if texts.keys() >= set(names):
+                yield tuple(str(texts[name]) for name in names)
+
+
+def surface(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
+    """A package's ``__getattr__`` for the names that others use, each from its module; imported when it
+    is asked for, so that nobody pays for what he does not use."""
+
+    def attribute(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(f"{package}.{homes[name]}"), name)
+
+    return attribute

@@ -1,0 +1,180 @@
+"""Instances that break solvers: what users do, and what data do to them.
+
+Each starts from the simulated Panda run with a minimum thickness and changes one thing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.shootout import standard_instances
+from sdp_vs_penalty.shootout.instance import Instance, in_units
+from sdp_vs_penalty.signals.preprocessing import filtered_rows
+from sdp_vs_penalty.simulation.experiments import experiment
+from sdp_vs_penalty.solvers.objective import Objective
+
+Change = Callable[[Instance], Instance]
+GROUP = "ill-conditioned"
+
+
+def _panda(name: str = "", stop: float = 14.0) -> Instance:
+    return standard_instances.simulated(name, "panda", "one-step", "gyration", stop)
+
+
+def _with_data(instance: Instance, data: LeastSquares) -> Instance:
+    return replace(instance, task=replace(instance.task, data=data), objective=Objective(data))
+
+
+def _with_constraints(instance: Instance, convex: tuple[Constraint, ...]) -> Instance:
+    return replace(instance, task=replace(instance.task, constraints=ConstraintSet(convex)))
+
+
+def gram(mass: float, length: float) -> Change:
+    """The bare quadratic form in units of ``mass`` kg and ``length`` m."""
+    return lambda made: replace(in_units(made, mass, length), formulation="gram")
+
+
+def posed_as(formulation: str) -> Change:
+    """What users write in place of our residual form."""
+    return lambda made: replace(made, formulation=formulation)
+
+
+def units(mass: float, length: float) -> Change:
+    return lambda made: in_units(made, mass, length)
+
+
+def unidentifiable(made: Instance) -> Instance:
+    """No bounds on size: the set of optima is unbounded; the certificate holds within |theta| <= B."""
+    open_families = ("trace", "range", "bounding ellipsoid", "total mass", "minimum thickness")
+    kept = [c for c in made.constraints.convex if c.family not in open_families]
+    kept = [
+        build.linear("mass", c.name, c.indices, [[1.0]], [0.0]) if c.family == "mass" else c
+        for c in kept
+    ]
+    wide = _with_constraints(made, tuple(kept))
+    return replace(wide, task=replace(wide.task, bound=1e3 * made.task.bound))
+
+
+def rank_deficient(made: Instance) -> Instance:
+    """Some twenty rows of the factor: far fewer directions than parameters are seen."""
+    data, step = made.data, max(1, len(made.data.R) // 20)
+    few = replace(data, R=data.R[::step], rho=data.rho[::step])
+    return _with_data(made, few)
+
+
+def noise_free(made: Instance) -> Instance:
+    """Torque of the nominal robot, exactly: the optimum is zero."""
+    rho = made.data.R @ made.task.nominal
+    return _with_data(made, LeastSquares(made.data.R, rho, 0.0, float(rho @ rho), made.data.rows))
+
+
+def total_mass_at_least(shift: float) -> Change:
+    """The lower bound on the total mass ``shift`` (relative) above what the links may weigh together."""
+
+    def change(made: Instance) -> Instance:
+        upper = 0.0
+        for c in made.constraints.convex:
+            if c.family == "mass":
+                upper += min(
+                    -float(c0 / c1)
+                    for c0, c1 in zip(c.constant, c.coefficients[0], strict=True)
+                    if c1 < 0
+                )
+        masses = made.task.links[:, 0]
+        least = (1.0 + shift) * upper
+        demand = build.linear("total mass", "robot", masses, np.ones((len(masses), 1)), [-least])
+        kept = [c for c in made.constraints.convex if c.family != "total mass"]
+        return _with_constraints(made, (*kept, demand))
+
+    return change
+
+
+def thick_beyond_bounds(made: Instance) -> Instance:
+    """Radii of gyration that the bounds on the moments exclude."""
+    kept = [c for c in made.constraints.convex if c.family != "minimum thickness"]
+    return _with_constraints(made, (*kept, *made.task.minimum_thickness(3.0)))
+
+
+def float32_data(made: Instance) -> Instance:
+    """The factor in single precision; what is solved and certified is the problem that this leaves."""
+    data = made.data
+    R, rho = (x.astype(np.float32).astype(float) for x in (data.R, data.rho))
+    return _with_data(made, replace(data, R=R, rho=rho))
+
+
+def raw_rows(name: str) -> Instance:
+    """Every filtered row instead of the factor, as users pass them; the same optimum."""
+    problem = load_problem("panda")
+    described = experiment(problem)
+    run: Measurements = described.training_run(seed=0).window(0.0, 14.0)
+    model = problem.model(described.effects)
+    settings = problem.preprocessing.resolve(run)
+    p = len(model.parameters)
+    stack = []
+    for rows in filtered_rows(run, model, settings):
+        for joint, columns in enumerate(rows.columns):
+            wide = np.zeros((len(rows.torque), p + 1))
+            wide[:, columns.indices] = columns.columns
+            wide[:, p] = rows.torque[:, joint]
+            stack.append(wide)
+    raw = np.vstack(stack)
+    data = LeastSquares.stacked([raw], len(raw))
+    made = _with_data(_panda(name), data)
+    regressor = np.ascontiguousarray(raw[:, :p])
+    uncompressed = LeastSquares(regressor, raw[:, p], 0.0, data.tau_squared, len(raw))
+    return replace(made, formulation="rows", raw=uncompressed)
+
+
+#: One thing that users do, or data do to them, and how it is told in the library.
+CHANGES: dict[str, tuple[Change, str]] = {
+    "gram kg m": (gram(1.0, 1.0), "as the bare quadratic form of the Gram matrix"),
+    "gram g mm": (gram(1e-3, 1e-3), "as the bare quadratic form, in grams and millimetres"),
+    "gram t km": (gram(1e3, 1e3), "as the bare quadratic form, in tons and kilometres"),
+    "units g mm": (units(1e-3, 1e-3), "in grams and millimetres"),
+    "units t km": (units(1e3, 1e3), "in tons and kilometres"),
+    "no scaling": (posed_as("rows"), "without a centre and without scales"),
+    "unidentifiable links": (unidentifiable, "without bounds on size: the optima are unbounded"),
+    "rank-deficient": (rank_deficient, "from twenty rows only"),
+    "noise-free": (noise_free, "of exact torques: the optimum is zero"),
+    "nearly infeasible 1e-3": (
+        total_mass_at_least(-1e-3),
+        "with masses within 0.1 % of the most that their bounds allow",
+    ),
+    "nearly infeasible 1e-6": (
+        total_mass_at_least(-1e-6),
+        "with masses within a millionth of the most that their bounds allow",
+    ),
+    "infeasible 1e-3": (total_mass_at_least(1e-3), "with 0.1 % more mass than the bounds allow"),
+    "infeasible 1e-6": (total_mass_at_least(1e-6), "with a millionth more mass than the bounds allow"),
+    "infeasible thickness": (thick_beyond_bounds, "with links thicker than their bounds allow"),
+    "float32 data": (float32_data, "from data rounded to single precision"),
+    "float32 gram": (posed_as("gram in float32"), ""),
+}
+
+
+def changed(name: str, change: str, build: Callable[[], Instance]) -> Instance:
+    """What ``build`` makes with one of CHANGES."""
+    return replace(CHANGES[change][0](build()), name=name)
+
+
+BUILDERS: dict[str, Callable[[str], Instance]] = {
+    f"{GROUP} {change}": partial(
+        changed, change=change, build=partial(_panda, stop=1.0 if change == "rank-deficient" else 14.0)
+    )
+    for change in CHANGES
+} | {f"{GROUP} raw rows": raw_rows}
+QUICK = (
+    "ill-conditioned gram g mm",
+    "ill-conditioned float32 gram",
+    "ill-conditioned infeasible 1e-3",
+    "ill-conditioned noise-free",
+)

@@ -1,0 +1,203 @@
+"""Instances as they come: simulated and measured robots, and random serial chains."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.data.catalogue import DATASETS
+from sdp_vs_penalty.data.datasets import UR10E_DRIVE_GAINS, clean_stretch, converted
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.pose import PoseOptions, pose
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
+from sdp_vs_penalty.problem.cone import CentreOfMassCone
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.real_data import measured_run, real_file
+from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.shootout.instance import Instance
+from sdp_vs_penalty.simulation.experiments import experiment
+from sdp_vs_penalty.solvers.objective import Entropy, Objective
+
+#: Weight of the entropic regulariser in units of the mean squared residual.
+_ENTROPY_WEIGHT = 1.0
+#: Noise of the random chains relative to each joint's torque.
+_CHAIN_NOISE = 0.01
+_CHAIN_SEED = 20191015
+
+
+def simulated(name: str, robot: str, step: str, shape: str, stop: float = np.inf) -> Instance:
+    """From the problem's simulated experiment; stop [s] of the run."""
+    return posed(name, _simulated_task(robot, stop), step, shape)
+
+
+def measured(name: str, robot: str, step: str, shape: str, stop: float = np.inf) -> Instance:
+    """From real measurements; InputError where they are absent."""
+    return posed(name, _measured_task(robot, stop), step, shape)
+
+
+def posed(name: str, task: Task, step: str, shape: str) -> Instance:
+    """One-step (torque) or two-step (base parameters) form of a task, with a demand on shape."""
+    demands: list[Constraint] = []
+    if shape == "gyration":
+        demands = task.minimum_thickness(DEFAULT_THICKNESS)
+    elif shape == "cones":
+        demands = shape_cones(task)
+    convex = ConstraintSet((*task.constraints.convex, *demands))
+    task = replace(task, constraints=convex)
+    data = task.data if step == "one-step" else task.base_distance
+    entropy = None
+    if shape == "regulariser":
+        links = tuple(c for c in convex.convex if c.family == "pseudo-inertia")
+        spread = max(data.loss(task.ols), 1e-6 * data.tau_squared) / max(data.rows, 1)
+        nominal = inertia.pseudo_inertia(task.nominal[task.links])
+        entropy = Entropy(_ENTROPY_WEIGHT * spread, links, nominal)
+    return Instance(name, replace(task, data=data), Objective(data, entropy))
+
+
+def shape_cones(task: Task) -> list[Constraint]:
+    """|c across z| <= r + |slope| c_z for each link: a centre of mass in a cone, as the 2R has.
+
+    The cone opens along z from the nominal centre's plane, wide enough to hold it.
+    """
+    out = []
+    for k, indices in enumerate(task.links):
+        m, mx, my, mz = task.nominal[indices[:4]]
+        centre = np.array([mx, my, mz]) / m
+        slope = 0.3
+        radius = 1.2 * float(np.hypot(*centre[:2])) + 0.02 - slope * min(centre[2], 0.0)
+        out.append(CentreOfMassCone(k, 2, radius, slope).constraint(indices))
+    return out
+
+
+@lru_cache(maxsize=4)
+def _simulated_task(robot: str, stop: float) -> Task:
+    problem = load_problem(robot)
+    described = experiment(problem)
+    run = _part(described.training_run(seed=0), problem, stop)
+    return _task(problem, run, described.effects)
+
+
+@lru_cache(maxsize=4)
+def _measured_task(robot: str, stop: float) -> Task:
+    problem = load_problem(robot)
+    return _task(problem, measurements(problem, stop))
+
+
+def measurements(problem: Problem, stop: float = np.inf) -> Measurements:
+    """The real identification run of a robot up to ``stop`` [s] of motion; InputError without it."""
+    run = measured_run(problem)
+    if problem.name == "ur10e" and (file := real_file("ur10e", "ur-20_02_12-50sec_12harm.csv")):
+        rows, _ = clean_stretch(file.read_text(errors="replace"), 31)
+        tau = rows[:, 13:19] * np.array(UR10E_DRIVE_GAINS)
+        run = Measurements(rows[:, 0], rows[:, 1:7], tau, names=(file.stem,))
+    elif problem.name in ("emps", "tx40"):
+        files = [real_file(problem.name, file.name) for file in DATASETS[problem.name].files]
+        if files[0] is not None and all(files):
+            run = next(iter(converted(problem.name, files[0].parent).values()))
+    if run is None:
+        raise InputError(
+            f"The measurements of {problem.name} are absent", "name their folder in SDP_VS_PENALTY_DATA"
+        )
+    return _part(run, problem, stop)
+
+
+def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
+    """The first ``stop`` seconds; of one or two, so many seconds of rows in which the robot moves."""
+    if stop >= 5.0:
+        return run.window(0.0, stop)
+    moved = np.abs(run.q - run.q[0]).max(axis=1) > 0.2 * np.ptp(run.q, axis=0).max()
+    begin = float(run.t[np.argmax(moved)] - run.t[0])
+    settings = problem.preprocessing.resolve(run)
+    assert settings.state_cutoff is not None
+    assert settings.torque_cutoff is not None
+    # The filters' kernels reach two periods of their cut-off beyond each row.
+    reach = 2.0 / settings.state_cutoff + 2.0 / settings.torque_cutoff
+    return run.window(begin, begin + stop + 2.0 * reach)
+
+
+def _task(problem: Problem, run: Measurements, effects: tuple[str, ...] | None = None) -> Task:
+    task = pose(problem, run, PoseOptions(effects)).task
+    return replace(task, constraints=ConstraintSet(task.constraints.convex))
+
+
+def chain_problem(n: int, draw: int = 0) -> Problem:
+    """Twist +-90 degrees or 0, link lengths of 0.15-0.45 m, nominal links as balls."""
+    rng = np.random.default_rng(_seeds(_CHAIN_SEED, n, draw))
+    robot = Robot.from_dh(
+        f"chain{n}",
+        rng.uniform(0.0, 0.3, n).tolist(),
+        (np.pi * rng.choice([-0.5, 0.0, 0.5], n)).tolist(),
+        rng.uniform(0.05, 0.3, n).tolist(),
+        "modified",
+    )
+    box = np.full((n, 10, 2), (-np.inf, np.inf))
+    box[:, 0, 0] = 0.0
+    reach = robot.link_reach()
+    nominal = []
+    for r in reach:
+        moment = 0.4 * 2.0 * (0.4 * r) ** 2
+        nominal.append([2.0, 0, 0, 0, moment, 0, moment, 0, 0, moment])
+    links = inertia.standard_from_barycentric(nominal)
+    return Problem(robot.name, f"random serial chain of {n} links", robot, box, links)
+
+
+def _seeds(seed: int, n: int, draw: int) -> list[int]:
+    return [seed, n] + ([draw] if draw else [])
+
+
+def chain_task(n: int, samples: int = 60, draw: int = 0) -> Task:
+    """Random states, torque of thin random links with friction, white noise of 1 % of each joint's.
+
+    draw : another arm of the same size, with another motion.
+    """
+    rng = np.random.default_rng(_seeds(_CHAIN_SEED + 1, n, draw))
+    problem = chain_problem(n, draw)
+    model = problem.model()
+    q = problem.robot.random_configurations(samples, _CHAIN_SEED)
+    dq, ddq = rng.normal(size=(samples, n)), 3.0 * rng.normal(size=(samples, n))
+    motion = Motion(np.linspace(0.0, 1.0, samples), q, dq, ddq)
+    theta = np.concatenate([thin_links(rng, problem).ravel(), rng.uniform(0.1, 0.5, 3 * n)])
+    p, stack, rows = len(theta), [], 0
+    for columns in model.columns(motion):
+        torque = columns.columns @ theta[columns.indices]
+        spread = _CHAIN_NOISE * float(np.sqrt(np.mean(torque**2)))
+        wide = np.zeros((samples, p + 1))
+        wide[:, columns.indices] = columns.columns / spread
+        wide[:, p] = torque / spread + rng.normal(size=samples)
+        stack.append(wide)
+        rows += samples
+    return Task(
+        model,
+        LeastSquares.stacked(stack, rows),
+        ConstraintSet(problem.constraints(model).convex),
+        problem.parameter_bound(model),
+        problem.nominal(model),
+        problem.box,
+    )
+
+
+def thin_links(rng: np.random.Generator, problem: Problem) -> Array:
+    """(n, 10) links of 1-4 kg whose mass lies near a rod: constraints that bind."""
+    out = []
+    for reach in problem.robot.link_reach():
+        mass = rng.uniform(1.0, 4.0)
+        centre = rng.uniform(-0.2, 0.2, 3) * reach
+        frame, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        gyration = reach * np.array([0.3, 0.05, 0.02]) * rng.uniform(0.5, 1.0, 3)
+        second = mass * (frame * gyration**2) @ frame.T + mass * np.outer(centre, centre)
+        matrix = np.zeros((4, 4))
+        matrix[:3, :3] = second
+        matrix[:3, 3] = matrix[3, :3] = mass * centre
+        matrix[3, 3] = mass
+        out.append(inertia.from_pseudo_inertia(matrix))
+    return np.array(out)
