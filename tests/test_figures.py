@@ -1,8 +1,8 @@
 """Figures in README and docs are those of results/: a comment behind a number names its cell.
 
-    93.2<!--coverage_in_life.md | closed loop, friction | coverage [%]--> %
+    93.2<!--coverage_in_life.md | closed loop; friction | coverage [%]--> %
 
-File in results/, words that its row holds, heading of its column. The sentence's digits decide how exact.
+File in results/, cells that its row holds, heading of its column. The sentence's digits decide how exact.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "results" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-NUMBER = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
+NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 MARK = re.compile(rf"({NUMBER})<!--([^|>]+)\|([^|>]+)\|([^>]+?)-->")
 
 
 def cell(file: str, words: str, column: str) -> str:
-    """The cell of the first row that holds all words (between commas), in any table of the file."""
-    path, wanted = ROOT / "results" / file, [w.strip() for w in words.split(",")]
+    """The cell of the first row that holds all words (between semicolons), in any table of the file."""
+    path, wanted = ROOT / "results" / file, [w.strip() for w in words.split(";")]
     if path.suffix == ".csv":
         rows = list(csv.reader(path.read_text().splitlines()))
     else:
@@ -55,7 +55,7 @@ def test_marked_figures_are_their_sources(page: Path) -> None:
 
 
 def test_a_stale_figure_is_found() -> None:
-    said = "7.1<!--coverage_in_life.md | closed loop, friction | coverage [%]-->"
+    said = "7.1<!--coverage_in_life.md | closed loop; friction | coverage [%]-->"
     assert wrong(said)
     with pytest.raises(AssertionError, match="no row"):
         wrong(said.replace("friction", "fraction"))
