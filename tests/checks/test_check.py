@@ -17,9 +17,10 @@ from sdp_vs_penalty import InputError, Measurements, Problem, load_estimate, loa
 from sdp_vs_penalty.checked import consented
 from sdp_vs_penalty.checks import Issue, Report, check, mended, of_one_arm
 from sdp_vs_penalty.cli import main as cli
+from sdp_vs_penalty.data import read_run, save
 from sdp_vs_penalty.data.datasets import _emps_runs, _ur10e_runs
-from sdp_vs_penalty.data.files import load_measurements, read_run, save
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.simulation import experiment
 
 Spoil = Callable[[Measurements], Measurements]
 

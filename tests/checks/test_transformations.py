@@ -68,7 +68,7 @@ def test_two_mistakes_are_never_told_against_each_other(seed: int) -> None:
 
 def test_a_load_in_one_of_two_runs_is_named_with_the_run() -> None:
     first, second = small_run(PROBLEM, seconds=8.0), small_run(PROBLEM, seconds=8.0)
-    from sdp_vs_penalty.data.measurements import concatenate
+    from sdp_vs_penalty.data import concatenate
 
     reports = check(PROBLEM, concatenate([first.named("a"), second.named("b")]), thorough=False)
     assert not [f for r in reports for f in r.problems]
