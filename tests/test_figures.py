@@ -2,7 +2,7 @@
 
     93.2<!--coverage_in_life.md | closed loop; friction | coverage [%]--> %
 
-File in results/, cells that its row holds, heading of its column. The sentence's digits decide how exact.
+File in results/, cells of its row, heading of its column; the sentence's digits decide how exact.
 """
 
 from __future__ import annotations

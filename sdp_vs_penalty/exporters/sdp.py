@@ -122,7 +122,7 @@ def write_posed(
     options: PoseOptions | None = None,
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
-    """Write the SDP that ``identify`` solves for the same arguments, centred at its answer, and beside it
+    """Write the SDP that ``identify`` solves, centred at its answer, and beside it
     OUT.json with what it means and the proved interval of the loss; returns what that holds.
 
     method : None: the default, or for .dat-s, whose format lacks exponential cones, the one of
