@@ -9,20 +9,20 @@ from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
     from sdp_vs_penalty import effects as effects
+    from sdp_vs_penalty.checked import diagnose as diagnose
+    from sdp_vs_penalty.checked import identify as identify
     from sdp_vs_penalty.checks import check as check
     from sdp_vs_penalty.data.datasets import fetch as fetch
     from sdp_vs_penalty.data.files import load_measurements as load_measurements
     from sdp_vs_penalty.data.measurements import Measurements as Measurements
     from sdp_vs_penalty.diagnosis.adding import add as add
     from sdp_vs_penalty.diagnosis.comparison import compare as compare
-    from sdp_vs_penalty.diagnosis.diagnose import diagnose as diagnose
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails as where_it_fails
     from sdp_vs_penalty.errors import InputError as InputError
     from sdp_vs_penalty.estimation.cross_validation import cross_validate as cross_validate
     from sdp_vs_penalty.estimation.estimate import Estimate as Estimate
     from sdp_vs_penalty.estimation.estimate import load_estimate as load_estimate
     from sdp_vs_penalty.estimation.excitation import excite as excite
-    from sdp_vs_penalty.estimation.identify import identify as identify
     from sdp_vs_penalty.exporters.export import export as export
     from sdp_vs_penalty.problem.convert import convert as convert
     from sdp_vs_penalty.problem.load import load_problem as load_problem
@@ -55,6 +55,8 @@ _HOME = {
     "simulate": "simulation.hidden_runs",
     "where_it_fails": "diagnosis.where_it_fails",
 }
+#: Verbs that check their measurements first; inside the package they do not.
+_CHECKED = ("identify", "diagnose")
 __all__ = [
     "__version__",
     "effects",
@@ -67,7 +69,10 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module(f"{__name__}.effects")
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    found = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    if name in _CHECKED:
+        found = importlib.import_module(f"{__name__}.checked").with_check(found)
+    return globals().setdefault(name, found)
 
 
 def __dir__() -> list[str]:

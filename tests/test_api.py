@@ -33,9 +33,8 @@ from sdp_vs_penalty import (
     simulate,
     where_it_fails,
 )
-from sdp_vs_penalty.data.formats.columns import columns_of
-from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.data import columns_of
+from sdp_vs_penalty.effects import Motion, effect_types
 
 ARRAYS = ("t", "q", "dq", "tau")
 
@@ -64,6 +63,22 @@ def forms(path: Path) -> dict[str, Any]:
         "frame": pd.DataFrame(columns_of(run)).assign(note="text", day=pd.Timestamp("2026-01-01")),
         "csv as pandas reads it": pd.read_csv(path),
     }
+
+
+def test_measurements_are_checked_first_unless_told_otherwise(two_link: Problem) -> None:
+    """As the command line does: errors refuse, warnings warn, and consent is remembered."""
+    run = small_run(two_link)
+    dead = {"t": run.t, "q": run.q, "tau": np.where([True, False], run.tau, 0.25)}
+    for verb in (identify, lambda model, log: diagnose(identify(two_link, run), log)):
+        with pytest.raises(InputError, match=r"tau2 is 0.25 N.m in every row.*check=False"):
+            verb(two_link, dead)
+    estimate = identify(two_link, dead, "ols", check=False)
+    assert estimate.provenance["checked"] is False
+    assert diagnose(estimate, dead).verdict
+    gapped = {name: np.delete(x, slice(150, 200), axis=0) for name, x in dead.items()}
+    gapped["tau"] = np.delete(run.tau, slice(150, 200), axis=0)
+    with pytest.warns(UserWarning, match="gap"):
+        identify(two_link, gapped, "ols")
 
 
 def test_the_import_is_lazy_and_lists_its_names() -> None:

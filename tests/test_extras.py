@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from small_runs import write_run
 
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty import Problem
 
 #: Every package that only an extra brings, as it is imported.
 EXTRAS = (
-    "matplotlib", "pyarrow", "rosbags", "plotly", "nicegui", "scs", "cvxopt", "sdpap", "qics", "casadi",
+    "matplotlib", "pyarrow", "rosbags", "plotly", "nicegui", "scs", "cvxopt", "sdpap", "qics",
     "distributed", "mujoco", "dartpy", "pybullet",
 )  # fmt: skip
 

@@ -52,10 +52,12 @@ class Event:
     frequency: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON; the joint counts from 1."""
         return {**vars(self), "joint": self.joint + 1}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Event:
+        """What :meth:`to_dict` wrote."""
         frequency = data["frequency"]
         return cls(
             int(data["joint"]) - 1,
@@ -66,12 +68,11 @@ class Event:
         )
 
 
-def events(data: WhiteData, white: Array, residual: Array, named: Sequence[int]) -> list[Event]:
-    """The events of a final model. white (n, M), residual (M, n) [N m or N] : what it leaves; named :
-    the
-    joints (from 0) on which something without a name is left, whose peaks are no events."""
-    rows = data.rows
-    mask = outliers(data, white.T, residual)
+def events(data: WhiteData, odd: Mask, residual: Array, named: Sequence[int]) -> list[Event]:
+    """The events of a final model. residual (M, n) [N m or N] : what it leaves; odd (M, n) : its
+    outliers; named : the joints (from 0) on which something without a name is left, whose peaks are no
+    events."""
+    rows, mask = data.rows, odd.copy()
     mask[:, list(named)] = False
     whole = rows.with_masked(np.zeros((0, 0), bool))
     found = []

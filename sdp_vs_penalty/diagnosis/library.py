@@ -61,6 +61,10 @@ class Form:
         """(k,) which parameters may not be negative."""
         return [p.lower == 0.0 for p in self.effect.parameters]
 
+    def refines(self, other: Form) -> bool:
+        """Whether its effect says that it is a finer form of the other's, on the same joint."""
+        return self.key[1] == other.key[1] and other.key[0] in self.effect.refines
+
     def with_shape(self, **shape: float) -> Form:
         return Form(self.key, self.effect.with_shape(**shape), self.own, self.moves)
 

@@ -35,9 +35,6 @@ from sdp_vs_penalty.solvers.proof import Proof, optimum_proof
 from sdp_vs_penalty.solvers.verified import repaired_as_written, violations
 from sdp_vs_penalty.version import __version__
 
-#: Random poses at which M(q) must be positive definite.
-_POSES = 10_000
-
 
 def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Workers = ALONE) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
@@ -205,7 +202,7 @@ def consistent(links: Array) -> bool:
     return bool(np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]))
 
 
-def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed: int = 0) -> float:
+def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000, seed: int = 0) -> float:
     """Share of random poses at which the joint-space inertia matrix M(q) is positive definite."""
     matrices = robot.mass_matrices(links, robot.random_configurations(poses, seed))
     with contextlib.suppress(np.linalg.LinAlgError):  # ten times faster, where it is so everywhere

@@ -19,7 +19,8 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.show import parameter_rows, plot_parameters
+from sdp_vs_penalty.estimation.constants import FAR_MASS
+from sdp_vs_penalty.estimation.parameter_tables import parameter_rows, plot_parameters
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import make_estimator
@@ -36,8 +37,6 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 if TYPE_CHECKING:
     import pandas
 
-#: A mass so many times its nominal value, or less than one part in so many of it, is far from it.
-_FAR = 3.0
 #: Of model.json; a file with a larger number was written by a newer version of this package. Format 1
 #: did not keep the bounds under which a model was identified, and nothing can bring them back.
 FORMAT = 2
@@ -67,6 +66,7 @@ class Estimate(Shown):
 
     @property
     def robot(self) -> Robot:
+        """The robot of the model."""
         return self.model.robot
 
     @property
@@ -99,12 +99,14 @@ class Estimate(Shown):
             return ""
         masses, nominal = theta[:, 0], self.nominal[first]
         known = [i for i in links if nominal[i] > 0.0]
-        far = [i for i in known if not 1.0 / _FAR < masses[i] / nominal[i] < _FAR]
+        far = [i for i in known if not 1.0 / FAR_MASS < masses[i] / nominal[i] < FAR_MASS]
         numbers = "s" * (len(links) > 1) + " " + show.words([i + 1 for i in links])
         said = (
             f"the data do not determine the mass of link{numbers}, only sums with others; the value "
             f"comes from the {self.sources[first[links[0]]]}"
         )
+        if np.any(self.problem.guessed_links[links]):
+            said += ", drawn to lengths, sizes and torque, not measured: no file states it"
         each = [f"{masses[i]:.3g} kg for {nominal[i]:.3g} (link {i + 1})" for i in far]
         return f"{said}; far from nominal: {show.words(each)}." if far else f"{said}."
 

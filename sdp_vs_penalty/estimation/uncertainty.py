@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.effects.model import JointColumns, Model
+from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95
 from sdp_vs_penalty.estimation.intervals import (
     NOT_SEEN,
     Interval,
@@ -26,7 +27,7 @@ from sdp_vs_penalty.estimation.intervals import (
     intervals_of,
     physical_limits,
 )
-from sdp_vs_penalty.estimation.sandwich import NORMAL_95, Sandwich, sandwich
+from sdp_vs_penalty.estimation.sandwich import Sandwich, sandwich
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.task import joint_weights, with_plausible
 from sdp_vs_penalty.problem.problem import Problem
@@ -34,8 +35,6 @@ from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, nearest_least_squares
 from sdp_vs_penalty.robot.arrays import Array
-
-LEVEL = 0.95
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,6 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: The sides on which a channel can be logged.
 SIDES = ("motor", "joint")
-#: Condition number from which the joints do not follow from the motors.
-_SINGULAR = 1e9
 _TERM = re.compile(r"\s*([+-])?\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)?\s*\*?\s*(?:q([1-9]\d{0,2}))?")
 
 
@@ -53,13 +51,15 @@ class Transmission:
                 )
         rows = np.linalg.norm(self.matrix, axis=1)
         mixed = (self._position_rows, self._torque_rows)
-        if not np.all(rows > 0.0) or any(np.linalg.cond(m) > _SINGULAR for m in mixed):
+        # Condition number from which the joints do not follow from the motors.
+        if not np.all(rows > 0.0) or any(np.linalg.cond(m) > 1e9 for m in mixed):
             raise InputError(
                 "transmission: the joints do not follow from the motors", "give independent motors"
             )
 
     @property
     def n(self) -> int:
+        """How many joints, and channels."""
         return len(self.matrix)
 
     @property
@@ -87,6 +87,7 @@ class Transmission:
         return np.asarray((self.matrix.T @ motors).T)
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON, as problem.toml writes it."""
         return {
             "matrix": self.matrix.tolist(),
             "offset": self.offset.tolist(),
@@ -96,6 +97,7 @@ class Transmission:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Transmission:
+        """What :meth:`to_dict` wrote."""
         return cls(
             np.array(data["matrix"], float),
             np.array(data["offset"], float),

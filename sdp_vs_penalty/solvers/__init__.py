@@ -5,7 +5,8 @@ NAME : on the command line; EXTRA : what installs it (None: the core installatio
 rewriting where it lacks quadratic objectives, equalities or second-order cones; options(accuracy), what
 the solver is told. Where they are needed: warm_up(), what a first call pays for; licence(), why it
 must not run; SYSTEM_PACKAGE, Debian's name of a program's package; DEFAULT_ACCURACY, what it asks of
-itself if solve() is given None; FINEST, what a loop around it may ask.
+itself if solve() is given None; FINEST, what a loop around it may ask; VARIANTS, further parameter sets
+of its manual by name, the third argument of solve() and options().
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from importlib import metadata
 from types import ModuleType
 
 from sdp_vs_penalty.errors import InputError, unknown
-from sdp_vs_penalty.registration import marked
+from sdp_vs_penalty.plugins import marked, surface
 
 
 @cache
@@ -85,3 +86,19 @@ def version(module: ModuleType) -> str:
     except OSError:
         return ""
     return done.stdout.strip() if done.returncode == 0 else ""
+
+
+__getattr__ = surface(
+    __name__,
+    {
+        "Cone": "conic",
+        "ConicProblem": "conic",
+        "Entropy": "objective",
+        "Objective": "objective",
+        "Solution": "conic",
+        "largest_margin": "identification",
+        "least_squares_sdp": "identification",
+        "lower_bound": "certificate",
+        "repair": "certificate",
+    },
+)

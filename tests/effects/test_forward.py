@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sdp_vs_penalty.effects import effect_types, parse_effects
+from sdp_vs_penalty import load_problem
+from sdp_vs_penalty.effects import Model, effect_types, parse_effects
 from sdp_vs_penalty.effects.dry_friction import Contacts, dry_step
 from sdp_vs_penalty.effects.effect import Array
 from sdp_vs_penalty.effects.forward import Plant, State, advance
-from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.exporters.content import Content
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
-from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot import inertia
 
 SIZES = {"viscous_friction": 0.3, "coulomb_friction": 0.4, "torque_offset": 0.1, "rotor_inertia": 0.1}
@@ -86,25 +85,6 @@ def test_a_block_that_is_pushed_below_its_friction_stays_and_slides_above_it(h: 
     assert still.q[0, 0] - slid.q[0, 0] == pytest.approx(
         0.5 * mass * slid.dq[0, 0] ** 2 / 20.0, rel=0.03
     )
-
-
-@pytest.mark.parametrize(
-    "effects",
-    [
-        "rigid_body,viscous_friction,coulomb_friction@v_s=0.002,stribeck_friction:1",
-        "rigid_body,coulomb_friction@v_s=0.01,presliding_hysteresis@d=0.003",
-        "rigid_body,viscous_friction,transmission_friction:1+2,maxwell_slip:1",
-    ],
-)
-def test_smaller_steps_change_little_and_ever_less(effects: str) -> None:
-    sizes = {"stribeck_friction": 0.2, "presliding_hysteresis": 0.3, "maxwell_slip": 0.1}
-    p = plant("two_link", effects, transmission_friction=0.2, **sizes)
-    ends = []
-    for h in (2e-3, 1e-3, 2.5e-4):
-        ends.append(run(p, at_rest(p), pushes(2, round(0.5 / h), h, 3.0), h).q[0])
-    coarse, fine = (np.abs(end - ends[-1]).max() for end in ends[:2])
-    assert fine < 0.7 * coarse + 1e-6
-    assert fine < 1e-3
 
 
 def test_as_a_stiff_solver_has_it() -> None:

@@ -9,17 +9,11 @@ import numpy as np
 import pytest
 from random_arms import SCARA_FRICTION, SCARA_NOISE, run_of, scara
 
+from sdp_vs_penalty import InputError, Problem, export, identify, load_estimate, load_problem
 from sdp_vs_penalty.cli import printing
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.determined import data_share
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.exporters.export import export
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import LeastSquares, compress
+from sdp_vs_penalty.estimators import Task, make_task
+from sdp_vs_penalty.regression import LeastSquares, compress
 
 
 @pytest.fixture(scope="module")
@@ -48,23 +42,6 @@ def test_shares_are_shares_and_free_of_units(arm: Problem) -> None:
         1e3 * data.R, 1e3 * data.rho, 1e3 * data.residual_norm, 1e6 * data.tau_squared, data.rows
     )
     assert data_share(replace(task, data=scaled), np.eye(len(names))) == pytest.approx(share, abs=1e-6)
-
-
-def test_more_data_determine_more(arm: Problem) -> None:
-    """Of each parameter, where the same rows come again: information adds up."""
-    task = task_of(arm)
-    data = task.data
-    eye = np.eye(len(task.bound))
-    twice = LeastSquares(
-        np.sqrt(2.0) * data.R,
-        np.sqrt(2.0) * data.rho,
-        np.sqrt(2.0) * data.residual_norm,
-        2.0 * data.tau_squared,
-        2 * data.rows,
-    )
-    once, more = data_share(task, eye), data_share(replace(task, data=twice), eye)
-    assert np.all(more >= once - 1e-9)
-    assert more.sum() > once.sum() + 0.1
 
 
 def test_a_model_says_who_decides_and_export_what_is_implausible(arm: Problem, tmp_path: Path) -> None:

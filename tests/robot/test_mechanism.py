@@ -10,17 +10,12 @@ import numpy as np
 import pytest
 from random_robots import link_parameters
 
-from sdp_vs_penalty import identify
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty import InputError, Measurements, identify, load_problem
+from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.exporters.content import Content
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.exporters.urdf import edit_urdf, make_urdf
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.trajectory import random_trajectory
-from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.robot import Robot, load_urdf, random_trajectory
 
 #: A lift, a parallelogram whose loop is cut, and a gripper whose second finger mimics the first: one
 #: follower is a follower's, one slides where its leader turns, one link says that it has no mass.
@@ -120,13 +115,6 @@ def test_regressor_mass_matrix_and_derivatives_agree_with_the_dynamics(urdf: Pat
                 for s in (1.0, -1.0)
             ]
             np.testing.assert_allclose(derivative[:, :, j], (ends[0] - ends[1]) / 2e-6, atol=1e-5)
-
-
-def test_the_subtree_of_a_joint_is_what_makes_torque_on_it(urdf: Path) -> None:
-    robot, _ = load_urdf(urdf)
-    columns = np.abs(robot.regressor(*states(robot))).max(axis=0).reshape(robot.n, robot.links, 10)
-    for joint, links in enumerate(robot.subtree):
-        assert set(np.flatnonzero(columns[joint].max(axis=1) > 1e-12)) <= set(links)
 
 
 def test_a_robot_with_followers_is_identified_and_written_back(urdf: Path) -> None:

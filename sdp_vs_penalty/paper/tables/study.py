@@ -21,9 +21,9 @@ from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_pr
 from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, QUICK_BUDGET, PenaltyPaper
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.real_data import measured_run, real_file
-from sdp_vs_penalty.registration import by_word
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox, load_configurations
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
@@ -42,8 +42,6 @@ METHODS: Mapping[str, str] = {k.name.replace("-", "_"): k.name for k in _PLACED.
 TRAIN_STOP, TEST_START = 14.0, 14.2
 #: Folds by phase in which it is judged on motion that an estimate has not seen.
 FOLDS = 5
-#: Configurations of the black box where the authors' file is absent: as many as theirs.
-_CONFIGURATIONS = 1010
 
 
 @dataclass(frozen=True)
@@ -265,7 +263,8 @@ class Study:
         """The true links' answers, and whether at the authors' configurations."""
         x, file = self.experiment, real_file(self.problem.name, "good_configurations_1010.txt")
         if file is None:
-            q = self.problem.robot.random_configurations(_CONFIGURATIONS, self.seed)
+            # Configurations of the black box where the authors' file is absent: as many as theirs.
+            q = self.problem.robot.random_configurations(1010, self.seed)
         else:
             q = load_configurations(file, self.problem.robot.n)
         return BlackBox.of_links(self.problem.robot, x.links, q), file is not None

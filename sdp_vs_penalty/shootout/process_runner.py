@@ -1,12 +1,12 @@
 """Runs each solver in a process of its own, cheaply: a parent that has imported everything forks.
 
-    python -m sdp_vs_penalty.shootout.nursery
+    python -m sdp_vs_penalty.shootout.process_runner
 
 reads one request a line on standard input (JSON) and answers each with one line on standard output.
 A request names an instance, which is built here and kept, and a contestant; the forked child solves,
 sends its numbers through a pipe and ends. A child that takes too long is killed with all that it
 started, one that asks for too much memory or dies by a signal is told apart; the parent lives on,
-judges the numbers, and answers. Whoever holds the other end of the pipe may die: the nursery ends.
+judges the numbers, and answers. Whoever holds the other end of the pipe may die: it ends.
 """
 
 from __future__ import annotations
@@ -29,16 +29,14 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.shootout.contestant import Contestant, no_answer
-from sdp_vs_penalty.shootout.contestants import contestants
+from sdp_vs_penalty.shootout.contestants import Contestant, contestants
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import instance
-from sdp_vs_penalty.shootout.judge import Judgement, judge
+from sdp_vs_penalty.shootout.judge import Answer, Judgement, judge, no_answer
 from sdp_vs_penalty.shootout.reference import Reference, reference
 
 #: Seconds that the proof of a reference may take.
 REFERENCE_LIMIT = 900.0
-_PREPARED: set[str] = set()
 _FORK = multiprocessing.get_context("fork")
 #: By the clock a run may take so many times its limit.
 _PATIENCE = 4.0
@@ -52,14 +50,18 @@ def main() -> None:
     os.dup2(silence, 1)
     os.dup2(silence, 2)
     threading.Thread(target=_end_with_asker, args=(sys.stdin.fileno(),), daemon=True).start()
-    everyone = contestants()
+    everyone, warm = contestants(), set()
     for line in _lines(sys.stdin.fileno()):
         request = json.loads(line)
         try:
             if request["do"] == "reference":
                 reply = _reference(request)
             else:
-                reply = _run(request, everyone[request["solver"]])
+                contestant = everyone[request["solver"]]
+                if contestant.name not in warm:  # what a first use pays for, before children are forked
+                    warm.add(contestant.name)
+                    contestant.warm_up()
+                reply = _run(request, contestant)
         except Exception as error:  # an answer must come: the other side waits for it
             reply = {"error": f"{type(error).__name__}: {error}"}
         answers.write(json.dumps(reply) + "\n")
@@ -126,9 +128,6 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
     made = _checked(request)
     _prepare(made)
     _ = made.sdp if made.sent is not None else None
-    if contestant.name not in _PREPARED:  # what a first use pays for, before its children are forked
-        _PREPARED.add(contestant.name)
-        contestant.warm_up()
     known = Reference(**request["reference"])
     asked = float(request["accuracy"])
     kind, payload, seconds = in_child(
@@ -147,6 +146,24 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
         **{name: getattr(answer, name) for name in told},
         **_verdict(verdict, known),
     }
+
+
+def _timed(contestant: Contestant, made: Instance, asked: float) -> Answer:
+    """The answer, its seconds in processor time: the machine is shared."""
+    clock, used = time.perf_counter(), _processor()
+    answer = contestant.solve(made, asked)
+    share = min(1.0, (_processor() - used) / max(time.perf_counter() - clock, 1e-9))
+    return replace(
+        answer,
+        setup_seconds=share * answer.setup_seconds,
+        solve_seconds=share * answer.solve_seconds,
+    )
+
+
+def _processor() -> float:
+    """Processor time of this process and of the programs that it ran [s]."""
+    own, others = (resource.getrusage(x) for x in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return own.ru_utime + own.ru_stime + others.ru_utime + others.ru_stime
 
 
 def _verdict(verdict: Judgement, known: Reference) -> dict[str, Any]:
