@@ -19,7 +19,7 @@ from sdp_vs_penalty.paper.tables.methods import build
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.plugins import by_word, written
 from sdp_vs_penalty.shootout.contestants import contestants
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.solvers import solver_modules
 
 ESTIMATOR = '''"""Least squares with a pull of every parameter to the nominal one."""

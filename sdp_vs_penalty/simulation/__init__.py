@@ -7,6 +7,8 @@ from sdp_vs_penalty.plugins import surface
 __getattr__ = surface(
     __name__,
     {
+        "Experiment": "experiments",
+        "experiment": "experiments",
         "HiddenRuns": "hidden_runs",
         "MAKERS": "hidden_runs",
         "Sensor": "simulate",

@@ -28,8 +28,7 @@ from sdp_vs_penalty.estimation import separation
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.worker_pool import WorkerPool
-from sdp_vs_penalty.simulation import hidden_runs
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment, hidden_runs
 
 PROGRAM = "sdp-vs-penalty"
 Run = Callable[..., str]

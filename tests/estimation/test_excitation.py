@@ -15,7 +15,7 @@ from sdp_vs_penalty.estimation import Limits
 from sdp_vs_penalty.estimation.excitation import _Search, excite, save_trajectory, shrunk
 from sdp_vs_penalty.estimation.motion_regressor import BaseRegressor
 from sdp_vs_penalty.robot import FourierTrajectory, random_trajectory
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 
 
 @pytest.fixture(scope="module")

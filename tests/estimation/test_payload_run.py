@@ -10,7 +10,7 @@ from sdp_vs_penalty.estimation import Limits
 from sdp_vs_penalty.estimation.payload_run import PayloadRun, payload_run
 from sdp_vs_penalty.estimation.separation import independent_rate
 from sdp_vs_penalty.robot import Robot
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,7 @@ from sdp_vs_penalty.paper.sigmoid_friction import (
     fit_sigmoid,
 )
 from sdp_vs_penalty.robot import Robot
-from sdp_vs_penalty.simulation import sigmoid_friction
-from sdp_vs_penalty.simulation.experiment import Experiment, experiment
+from sdp_vs_penalty.simulation import Experiment, experiment, sigmoid_friction
 
 
 @pytest.fixture(scope="module")

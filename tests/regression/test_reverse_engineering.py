@@ -19,7 +19,7 @@ from sdp_vs_penalty.regression.black_box import (
     load_black_box,
     load_configurations,
 )
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 
 
 def answers(problem: Problem, count: int, seed: int = 0) -> BlackBox:

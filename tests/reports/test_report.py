@@ -24,7 +24,7 @@ from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.reports.parameters import ellipsoid
 from sdp_vs_penalty.reports.plots import correlation
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 
 pytest.importorskip("plotly")
 

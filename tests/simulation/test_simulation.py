@@ -13,8 +13,7 @@ from sdp_vs_penalty import InputError, Measurements, Problem, compare, identify,
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.effects import Motion
-from sdp_vs_penalty.simulation import Sensor, sigmoid_friction
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
 from sdp_vs_penalty.simulation.simulate import innovation_share, simulate
 
 Array = NDArray[np.float64]

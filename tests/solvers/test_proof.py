@@ -27,7 +27,7 @@ from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimators import make_estimator, make_task
 from sdp_vs_penalty.regression import LeastSquares, compress
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.solvers import Objective, verify_proof
 from sdp_vs_penalty.solvers.proof import (
     difference,

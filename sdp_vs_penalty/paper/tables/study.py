@@ -30,7 +30,7 @@ from sdp_vs_penalty.regression.regression import Regression, compress, compress_
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.simulation.experiment import Experiment, experiment
+from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 
 BUDGETS = ("quick", "paper")
 _PLACED = by_word(
