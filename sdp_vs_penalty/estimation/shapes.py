@@ -95,12 +95,14 @@ def estimate_shapes(
     weighting: str,
     chosen: Chosen | None = None,
     workers: Workers = ALONE,
+    beyond: int = 0,
 ) -> list[ShapeEstimate]:
     """The open shape constants of a model, each at its best value if that explains significantly more
     than the one the model has, of motion left out as well, else at that.
 
     settings : resolved; weighting : of the joints' rows, "noise" or "none"; chosen : the rows that take
-    part, default all; workers : who compresses the runs.
+    part, default all; workers : who compresses the runs; beyond : how many values more, each twice the
+    last one, the grids hold.
     """
     wanted = open_shapes(model.effects)
     if not wanted:
@@ -110,7 +112,7 @@ def estimate_shapes(
     def compressed(part: Model, count: int = 1) -> Regression:
         return _compressed(part, measurements, settings, count, chosen, workers)
 
-    wide, base, banks = _with_banks(model, wanted)
+    wide, base, banks = _with_banks(model, wanted, beyond)
     folds = compressed(wide, SHAPE_FOLDS)
     weights = np.ones(model.robot.n)
     if weighting == "noise":
@@ -208,7 +210,7 @@ class _Bank:
 
 
 def _with_banks(
-    model: Model, wanted: Sequence[tuple[Effect, int, str]]
+    model: Model, wanted: Sequence[tuple[Effect, int, str]], beyond: int
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
     """The model with the columns of each open constant at all values of its grid, where all other
     columns stand, and where those of the grids do."""
@@ -218,6 +220,7 @@ def _with_banks(
     base, banks, parts = np.arange(first), list[_Bank](), list[_Grid]()
     for effect, joint, key in wanted:
         grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
+        grid = (*grid, *(grid[-1] * 2.0**k for k in range(1, beyond + 1)))
         now = effect.shape[key]
         values = _with(now, grid)
         part = _Grid([alone(effect, joint, **{key: float(value)}) for value in values])
