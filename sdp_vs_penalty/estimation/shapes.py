@@ -197,11 +197,20 @@ class _Bank:
     ends: tuple[float, float]
 
     @cached_property
-    def weights(self) -> Any:
-        """From ln u to weights (K,) of the columns that are known."""
+    def _spline(self) -> tuple[Array, Array]:
+        """Knots (K,) of ln u, and the cubics (4, K - 1, K) of each column's weight between them."""
         from scipy.interpolate import CubicSpline
 
-        return CubicSpline(np.log(self.values), np.eye(len(self.values)))
+        found = CubicSpline(np.log(self.values), np.eye(len(self.values)))
+        return found.x, found.c
+
+    def weights(self, u: float) -> tuple[Array, Array]:
+        """Of the columns that are known (K,) at a value's logarithm, and their derivatives."""
+        knots, (a, b, c, d) = self._spline
+        k = min(max(int(np.searchsorted(knots, u, "right")) - 1, 0), len(knots) - 2)
+        z = u - knots[k]
+        w = ((a[k] * z + b[k]) * z + c[k]) * z + d[k]
+        return w, (3.0 * a[k] * z + 2.0 * b[k]) * z + c[k]
 
     @property
     def start(self) -> float:
@@ -308,8 +317,8 @@ class _Profile:
 
     def at(self, u: Array) -> tuple[Array, Array, Array]:
         """What is left of the torque (r,) at constants ln u (B,), its slopes (r, B), and the
-        coefficients (M,). Columns of an effect that would push instead of brake are left out."""
-        A, D, _ = self._columns(u)
+        coefficients (P,) of the banks' columns. What would push instead of brake is left out."""
+        A, D, C = self._columns(u)
         used, theta = np.ones(A.shape[1], bool), np.zeros(A.shape[1])
         while True:
             U, V = visible(A[:, used])
@@ -319,18 +328,18 @@ class _Profile:
                 break
             used &= ~pushes
         slopes = np.add.reduceat(D * theta, self._first, axis=1)
-        return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes, theta
+        left = self.torque - U @ (U.T @ self.torque)
+        return left, U @ (U.T @ slopes) - slopes, C @ theta
 
     def _columns(self, u: Array) -> tuple[Array, Array, Array]:
         """(r, M) columns at constants ln u (B,), their derivatives, and (P, M) what they are made of."""
         C, D = (np.zeros((self.columns.shape[1], len(self._brakes))) for _ in range(2))
         row = column = 0
-        for bank, x in zip(self.banks, u, strict=True):
-            k = bank.columns.shape[1]
-            for c in range(column, column + k):
-                C[row + c - column : row + bank.columns.size : k, c] = bank.weights(x)
-                D[row + c - column : row + bank.columns.size : k, c] = bank.weights(x, 1)
-            row, column = row + bank.columns.size, column + k
+        for bank, x in zip(self.banks, u.tolist(), strict=True):
+            k, stop = bank.columns.shape[1], row + bank.columns.size
+            for c in range(k):
+                C[row + c : stop : k, column + c], D[row + c : stop : k, column + c] = bank.weights(x)
+            row, column = stop, column + k
         return self.columns @ C, self.columns @ D, C
 
     @cached_property
@@ -433,12 +442,9 @@ class _Profile:
 
     def errors(self, data: LeastSquares, u: Array) -> Array:
         """(r,) what this profile's parameters at constants ln u (B,) leave of other data's torque."""
-        _, _, theta = self.at(u)
-        both = np.append(self._columns(u)[2] @ theta, -1.0)
-        both = (
-            data.R[:, self.pool] @ both[:-1] - data.rho - data.R[:, self.base] @ (self.explained @ both)
-        )
-        return np.asarray(-both)
+        both = np.append(self.at(u)[2], -1.0)
+        banks = data.R[:, self.pool] @ both[:-1] - data.rho
+        return np.asarray(data.R[:, self.base] @ (self.explained @ both) - banks)
 
 
 def _confirmed(
