@@ -39,7 +39,7 @@ from sdp_vs_penalty.estimation.joint_shapes import settled
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.partial import partialled, visible
-from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress_cells, triangular
+from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -120,7 +120,7 @@ def estimate_shapes(
         theta = np.linalg.lstsq(whole.R, whole.rho, rcond=1e-10)[0]
         weights = joint_weights(folds, theta)
     profile = _Profile.of(folds, weights, base, banks)
-    found = _confirmed(profile, profile.estimates(), folds, weights)
+    found = _confirmed(profile, profile.estimates(), folds, weights, base)
     fine = {
         (s.effect, s.joint, s.shape)
         for s in found
@@ -279,17 +279,15 @@ class _Grid(Effect):
 class _Profile:
     """What least squares in all other columns leave of the banks' (r, P) and of the torque (r,).
 
-    variance : of a row times how often rows repeat each other; base (b,), pool (P,) : where the other
-    columns and the banks' stand in the data; explained (b, P + 1) : coefficients of the former in the
-    latter."""
+    variance : of a row times how often rows repeat each other; shown (b, k) : directions of the other
+    columns that the data show.
+    """
 
     columns: Array
     torque: Array
     banks: list[_Bank]
     variance: float
-    base: NDArray[np.intp]
-    pool: NDArray[np.intp]
-    explained: Array
+    shown: Array
 
     @classmethod
     def of(
@@ -300,15 +298,13 @@ class _Profile:
         pool = np.concatenate([bank.columns.ravel() for bank in banks])
         both = np.column_stack([data.R[:, pool], data.rho])
         shown, V = visible(data.R[:, base])
-        explained = V @ (shown.T @ both)
         left = triangular([both - shown @ (shown.T @ both)])
         U, _ = visible(left[:, :-1])
         error = float(np.sum(partialled(left[:, :-1], left[:, -1]) ** 2)) + data.residual_norm**2
         # Exact data have no variance; their constants still have a best value.
         error = max(error, 1e-12 * data.tau_squared, 1e-300)
         free = max(data.rows - folds.oversampling * (U.shape[1] + shown.shape[1]), 1.0)
-        variance = folds.oversampling * error / free
-        return cls(left[:, :-1], left[:, -1], banks, variance, base, pool, explained)
+        return cls(left[:, :-1], left[:, -1], banks, folds.oversampling * error / free, V)
 
     @cached_property
     def now(self) -> Array:
@@ -440,38 +436,56 @@ class _Profile:
         each = np.where(np.eye(len(u), dtype=bool), self.now, u)
         return np.array([self.loss(other) - least for other in each]) / self.variance
 
-    def errors(self, data: LeastSquares, u: Array) -> Array:
-        """(r,) what this profile's parameters at constants ln u (B,) leave of other data's torque."""
-        both = np.append(self.at(u)[2], -1.0)
-        banks = data.R[:, self.pool] @ both[:-1] - data.rho
-        return np.asarray(data.R[:, self.base] @ (self.explained @ both) - banks)
-
 
 def _confirmed(
-    profile: _Profile, found: list[ShapeEstimate], folds: Regression, weights: Array
+    profile: _Profile,
+    found: list[ShapeEstimate],
+    folds: Regression,
+    weights: Array,
+    base: NDArray[np.intp],
 ) -> list[ShapeEstimate]:
     """What was found, where folds that are left out confirm it; elsewhere as it was."""
     moved = np.array([k for k, s in enumerate(found) if s.after != s.before], int)
     count = len(folds.blocks)
     if not len(moved) or count < 2:
         return found
-    u, now, base, banks = np.log([s.after for s in found]), profile.now, profile.base, profile.banks
+    u, now = np.log([s.after for s in found]), profile.now
+    own = _products(folds, weights, base, profile)
+    rest, b = own.sum(axis=0) - own, own.shape[1] - profile.columns.shape[1] - 1
+    across = rest[:, :b, b:]
+    explained = np.linalg.pinv(rest[:, :b, :b], rcond=1e-12, hermitian=True) @ across
+    values, vectors = np.linalg.eigh(rest[:, b:, b:] - np.swapaxes(across, 1, 2) @ explained)
+    left = np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2)
     gains, changes = np.zeros((2, len(moved), count))
-    for b in range(count):
-        rest = folds.select([k for k in range(count) if k != b])
-        tested, own = folds.select([b]).least_squares(weights), _Profile.of(rest, weights, base, banks)
-        there = own.best(np.where(np.isin(np.arange(len(u)), moved), u, now), moved)
-        plain = own.errors(tested, now)
-        for m, k in enumerate(moved):
-            one = own.errors(tested, np.where(np.arange(len(u)) == k, there, now))
-            gains[m, b], changes[m, b] = plain @ plain - one @ one, np.sum((one - plain) ** 2)
+    for k, (rows, base_of, squares) in enumerate(zip(left, explained, own, strict=True)):
+        fold = replace(profile, columns=rows[:, :-1], torque=rows[:, -1])
+        there = fold.best(np.where(np.isin(np.arange(len(u)), moved), u, now), moved)
+        tried = [now, *(np.where(np.arange(len(u)) == m, there, now) for m in moved)]
+        theta = np.array([np.append(fold.at(x)[2], -1.0) for x in tried])
+        theta = np.hstack([-theta @ base_of.T, theta])
+        loss = np.einsum("tk,kl,tl->t", theta, squares, theta)
+        apart = theta[1:] - theta[0]
+        gains[:, k], changes[:, k] = loss[0] - loss[1:], np.einsum("tk,kl,tl->t", apart, squares, apart)
     out = list(found)
-    for m, k in enumerate(moved):
-        white = 4.0 * profile.variance * changes[m].sum()
-        noise = np.sqrt(max(np.sum((gains[m] - changes[m]) ** 2), white))
-        if not gains[m].sum() > stdtrit(count - 1, 0.975) * noise:
+    for row, k in enumerate(moved):
+        white = 4.0 * profile.variance * changes[row].sum()
+        noise = np.sqrt(max(np.sum((gains[row] - changes[row]) ** 2), white))
+        if not gains[row].sum() > stdtrit(count - 1, 0.975) * noise:
             out[k] = replace(out[k], after=out[k].before, std=np.inf, gain=0.0, at_end=False)
     return out
+
+
+def _products(folds: Regression, weights: Array, base: NDArray[np.intp], profile: _Profile) -> Array:
+    """(F, q, q) products of each block's rows [Y_base V, Y_banks, tau], V the profile's ``shown``."""
+    p = folds.p
+    squares = np.zeros((len(folds.blocks), p + 1, p + 1))
+    for f in folds.factors:
+        places = np.append(f.indices, p)
+        squares[f.block][np.ix_(places, places)] += weights[f.joint] ** 2 * f.triangle.T @ f.triangle
+    pool = np.concatenate([*(bank.columns.ravel() for bank in profile.banks), [p]])
+    into = np.zeros((p + 1, profile.shown.shape[1] + len(pool)))
+    into[base, : profile.shown.shape[1]], into[pool, np.arange(-len(pool), 0)] = profile.shown, 1.0
+    return np.asarray(into.T @ squares @ into)
 
 
 def alone(effect: Effect, joint: int, **shape: float) -> Effect:
