@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 import sdp_vs_penalty
-from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects import Effect, effect_types
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
 WITH_EXAMPLES = [

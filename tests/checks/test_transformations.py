@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty.checks import check
+from sdp_vs_penalty import check, load_problem
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS, Scene
-from sdp_vs_penalty.problem.load import load_problem
 
 PROBLEM = load_problem("two_link")
 RUN = replace(small_run(PROBLEM, seconds=8.0), dq=None)

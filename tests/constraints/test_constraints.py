@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters
 
+from sdp_vs_penalty import Problem
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.cones import cone_margin, project, smallest_eigenvalue
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.body import Body
 

@@ -19,14 +19,20 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_runs import small_run
 
-from sdp_vs_penalty import compare, files, load_estimate, load_measurements, load_problem
+from sdp_vs_penalty import (
+    Measurements,
+    Problem,
+    compare,
+    files,
+    identify,
+    load_estimate,
+    load_measurements,
+    load_problem,
+)
 from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError, Remark
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import load_answers
 from sdp_vs_penalty.robot.urdf import load_urdf
 

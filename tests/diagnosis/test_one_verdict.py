@@ -9,15 +9,11 @@ import numpy as np
 import pytest
 from random_robots import repeating_run as run_of
 
+from sdp_vs_penalty import Problem, compare, export, load_estimate, report
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Runs
-from sdp_vs_penalty.diagnosis.comparison import compare
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.page.summary import summary
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.reports import report
 
 #: Method, effects, and the run it is judged on; the usual effects where there are none.
 MODELS = [
@@ -85,7 +81,7 @@ def test_one_grade_everywhere(
 
 
 def test_the_grades_are_not_all_the_same(folder: Path, two_link: Problem) -> None:
-    from sdp_vs_penalty.estimation.identify import identify
+    from sdp_vs_penalty import identify
 
     train, other = (load_measurements(folder / f"{name}.csv") for name in ("train", "other"))
     good = identify(two_link, train)

@@ -22,10 +22,10 @@ from hidden_contract import (
 )
 from random_robots import link_parameters, sines
 
+from sdp_vs_penalty import InputError
 from sdp_vs_penalty.effects import effect_from_dict, effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import CurrentModel, Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sdp_vs_penalty import Problem
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.estimation.shape_constants import (
@@ -12,7 +13,6 @@ from sdp_vs_penalty.estimation.shape_constants import (
     free_constants,
     prior_deviation,
 )
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.trajectory import random_trajectory
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty import Measurements, Problem, load_problem
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -19,8 +19,6 @@ from sdp_vs_penalty.estimation.intervals import (
     coverage,
 )
 from sdp_vs_penalty.estimation.uncertainty import of_regression
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot import inertia

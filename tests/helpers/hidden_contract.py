@@ -15,11 +15,10 @@ from pathlib import Path
 import numpy as np
 from effect_contract import Array, wide_columns
 
+from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.diagnosis.sentences import size_of
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiment import experiment

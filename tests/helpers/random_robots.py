@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.problem.nominal import plausible_links
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.joint import Joint

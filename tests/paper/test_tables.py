@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
+from sdp_vs_penalty.estimators import Estimator
 from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables
@@ -31,8 +30,6 @@ from sdp_vs_penalty.paper.tables.table import (
     plain_number,
     text,
 )
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import barycentric_names
 from sdp_vs_penalty.regression.regression import LeastSquares, compress, triangular
 from sdp_vs_penalty.robot import inertia

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.signals.noise_spectrum import spectral_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.paper.tables import engine_runs
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.joint import Joint

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, task_of, tree
 
+from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.certify import certify, consistent, positive_mass_matrices
 from sdp_vs_penalty.estimators.estimator import Fit, Task
@@ -22,7 +22,6 @@ from sdp_vs_penalty.estimators.lmi_sdp import (
     interior_point,
     solve_sdp,
 )
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.solvers import clarabel

@@ -11,9 +11,9 @@ import pytest
 from scipy import sparse
 from sdp_readers import read_cbf, read_sdpa
 
+from sdp_vs_penalty import InputError
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
