@@ -28,6 +28,11 @@ class Event:
     joint: int
     at: float | None = None
 
+    def shape(self, t: Array) -> Array:
+        """(N,) of which the change is a multiple: a ramp, or a step."""
+        ramp = (t - t[0]) / max(t[-1] - t[0], 1e-300)
+        return np.asarray(ramp if self.at is None else (t > self.at) * 1.0)
+
 
 @dataclass(frozen=True)
 class Repair:
@@ -50,12 +55,14 @@ class Repair:
 
     @classmethod
     def none(cls, n: int, gravity: tuple[float, ...]) -> Repair:
+        """The repair that changes nothing of n joints under a gravity [m/s^2]."""
         same, one, zero = tuple(range(n)), (1.0,) * n, (0.0,) * n
         x, y, z = gravity
         return cls(same, one, zero, same, one, zero, zero, (x, y, z), one)
 
     @property
     def n(self) -> int:
+        """How many joints."""
         return len(self.order)
 
     def with_entry(self, name: str, joint: int, value: Any) -> Repair:

@@ -22,7 +22,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import identify, load_problem
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data import save
 
 #: Seconds and bytes that a refusal may take.
 SECONDS, MEMORY = 10, 650e6

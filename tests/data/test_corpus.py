@@ -19,7 +19,8 @@ from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, Problem, check, identify
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.data.files import load_measurements
 
 CORPUS = Path(__file__).parent / "corpus"
 FILES = sorted(CORPUS.iterdir())

@@ -18,9 +18,9 @@ from small_runs import small_run, write_bag
 
 from sdp_vs_penalty import InputError, Measurements, load_estimate, load_problem
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.data.files import load_measurements, read_run, save
+from sdp_vs_penalty.data import columns_of, read_run, save
+from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.formats import suffixes
-from sdp_vs_penalty.data.formats.columns import columns_of
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.exporters.sdp import write_posed
 

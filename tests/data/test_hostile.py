@@ -15,10 +15,12 @@ from scipy.io import savemat
 from small_runs import small_run, write_bag
 
 from sdp_vs_penalty import InputError, Measurements, Problem, check, load_problem
-from sdp_vs_penalty.data.files import load_measurements, read_run, save
+from sdp_vs_penalty.data import read_run, save
+from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.files import inputs
 from sdp_vs_penalty.page.uploads import too_large
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
+from sdp_vs_penalty.signals import Preprocessing
+from sdp_vs_penalty.signals.preprocessing import RunFilter
 from sdp_vs_penalty.signals.runs import sample_rate, stretches
 
 
@@ -31,7 +33,7 @@ def test_burst_stamps_make_no_grid_finer_than_ten_points_a_sample(two_link: Prob
     run = bursts(small_run(two_link, seconds=20.0))
     assert sum(part.count for part in stretches(run)) <= 20 * len(run.t)
     (report,) = check(two_link, run)
-    assert "burst stamps" in [f.kind for f in report.problems]
+    assert "jittered time stamps" in [f.kind for f in report.problems]
     assert np.ptp(np.diff(report.mended.t)) < 0.1 * np.median(np.diff(report.mended.t))
 
 

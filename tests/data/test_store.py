@@ -13,8 +13,8 @@ import pytest
 from small_runs import small_run, write_bag
 
 from sdp_vs_penalty import InputError, Measurements, check, compare, identify, load_problem
-from sdp_vs_penalty.data import store
-from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data import save, store
+from sdp_vs_penalty.data.files import load_measurements
 
 
 @pytest.fixture

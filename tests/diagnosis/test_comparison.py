@@ -9,9 +9,10 @@ import pytest
 from random_robots import repeating_run as run_of
 
 from sdp_vs_penalty import Estimate, InputError, Problem, identify
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
+from sdp_vs_penalty.signals import Preprocessing, filtered_torque
 
 FIELDS = {
     "judged_on",

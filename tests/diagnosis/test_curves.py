@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import Estimate, add, compare, diagnose, identify, load_problem
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.diagnosis.curves.laws import dictionary
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.effects import effect_from_dict, parse_effects
+from sdp_vs_penalty.effects import Motion, effect_from_dict, parse_effects
 from sdp_vs_penalty.effects.curve_variable import Variable
-from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.simulation.worlds.conditions import Conditions

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import Estimate, InputError, Problem, add, diagnose, identify, load_estimate
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis import Diagnosis, diagnosis_rows
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.signals.noise import noise_of
-from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
+from sdp_vs_penalty.signals import noise_of
+from sdp_vs_penalty.simulation import HiddenRuns
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.simulation.worlds.hidden import at_joint
 
 

@@ -11,7 +11,8 @@ from random_robots import repeating_run as run_of
 
 from sdp_vs_penalty import Problem, compare, export, load_estimate, report
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.page.summary import summary
 

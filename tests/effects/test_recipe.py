@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 import sdp_vs_penalty.effects as folder
 from sdp_vs_penalty import Problem, add, compare, diagnose, identify, load_estimate
 from sdp_vs_penalty.cli.verbs.list import details
-from sdp_vs_penalty.data.measurements import concatenate
+from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import effect_types, parse_effects
-from sdp_vs_penalty.simulation.hidden_runs import MAKERS, hidden_runs
+from sdp_vs_penalty.simulation import MAKERS
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.simulation.worlds.conditions import log_uniform
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion

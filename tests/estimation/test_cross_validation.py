@@ -10,7 +10,7 @@ import pytest
 from random_robots import sines
 
 from sdp_vs_penalty import InputError, Measurements, Problem, cross_validate
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals import Preprocessing
 
 
 def run_of(problem: Problem, seconds: float = 24.0, noise: float = 0.02, seed: int = 1) -> Measurements:

@@ -12,9 +12,8 @@ from random_arms import SCARA_FRICTION, SCARA_NOISE, run_of, scara
 from sdp_vs_penalty import InputError, Problem, export, identify, load_estimate, load_problem
 from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.estimation.determined import data_share
-from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.regression.regression import LeastSquares, compress
+from sdp_vs_penalty.estimators import Task, make_task
+from sdp_vs_penalty.regression import LeastSquares, compress
 
 
 @pytest.fixture(scope="module")

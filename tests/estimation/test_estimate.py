@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
 from sdp_vs_penalty import Estimate, Measurements, Problem, compare, identify, load_estimate
-from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects import Motion, effect_types
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY
 
 seeds = st.integers(0, 2**32 - 1)

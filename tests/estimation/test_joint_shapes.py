@@ -8,9 +8,10 @@ from random_robots import sines
 
 from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.estimation import free_constants, prior_deviation
 from sdp_vs_penalty.estimation.joint_shapes import settled
-from sdp_vs_penalty.estimation.shape_constants import free_constants, prior_deviation, with_sensitivities
-from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
+from sdp_vs_penalty.regression import compress
 
 RIGID = "rigid_body,viscous_friction,torque_offset"
 WANTED = [

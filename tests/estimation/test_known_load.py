@@ -18,11 +18,10 @@ from sdp_vs_penalty import (
     load_problem,
 )
 from sdp_vs_penalty.cli import main as cli
+from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.datasets import _ur10e_runs
-from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.estimation.known_load import parsed_known_load
-from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.trajectory import random_trajectory
+from sdp_vs_penalty.robot import inertia, random_trajectory
 
 ARM = Path(__file__).parents[2] / "docs" / "my_arm.urdf"
 GAIN = np.array([0.92, 1.07, 0.9])

@@ -24,7 +24,7 @@ from sdp_vs_penalty import (
     load_estimate,
 )
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals import Preprocessing
 
 URDF = """<robot name="slide"><link name="base"/><link name="cart"><inertial><mass value="2"/>
 <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>

@@ -12,7 +12,7 @@ from random_robots import sines
 from sdp_vs_penalty import Estimate, Measurements, Problem, compare, identify
 from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.effects.effect import Sampling, smooth_sign
-from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem import as_problem
 
 #: Truth, in the units of each joint; the third axis slides.
 WIDTHS = (0.02, 0.003, 0.001, 0.008)

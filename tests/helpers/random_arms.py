@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from random_robots import link_parameters, sines
 
 from sdp_vs_penalty import Measurements, Problem
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import Measurements, Problem
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.effects import Motion
 
 
 def small_run(

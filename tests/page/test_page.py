@@ -28,7 +28,7 @@ from page_driver import (
 )
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
-from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.robot import load_urdf
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext

@@ -25,9 +25,8 @@ from starlette.requests import ClientDisconnect
 from sdp_vs_penalty import InputError, Problem, cross_validate, follow, load_estimate
 from sdp_vs_penalty.checks.urdf import check_urdf
 from sdp_vs_penalty.cli.verbs import identify as identify_verb
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.diagnosis.findings import load_diagnosis
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.diagnosis import Curve, load_diagnosis
 from sdp_vs_penalty.page import sessions as sessions_module
 from sdp_vs_penalty.page import uploads, worker
 from sdp_vs_penalty.page.auth_middleware import guarded
@@ -52,7 +51,8 @@ from sdp_vs_penalty.reports.plots import (
     styled,
     torque_figure,
 )
-from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
+from sdp_vs_penalty.simulation import HiddenRuns
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 #: A job of seconds.
 LONG = {

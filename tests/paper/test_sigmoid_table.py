@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import InputError, Problem
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.paper.sigmoid_friction import (
     SigmoidLinearised,
     exact_rows,
     fit_sigmoid,
 )
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.simulation.experiment import Experiment, experiment
-from sdp_vs_penalty.simulation.simulate import sigmoid_friction
+from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.simulation import Experiment, experiment, sigmoid_friction
 
 
 @pytest.fixture(scope="module")

@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
-from sdp_vs_penalty.estimators import Estimator
+from sdp_vs_penalty.estimators import Estimator, PenaltyPaper
 from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
-from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables
 from sdp_vs_penalty.paper.tables import study as study_module
 from sdp_vs_penalty.paper.tables.data import training_windows
@@ -31,7 +30,7 @@ from sdp_vs_penalty.paper.tables.table import (
     text,
 )
 from sdp_vs_penalty.problem.published import barycentric_names
-from sdp_vs_penalty.regression.regression import LeastSquares, compress, triangular
+from sdp_vs_penalty.regression import LeastSquares, compress, triangular
 from sdp_vs_penalty.robot import inertia
 
 

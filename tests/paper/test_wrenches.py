@@ -15,7 +15,7 @@ from sdp_vs_penalty.paper.wrenches import (
     joint_wrenches,
     wrench_intervals,
 )
-from sdp_vs_penalty.problem.published import published_links
+from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot._pinocchio import pin

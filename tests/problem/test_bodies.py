@@ -15,11 +15,11 @@ from random_robots import link_parameters, tree
 
 from sdp_vs_penalty import Problem, add, identify, load_estimate, load_problem
 from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.problem.bodies import link_bodies
-from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
-from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.body import Body, around
+from sdp_vs_penalty.robot import Body, inertia
+from sdp_vs_penalty.robot.body import around
 
 seeds = st.integers(0, 2**32 - 1)
 

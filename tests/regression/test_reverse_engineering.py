@@ -11,16 +11,15 @@ from hypothesis import strategies as st
 
 from sdp_vs_penalty import InputError, Problem, identify, load_estimate, load_problem
 from sdp_vs_penalty.cli.main import main
+from sdp_vs_penalty.regression import BlackBox, load_answers
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import (
-    BlackBox,
     compress_black_box,
     is_black_box,
-    load_answers,
     load_black_box,
     load_configurations,
 )
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 
 
 def answers(problem: Problem, count: int, seed: int = 0) -> BlackBox:

@@ -19,13 +19,12 @@ import pytest
 
 from sdp_vs_penalty import Estimate, Measurements, Problem, follow, identify, report
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.reports.parameters import ellipsoid
 from sdp_vs_penalty.reports.plots import correlation
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 
 pytest.importorskip("plotly")
 

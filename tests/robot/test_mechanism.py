@@ -11,13 +11,11 @@ import pytest
 from random_robots import link_parameters
 
 from sdp_vs_penalty import InputError, Measurements, identify, load_problem
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.exporters.content import Content
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.exporters.urdf import edit_urdf, make_urdf
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.trajectory import random_trajectory
-from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.robot import Robot, load_urdf, random_trajectory
 
 #: A lift, a parallelogram whose loop is cut, and a gripper whose second finger mimics the first: one
 #: follower is a follower's, one slides where its leader turns, one link says that it has no mass.

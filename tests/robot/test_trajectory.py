@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sdp_vs_penalty import InputError, Problem, load_problem
-from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, random_trajectory
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.robot import FourierTrajectory, joint_limits, random_trajectory
+from sdp_vs_penalty.simulation import experiment
 
 
 @pytest.fixture(scope="module")

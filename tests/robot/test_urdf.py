@@ -9,9 +9,8 @@ import pytest
 from random_robots import sines
 
 from sdp_vs_penalty import InputError, Measurements, identify, load_problem
-from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot import inertia, load_urdf
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.robot.urdf import load_urdf
 
 
 def inertial(mass: float, xyz: str, rpy: str, six: str) -> str:

@@ -11,8 +11,8 @@ import pytest
 from scipy import sparse
 
 from sdp_vs_penalty import Problem
-from sdp_vs_penalty.effects import parse_effects
-from sdp_vs_penalty.effects.effect import Block, Motion
+from sdp_vs_penalty.effects import Motion, parse_effects
+from sdp_vs_penalty.effects.effect import Block
 from sdp_vs_penalty.signals.columns import Columns
 
 

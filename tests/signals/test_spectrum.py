@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty import Measurements
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals import Preprocessing
 
 NOISE = 3e-6
 
