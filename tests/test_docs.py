@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -54,7 +52,7 @@ def sentences(text: str) -> list[str]:
 
 
 #: Pages whose longest sentences still wait for their authors: measured figures, a sentence a finding.
-LONG = {"benchmarks.md", "concepts.md", "performance.md", "proof.md", "security.md"}
+LONG = {"benchmarks.md", "concepts.md", "performance.md", "proof.md"}
 
 
 @pytest.mark.parametrize("page", ["../README.md", *(p.name for p in PAGES if p.name not in LONG)])
@@ -116,7 +114,7 @@ def test_every_command_parses_and_every_link_leads_somewhere(page: str) -> None:
     text = (DOCS / page).read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)\)", text):
         assert (DOCS / target).resolve().is_file(), f"{page}: {target}"
-    assert max(map(len, re.sub(r"```.*?```", "", text, flags=re.DOTALL).splitlines())) <= 125
+    assert max(map(len, re.sub(r"```.*?```|<!--.*?-->", "", text, flags=re.DOTALL).splitlines())) <= 125
 
 
 def test_every_page_is_in_the_index_and_the_index_in_the_readme() -> None:
@@ -132,15 +130,6 @@ def test_every_public_name_is_in_the_reference() -> None:
     lines = [f"::: {x.__module__}.{name}" for name, x in public.items() if callable(x)]
     left = set(lines) - set(reference.splitlines())
     assert not left, f"docs/api.md has no line {left}"
-
-
-def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
-    if importlib.util.find_spec("mkdocs") is None:
-        pytest.skip("the site needs the extra [docs]")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(tmp_path)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "identify" in (tmp_path / "api" / "index.html").read_text(encoding="utf-8")
 
 
 def test_how_to(

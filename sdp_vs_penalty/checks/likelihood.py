@@ -145,6 +145,7 @@ class Likelihood:
         return Motion(m.t[0] + repair.rate * (m.t - m.t[0]), repair.positions(m.q), dq, ddq)
 
     def rows(self, repair: Repair) -> Rows:
+        """What depends on the motion alone, worked out once for repairs of the torque."""
         key = repair.motion_key, repair.events, repair.reversed
         if key not in self._rows:
             basis, drag, spin = self._own(repair)
@@ -255,6 +256,7 @@ class Likelihood:
         return [out[i] for i in range(len(repairs))]
 
     def score(self, repair: Repair) -> Score:
+        """One arm fitted to one repair."""
         return self.scores([repair])[0]
 
     def left_out(self, repair: Repair) -> Array:
