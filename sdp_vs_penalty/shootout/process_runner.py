@@ -27,12 +27,12 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.parallel import kill
 from sdp_vs_penalty.shootout.contestants import Contestant, contestants
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import instance
 from sdp_vs_penalty.shootout.judge import Answer, Judgement, judge, no_answer
 from sdp_vs_penalty.shootout.reference import Reference, reference
-from sdp_vs_penalty.shootout.watched import kill
 
 #: Seconds that the proof of a reference may take.
 REFERENCE_LIMIT = 900.0
