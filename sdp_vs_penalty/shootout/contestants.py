@@ -69,8 +69,6 @@ def contestants() -> dict[str, Contestant]:
     found = [_shipped(), *_baselines()]
     for name, module in solver_modules().items():
         found += [_conic(name, module), _certified(name, module)]
-        if hasattr(module, "DEFAULT_ACCURACY"):
-            found.append(_untuned(name, module))
         found += [_variant(name, module, variant) for variant in getattr(module, "VARIANTS", ())]
     return {c.name: c for c in sorted(found, key=lambda c: c.name)}
 
@@ -98,7 +96,7 @@ def _shipped() -> Contestant:
 
 
 def _conic(name: str, module: ModuleType, *variant: str) -> Contestant:
-    def solve(instance: Instance, accuracy: float | None) -> Answer:
+    def solve(instance: Instance, accuracy: float) -> Answer:
         sdp = instance.sdp
         solution = module.solve(sdp.conic, accuracy, *variant)
         seen, x, z = solution.seen or (sdp.conic, solution.x, solution.z)
@@ -123,19 +121,6 @@ def _conic(name: str, module: ModuleType, *variant: str) -> Contestant:
         module.options,
         entropy="exp" in module.CONES,
         warm_up=lambda: warm_up(module),
-    )
-
-
-def _untuned(name: str, module: ModuleType) -> Contestant:
-    """The solver told nothing: its own tolerances, which its documentation calls sensible."""
-    told = _conic(name, module)
-    return replace(
-        told,
-        name=f"{name} untuned",
-        description=f"{name} with its own default settings",
-        solve=lambda instance, accuracy: told.solve(instance, None),  # type: ignore[arg-type]
-        options=None,
-        promise=module.DEFAULT_ACCURACY,
     )
 
 
