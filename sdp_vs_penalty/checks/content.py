@@ -154,9 +154,8 @@ def _frozen(scene: Scene, glance: Glance) -> Iterator[Issue]:
         if left > _HELD:
             yield Issue(
                 "frozen position", "error", f"q{j + 1}",
-                f"q{j + 1} is {run.q[0, j]:g} in every row, yet {100.0 * left:.0f} % of that joint's "
-                f"torque "
-                "is not that of a joint at rest: the position channel is frozen.",
+                f"q{j + 1} is {run.q[0, j]:g} in every row, yet {100.0 * left:.0f} % of that "
+                f"joint's torque is not that of a joint at rest: the position channel is frozen.",
                 "likely: the torque of a joint that is held follows from the motion of the others",
                 "record again with that channel; leave the run out until then", None,
                 {"joints": [j + 1], "unexplained": left},

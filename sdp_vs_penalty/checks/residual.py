@@ -89,9 +89,8 @@ def _event(scene: Scene, score: Score) -> Iterator[Issue]:
             yield Issue(
                 "one-off event", "warning", f"t = {at:.3g} s, {joints_text([j])}",
                 f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error "
-                f"there "
-                f"is {error[k]:.3g} {unit} in joint {j + 1}, over {EVENT:g} times that at any other "
-                "moment.",
+                f"there is {error[k]:.3g} {unit} in joint {j + 1}, over {EVENT:g} times that at "
+                f"any other moment.",
                 "likely: an effect of the arm itself would recur", f"exclude {_WIDTH:g} s around it",
                 partial(_cut, at=at), {"t": at, "joints": [j + 1]},
             )  # fmt: skip

@@ -20,6 +20,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 
 _SURE = "likely: judged by size alone"
+_RIGHT = "if the torques are right, correct the problem's masses"
 _CONVERT = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
 
 
@@ -76,8 +77,7 @@ def _common(
         yield Issue(
             "masses of the problem", "error", "the problem",
             f"the torques are {size}, yet they reach {100.0 * over:.0f} % of the joints' effort "
-            f"limits, as "
-            "torques do: the problem's masses are wrong.", _SURE,
+            f"limits, as torques do: the problem's masses are wrong.", _SURE,
             "correct total_mass in problem.toml (the inertials of a URDF)", None, figures,
         )  # fmt: skip
     elif large or (far and scale is None):
@@ -89,18 +89,16 @@ def _common(
         how = f"they are in {name}" if factor else "their unit is not N m"
         yield Issue(
             "torque unit", "error", "all torque channels", f"the torques are too large, {told}: {how}.",
-            _SURE, f"multiply by {factor:g}" if factor else _CONVERT,
+            _SURE, f"multiply by {factor:g}" if factor else f"{_CONVERT}; {_RIGHT}",
             None if factor is None else lambda r: replace(r, tau=r.tau * factor), figures,
         )  # fmt: skip
     elif small:
         yield Issue(
             "torque channel kind", "warning", "all torque channels",
             f"the torques are {size}: they are motor currents, or torques on the motor side of the "
-            f"gear. A "
-            "model of them is unscaled: its ratios are right, its kilograms are not.", _SURE,
-            "multiply each channel by its drive gain (N m per A, gear ratio included); if the "
-            "torques are "
-            "right, correct the problem's masses", None, figures,
+            "gear. A model of them is unscaled: its ratios are right, its kilograms are not.", _SURE,
+            f"multiply each channel by its drive gain (N m per A, gear ratio included); {_RIGHT}",
+            None, figures,
         )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.reports.pictures import shades
 from sdp_vs_penalty.reports.plots import (
     COLOURS,
@@ -64,20 +66,17 @@ def torque_chart(
 
 def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
     """Positions, velocities and torques of all joints on one time axis."""
-    from plotly.graph_objects import Scatter
-    from plotly.subplots import make_subplots
-
-    plot = make_subplots(3, 1, shared_xaxes=True, vertical_spacing=0.04)
+    plot = Figure(rows=3, gap=0.04)
     t = read["t"] - read["t"][0]
-    for row, name in enumerate(("q", "dq", "torque"), start=1):
+    for row, name in enumerate(("q", "dq", "torque")):
         for j in range(len(units)):
             line = {"color": COLOURS[j % len(COLOURS)], "width": 1.2}
-            named = {"name": f"joint {j + 1}", "legendgroup": f"{j}", "showlegend": row == 1}
-            plot.add_trace(Scatter(x=t, y=read[name][:, j], line=line, **named), row=row, col=1)
+            named = {"name": f"joint {j + 1}", "legendgroup": f"{j}", "showlegend": row == 0}
+            plot.add(trace("scatter", x=t, y=read[name][:, j], line=line, **named), row)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
-    for row, said in enumerate((f"q [{kinds}]", f"dq [{kinds}/s]", "tau"), start=1):
-        plot.update_yaxes(title_text=said, row=row, col=1)
-    plot.update_xaxes(title_text="time [s]", row=3, col=1)
+    for row, said in enumerate((f"q [{kinds}]", f"dq [{kinds}/s]", "tau")):
+        plot.update_axes("y", row, title=said)
+    plot.update_axes("x", 2, title="time [s]")
     return _ready(styled(plot, 460))
 
 
@@ -132,11 +131,14 @@ def history_chart(
     if len(known) == len(units):
         over = [[e / f for e, f in zip(errors, known, strict=True)] for errors in rmse]
         plot = history_figure(numbers, over, [""] * len(units))
-        plot.update_yaxes(title_text="RMS error / noise floor").add_hline(1.0, line_dash="dot")
+        plot.update_axes("y", title="RMS error / noise floor")
+        across = {"type": "line", "xref": "x domain", "x0": 0, "x1": 1, "y0": 1.0, "y1": 1.0}
+        plot.update_layout(shapes=[{**across, "line": {"dash": "dot"}}])
     else:
         plot = history_figure(numbers, rmse, units)
-    plot.update_traces(line_shape="hvh")
-    plot.update_xaxes(title_text="model", type="category")
+    for made in plot.data:
+        made["line"]["shape"] = "hvh"
+    plot.update_axes("x", title="model", type="category")
     return _ready(styled(plot, 360))
 
 
@@ -250,18 +252,14 @@ def _short(values: ArrayLike) -> list[float]:
     return (np.round(x * scale) / scale).tolist()
 
 
-def _ready(plot: Any) -> dict[str, Any]:
+def _ready(plot: Figure) -> dict[str, Any]:
     """Plain lists; to be zoomed in time only."""
     plot.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
-    plot.update_yaxes(fixedrange=True)
-    data = plot.to_dict()
-    for trace, made in zip(data["data"], plot.data, strict=True):
-        for axis in ("x", "y"):
+    plot.update_axes("y", fixedrange=True)
+    for made in plot.data:
+        for axis in {"x", "y"} & made.keys():
             values = made[axis]
-            if values is None:  # a histogram's
-                continue
             words = len(values) > 0 and isinstance(values[0], str)
-            trace[axis] = list(values) if words else _short(values)
-    data["layout"].pop("template", None)
-    data["config"] = {"displayModeBar": False, "responsive": True}
-    return data
+            made[axis] = list(values) if words else _short(values)
+    data: dict[str, Any] = json.loads(plot.to_json())
+    return {**data, "config": {"displayModeBar": False, "responsive": True}}

@@ -895,7 +895,7 @@ def test_charts_that_are_filled_are_the_figures_of_the_report() -> None:
     before = {**read, "modelled": two}
     lefts = [tau[:, 1] - modelled[:, 1] for modelled in (one, two)]
     residual = residual_figure(q[:, 1], lefts[0], dq[:, 1], floor, lefts[1])
-    residual.update_xaxes(title_text="position").update_yaxes(title_text="error of joint 2 [N m]")
+    residual.update_axes("x", title="position").update_axes("y", title="error of joint 2 [N m]")
     curve = {"velocity": t, "torque": q[:, 0], "half": np.abs(dq[:, 0])}
     for made, plot, height in (
         (torque_chart(run, 1, units), torque_figure([run], 1, units[1], beside=False), 420),
@@ -905,13 +905,11 @@ def test_charts_that_are_filled_are_the_figures_of_the_report() -> None:
         asked = styled(plot, height)
         drag = "select" if plot is residual else "zoom"
         asked.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode=drag)
-        expected = asked.update_yaxes(fixedrange=True).to_dict()
-        expected["layout"].pop("template", None)
+        expected = json.loads(asked.update_axes("y", fixedrange=True).to_json())
         assert made["layout"] == expected["layout"]
         for trace, drawn in zip(made["data"], plot.data, strict=True):
             for axis in ("x", "y"):
                 np.testing.assert_allclose(trace.pop(axis), drawn[axis], rtol=1e-5)
-            drawn = drawn.to_plotly_json()
             trace.pop("customdata", None)
             assert trace == {k: v for k, v in drawn.items() if k not in ("x", "y")}
     # A stretch of the time that is looked at is what the scatter shows; either axis shows any signal.

@@ -42,9 +42,9 @@ class Clock(Transformation):
         odd = 0.0 if min(abs(factor - x) for x in _ROUND) < 1e-9 else ODD_NUMBER
         yield Element(
             "clock rate", "error", (),
-            f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the torques "
-            f"does "
-            "not fit the weight.", f"multiply t by {factor:.3g} (find out the log's true rate)",
+            f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
+            "torques does not fit the weight.",
+            f"multiply t by {factor:.3g} (find out the log's true rate)",
             replace(repair, rate=1.0), ODDS + odd + _FAR * abs(size),
             Number(
                 size, lambda v: replace(repair, rate=float(np.exp(v))), _KNOWN, 0.4,
