@@ -55,8 +55,9 @@ class Contestant:
     def told(self, accuracy: float) -> str:
         """What it is told, in its documentation's names."""
         if self.options is None:
-            return "nothing: its own defaults"
-        return ", ".join(f"{key} {value}" for key, value in self.options(accuracy).items())
+            return ""
+        told = self.options(accuracy).items()
+        return ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in told)
 
     def refuses(self, instance: Instance) -> str | None:
         """Why an instance cannot be posed to it, or None."""
