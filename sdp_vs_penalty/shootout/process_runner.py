@@ -51,7 +51,7 @@ def main() -> None:
     os.dup2(silence, 2)
     threading.Thread(target=_end_with_asker, args=(sys.stdin.fileno(),), daemon=True).start()
     everyone, warm = contestants(), set()
-    for line in _lines(sys.stdin.fileno()):
+    for line in sys.stdin:
         request = json.loads(line)
         try:
             if request["do"] == "reference":
@@ -83,19 +83,6 @@ def _kill(child: Any) -> None:
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(child.pid, signal.SIGKILL)
     child.kill()
-
-
-def _lines(handle: int) -> Any:
-    """Lines of a file descriptor without reading ahead, so that whoever waits sees what is there."""
-    buffer = b""
-    while True:
-        chunk = os.read(handle, 65536)
-        if not chunk:
-            return
-        buffer += chunk
-        while b"\n" in buffer:
-            line, buffer = buffer.split(b"\n", 1)
-            yield line
 
 
 def _checked(request: dict[str, Any]) -> Instance:
