@@ -78,11 +78,17 @@ def servo(result: Estimate, told: dict[str, Any]) -> None:
     say(f"scale: {told['scale']}")
     model, std = result.model, result.standard_deviations
     rows = [
-        [p.name, f"{x:.4g}", "given" if p.name in model.known else f"{1.96 * s:.2g}", plain_unit(p.unit)]
+        [p.name, f"{x:.4g}", _spread(p.name in model.known, x, s), plain_unit(p.unit)]
         for p, x, s, drive in zip(model.parameters, result.theta, std, model.drives, strict=True)
         if drive
     ]
     table("Gains; kd holds viscous friction too", ["gain", "value", "+-", "unit"], rows)
+
+
+def _spread(given: bool, value: float, std: float) -> str:
+    """Half a gain's interval; where that holds zero, no motion of this log tells it."""
+    told = 1.96 * std < abs(value)
+    return "given" if given else f"{1.96 * std:.2g}" if told else "not determined"
 
 
 def verdict(said: Verdict, name: str = "") -> None:
@@ -245,7 +251,7 @@ def diagnosis(
     for curve in result.curves:
         explain(f"curve: {curve.sentence(units)}")
     beyond = np.sqrt(np.maximum(result.unexplained, 0.0)) * result.noise_floor
-    known = result.noise_source != "residual"
+    known = result.noise_known
     left = ", ".join(f"{x:.2g} {plain_unit(u)}" for x, u in zip(beyond, units, strict=True))
     say(f"error left beyond the noise, per joint: {left if known else 'not known'}")
     lines = event_lines(result.events, verbose)
@@ -279,7 +285,7 @@ def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding])
     title = f"Held-out RMSE [{kinds}] of each joint below {number(result.band_hz)} Hz"
     errors = [result.held_out_rmse_before, result.effects[0].held_out_rmse_before][: 1 + retuned]
     errors += [f.held_out_rmse_after for f in shown]
-    noise = "noise?" if result.noise_source == "residual" else "noise"
+    noise = "noise" if result.noise_known else "noise?"
     names = ["model", "retuned"][: 1 + retuned]
     weak = (" weak" if f.confidence == "weak" else "" for f in shown)
     names += [*(f"+ {k}.{mark}" for k, mark in enumerate(weak, start=1)), noise]

@@ -6,7 +6,7 @@ from functools import partial
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN, event_lines
+from sdp_vs_penalty.diagnosis.show import event_lines
 from sdp_vs_penalty.page.charts import missing_chart
 from sdp_vs_penalty.page.controls import button, chart, check, details, draw_form, note, tag, text_field
 from sdp_vs_penalty.page.part import Verdict, after_model
@@ -85,7 +85,7 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
             if finding.joints
             else min(range(len(before)), key=lambda j: after[j] / before[j] if before[j] else 1.0)
         )
-        known = found.noise_source == "repetition"
+        known = found.noise_known
         _fall(before[joint], after[joint], found.noise_floor[joint], known, joint, units[joint])
         if added:
             tag("p", "Added to the model.", "chosen")
@@ -168,7 +168,7 @@ def _rest(found: Diagnosis) -> None:
     for remark in found.remarks:
         note(remark)
     share = ", ".join(f"{k}: {100 * max(x, 0.0):.0f} %" for k, x in enumerate(found.unexplained, 1))
-    share = share if found.noise_source == "repetition" else "not known"
+    share = share if found.noise_known else "not known"
     note(f"Unexplained variance / noise variance, per joint: {share}.")
     if found.invisible:
         with details("Not identifiable from these runs", "invisible"):
@@ -189,9 +189,7 @@ def _verdict(session: Session) -> Verdict | None:
         return Verdict("", f"{show.count(left, 'missing effect')} can be added.")
     if found.effects:
         return Verdict("", "All that was found is added.")
-    if found.noise_source != "repetition":
-        return Verdict("", f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}")
-    return Verdict("", "Nothing is missing that these measurements could show.")
+    return Verdict("", found.headline)
 
 
 FINDINGS = after_model(
