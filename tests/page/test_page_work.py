@@ -35,7 +35,7 @@ from sdp_vs_penalty.page import uploads, worker
 from sdp_vs_penalty.page.auth_middleware import guarded
 from sdp_vs_penalty.page.charts import (
     asked_span,
-    correlation_chart,
+    data_chart,
     friction_chart,
     missing_chart,
     residual_chart,
@@ -353,6 +353,9 @@ def test_a_run_is_repaired_where_it_is_certain(
         await finish(s, s.read_arrived)
         (before,) = s.runs
         assert [f["kind"] for f in before["findings"] if f["mends"]] == ["spikes"]
+        drawn = data_chart(s.arrays(str(s.folder / before["view"]), 0), ["N m", "N m"])
+        (crosses,) = (d for d in drawn["data"] if d["name"] == "joint 2, repaired")
+        assert crosses["x"] == pytest.approx((run.t[[500, 900, 1300]] - run.t[0]).tolist(), rel=1e-4)
         await finish(s, lambda: s.mend(before["file"]))
         return s
 
@@ -874,12 +877,11 @@ def test_charts_that_are_filled_are_the_figures_of_the_report() -> None:
     curve = {"velocity": t, "torque": q[:, 0], "half": np.abs(dq[:, 0])}
     for made, plot, height in (
         (torque_chart(run, 1, units), torque_figure([run], 1, units[1], beside=False), 420),
-        (residual_chart([before, read], 1, "q", "error", "N m", floor), residual, 320),
+        (residual_chart([before, read], 1, "q", "N m", floor), residual, 320),
         (friction_chart(curve, 1, "N m"), friction_figure(**curve, joint=1, unit="N m"), 300),
     ):
         asked = styled(plot, height)
-        drag = "select" if plot is residual else "zoom"
-        asked.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode=drag)
+        asked.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
         expected = asked.update_yaxes(fixedrange=True).to_dict()
         expected["layout"].pop("template", None)
         assert made["layout"] == expected["layout"]
@@ -887,33 +889,10 @@ def test_charts_that_are_filled_are_the_figures_of_the_report() -> None:
             for axis in ("x", "y"):
                 np.testing.assert_allclose(trace.pop(axis), drawn[axis], rtol=1e-5)
             drawn = drawn.to_plotly_json()
-            trace.pop("customdata", None)
             assert trace == {k: v for k, v in drawn.items() if k not in ("x", "y")}
-    # A stretch of the time that is looked at is what the scatter shows; either axis shows any signal.
-    part = residual_chart([read], 1, "t", "dq", "N m", floor, (1.0, 1.5))
+    # A stretch of the time that is looked at is what the scatter shows.
+    part = residual_chart([read], 1, "t", "N m", floor, (1.0, 1.5))
     np.testing.assert_allclose(part["data"][0]["x"], t[100:150], rtol=1e-5)
-    np.testing.assert_allclose(part["data"][0]["y"], dq[100:150, 1], rtol=1e-5)
-    assert "shapes" not in part["layout"]  # the noise's band is the error's
-    # Points carry their instants; those that are selected are ringed in the time chart.
-    np.testing.assert_allclose(part["data"][0]["customdata"], t[100:150], rtol=1e-5)
-    ring = torque_chart(run, 1, units, marked=(1.2, 2.0))["data"][-1]
-    np.testing.assert_allclose(ring["y"], tau[[120, 200], 1] - two[[120, 200], 1], rtol=1e-5)
-
-
-def test_correlations_of_two_models_are_drawn_with_their_band() -> None:
-    rng = np.random.default_rng(0)
-    t, (tau, dq) = np.arange(400) / 100.0, rng.normal(size=(2, 400, 2))
-    wave = np.sin(40.0 * t)[:, None] * np.ones(2)
-    reads = [{"t": t, "dq": dq, "torque": tau, "modelled": tau - x} for x in (wave, dq)]
-    made = correlation_chart(reads, 1)
-    assert [d["name"].partition(": ")[2] for d in made["data"]] == [
-        "with itself",
-        "with the velocity",
-    ] * 2
-    assert made["layout"]["shapes"][0]["y1"] == pytest.approx(1.96 / np.sqrt(200))
-    first, last = made["data"][0]["y"], made["data"][3]["y"]
-    assert (first[0], last[0]) == pytest.approx((1.0, 1.0))
-    assert max(map(abs, first[1:])) > 0.8 > 0.3 > max(map(abs, last[1:]))
 
 
 def test_measured_curves_are_drawn_where_the_recording_lies() -> None:
