@@ -1,7 +1,7 @@
 """The same work on this machine (joblib) or on a Dask cluster: a function, and items with names in them.
 
-Items travel, data do not: a task names a file or an instance and returns something small, such as the
-triangular factors of a whole recording.
+An item is a run or an instance; what comes back is small, such as the triangular factors of a whole
+recording.
 """
 
 from __future__ import annotations

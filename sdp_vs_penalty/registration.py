@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 from collections.abc import Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
@@ -29,8 +30,8 @@ def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
     return by_word(
         (value.name, value)
         for home in modules(package, path)
-        for value in vars(home).values()
-        if isinstance(value, type) and issubclass(value, base) and hasattr(value, "name")
+        for _, value in inspect.getmembers(home, inspect.isclass)
+        if issubclass(value, base) and hasattr(value, "name")
     )
 
 

@@ -8,14 +8,12 @@ import threading
 import time
 from pathlib import Path
 
-import cloudpickle
 import numpy as np
 import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.paper.tables.study import Study
@@ -30,26 +28,6 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Measurements:
     for seed in range(4):
         save(small_run(load_problem("two_link"), 8.0, seed), folder / f"run{seed}.csv")
     return load_measurements(folder)
-
-
-def test_a_run_travels_as_the_name_of_its_file(runs: Measurements) -> None:
-    one = runs.runs()[2].window(2.0, 5.0).runs()[0]
-    packed = cloudpickle.dumps(one.sent)
-    assert len(packed) < 1000 < one.q.nbytes
-    again = cloudpickle.loads(packed)()
-    assert again.names == one.names
-    assert again.data_hash == one.data_hash
-    changed = cloudpickle.loads(cloudpickle.dumps(Measurements(one.t, -one.q, one.tau).sent))()
-    np.testing.assert_array_equal(changed.q, -one.q)
-
-
-def test_a_file_that_changed_is_not_read_again(tmp_path: Path) -> None:
-    path = tmp_path / "run.csv"
-    save(small_run(load_problem("two_link")), path)
-    packed = cloudpickle.dumps(load_measurements(path).sent)
-    path.write_text(path.read_text().rsplit("\n", 2)[0] + "\n")
-    with pytest.raises(InputError, match="has changed since"):
-        cloudpickle.loads(packed)()
 
 
 def test_processes_give_the_same_and_a_killed_one_is_replaced(

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.formats import bag, csv, format_of, panda_folder, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice
-from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, Origin, concatenate
+from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate
 from sdp_vs_penalty.data.store import PART, parts
 from sdp_vs_penalty.errors import InputError, other_robot, unreadable
 from sdp_vs_penalty.files import reading
@@ -91,8 +90,8 @@ def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Mea
                     run.names[0],
                 )
             name = f"{run.names[0]}, {start:.4g} s to {end}"
-            made.append(part if len(windows) == 1 else part.named(name))
-    return (made[0] if len(made) == 1 else concatenate(made)).window_of(whole)
+            made.append(part if len(windows) == 1 else replace(part, names=(name,)))
+    return made[0] if len(made) == 1 else concatenate(made)
 
 
 def read_run(
@@ -118,38 +117,9 @@ def read_run(
         raise InputError("only ROS bags and MCAP files have topics", "leave --topic out", path)
     with reading(path):
         part: Measurements = home.read(path, Choice(names, topic, rename))
-    if rename is None:
-        state = path.stat()
-        again = _Again(str(path.resolve()), tuple(names or ()), topic, state.st_size, state.st_mtime_ns)
-        part.from_origins((Origin(again),))
     if joints is not None and part.n != joints:
         raise other_robot(part.n, joints, path)
     return part
-
-
-@dataclass(frozen=True)
-class _Again:
-    """A file to be read by another process, as it was when it was read here: size [bytes], time [ns]."""
-
-    path: str
-    names: tuple[str, ...]
-    topic: str | None
-    size: int
-    changed: int
-
-    def __call__(self) -> Measurements:
-        return _read_again(self)
-
-
-@lru_cache(maxsize=4)
-def _read_again(file: _Again) -> Measurements:
-    """A worker goes over a file several times, and reads it once."""
-    path = Path(file.path)
-    run = read_run(path, None, file.names or None, file.topic)
-    state = path.stat()
-    if (state.st_size, state.st_mtime_ns) != (file.size, file.changed):
-        raise InputError("the file has changed since the work began", "run the command again", path)
-    return run
 
 
 def refuse_twice(paths: Sequence[str | Path], runs: Sequence[Measurements]) -> None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -13,29 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.store import PART, Growing, joined, parts, release
+from sdp_vs_penalty.data.store import PART, Growing, joined, parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary
-
-
-@dataclass(frozen=True)
-class Origin:
-    """Rows start to stop of the run that ``read`` returns: a few bytes that stand for many samples."""
-
-    read: Callable[[], Measurements]
-    start: int = 0
-    stop: int | None = None
-
-    def part(self, rows: slice, length: int) -> Origin:
-        """Of rows of these, of which there are ``length``."""
-        start, stop, _ = rows.indices(length)
-        return replace(self, start=self.start + start, stop=self.start + stop)
-
-    def again(self, name: str) -> Measurements:
-        """These rows, read again."""
-        whole = self.read()
-        return whole.rows(slice(self.start, self.stop), name)
 
 
 @dataclass(frozen=True, repr=False)
@@ -46,9 +26,7 @@ class Measurements(Shown):
     run : (N,) index of the run that a sample belongs to; names : one name a run; temperature : (N, n)
     of each joint's gear or motor [degrees Celsius], or None. commanded : what the drives were told or
     gave, (N, n) by the names of :data:`COMMANDED`; torque_logged : False where no torque was measured:
-    tau then holds the feed-forward torque, or zeros. whole : the runs that
-    these are windows of, all that was recorded, where :meth:`window` made them: what repeats, and with
-    it the noise, shows there. ``dataclasses.replace`` drops it: changed samples are no window.
+    tau then holds the feed-forward torque, or zeros.
     Velocity and acceleration for identification are not these dq: see preprocessing.
     """
 
@@ -61,11 +39,8 @@ class Measurements(Shown):
     temperature: Array | None = None
     commanded: Mapping[str, Array] = field(default_factory=dict)
     torque_logged: bool = True
-    whole: Measurements | None = field(default=None, init=False, compare=False)
     #: What has been worked out of these samples and is needed again.
     derived: dict[str, Any] = field(default_factory=dict, init=False, compare=False)
-    #: One a run: how another process reads the same samples again; empty where none can.
-    origins: tuple[Origin, ...] = field(default=(), init=False, compare=False)
 
     @classmethod
     def of(
@@ -110,20 +85,6 @@ class Measurements(Shown):
         blocks = {"q": self.q, "dq": self.dq, "tau": tau, "temp": self.temperature, **self.commanded}
         return {name: block for name, block in blocks.items() if block is not None}
 
-    @property
-    def sent(self) -> Sent:
-        """One run for whoever works on it."""
-        return Sent(self)
-
-    def named(self, name: str) -> Measurements:
-        """The same run by another name."""
-        return replace(self, names=(name,)).from_origins(self.origins)
-
-    def from_origins(self, origins: tuple[Origin, ...]) -> Measurements:
-        """The same, known to be what others can read there."""
-        object.__setattr__(self, "origins", origins)
-        return self
-
     def runs(self) -> list[Measurements]:
         """The single runs, in order; the same ones each time."""
         if self.run is None:
@@ -137,13 +98,12 @@ class Measurements(Shown):
             # One after the other: views, no copies.
             edges = np.searchsorted(run, np.arange(len(self.names) + 1))
             slices = [slice(a, b) for a, b in pairwise(edges.tolist())]
-            found = [self.rows(s, name) for s, name in zip(slices, self.names, strict=True)]
-            return [r.from_origins((o,)) for r, o in zip(found, self.origins, strict=False)] or found
+            return [self.rows(s, name) for s, name in zip(slices, self.names, strict=True)]
         return [self.rows(run == k, name) for k, name in enumerate(self.names)]
 
     def window(self, start: float, stop: float) -> Measurements:
         """The samples with start <= t < stop, t in seconds from the start of each run."""
-        return concatenate([r._between(start, stop) for r in self.runs()]).window_of(self)
+        return concatenate([r._between(start, stop) for r in self.runs()])
 
     def _between(self, start: float, stop: float) -> Measurements:
         """The samples of one run with start <= t - t[0] < stop."""
@@ -153,31 +113,17 @@ class Measurements(Shown):
         # In a clock that advances they are one stretch: a view, no copy.
         return self.rows(slice(first, last) if inside[first:last].all() else inside)
 
-    def window_of(self, runs: Measurements) -> Measurements:
-        """The same, known as windows of these runs."""
-        out = replace(self).from_origins(self.origins)
-        object.__setattr__(out, "whole", runs.whole or runs)
-        return out
-
     def rows(
         self, keep: NDArray[np.bool_] | NDArray[np.intp] | slice, name: str | None = None
     ) -> Measurements:
         """Some of the samples, as one run; name : of the run, the first one's by default."""
         groups = {group: block[keep] for group, block in self.groups.items()}
-        part = Measurements.of(self.t[keep], groups, (name or self.names[0],))
-        if len(self.origins) == 1 and self.run is None and isinstance(keep, slice):
-            part.from_origins((self.origins[0].part(keep, len(self.t)),))
-        return part
+        return Measurements.of(self.t[keep], groups, (name or self.names[0],))
 
     def parts(self) -> Iterator[Measurements]:
-        """Consecutive samples, few at a time, whichever run they are of; released when done with."""
+        """Consecutive samples, few at a time, whichever run they are of."""
         for start in range(0, len(self.t), PART):
             yield self.rows(slice(start, start + PART))
-            self.release()
-
-    def release(self) -> None:
-        """Let go of the memory of what has been read of a long recording (:mod:`~data.store`)."""
-        release(self.t, *self.groups.values())
 
     def require_torque(self, what: str) -> None:
         """Raises InputError where no torque was logged; what : needs it."""
@@ -199,22 +145,6 @@ class Measurements(Shown):
                 for _, part in parts(a):
                     digest.update(np.ascontiguousarray(part, dtype="<f8").data)
         return digest.hexdigest()
-
-
-@dataclass(frozen=True)
-class Sent:
-    """What gives one run: itself in this process; another one reads its file again, where it has one."""
-
-    run: Measurements
-
-    def __call__(self) -> Measurements:
-        return self.run
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        run = self.run
-        if len(run.origins) == 1 and run.run is None:
-            return partial, (run.origins[0].again, run.names[0])
-        return partial, (replace, replace(run))
 
 
 @dataclass(frozen=True)
@@ -269,16 +199,9 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
     if silent is not None and any(r.torque_logged for r in runs):
         raise InputError("no torque, but other runs have one", "name runs of one kind", silent.names[0])
     everywhere = [g for g in runs[0].groups if all(g in r.groups for r in runs)]
-    together = Measurements.of(
+    return Measurements.of(
         joined(r.t for r in runs),
         {g: joined(r.groups[g] for r in runs) for g in everywhere},
         tuple(r.names[0] for r in runs),
         joined(np.broadcast_to(k, len(r.t)) for k, r in enumerate(runs)),
     )
-    if all(len(r.origins) == 1 for r in runs):
-        together.from_origins(tuple(r.origins[0] for r in runs))
-    if all(part.whole is None for part in several):
-        return together
-    wholes = {id(whole): whole for whole in (part.whole or part for part in several)}
-    first, *others = wholes.values()
-    return together.window_of(concatenate([first, *others]) if others else first)

@@ -54,7 +54,6 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
                     f"swings through {travel / _TURN:.0f} turns: positions look like degrees",
                     f"convert to radians{_MOTORS}",
                 )
-        run.release()
 
 
 def check_torque(run: Measurements) -> None:

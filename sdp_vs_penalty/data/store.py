@@ -3,7 +3,7 @@
 A mapped array is an ordinary NumPy array that cannot be written to: whatever works on one works on the
 other, with the same result. The file has no name, so that nothing is left of it however the process
 ends; it lies in $TMPDIR, else in /var/tmp, which is on a disk where /tmp may not be. What has been read
-of a mapped array stays in memory until it is released, or until something else needs the memory.
+of a mapped array stays in memory until something else needs the memory.
 """
 
 from __future__ import annotations
@@ -27,13 +27,12 @@ PART = 1 << 15
 
 
 def parts(array: NDArray[Any], overlap: int = 0) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Consecutive parts of an array with the index of their first row, released when done with.
+    """Consecutive parts of an array with the index of their first row.
 
     overlap : rows that each part shares with the next one.
     """
     for start in range(0, len(array), PART):
         yield start, array[start : start + PART + overlap]
-        release(array)
 
 
 class Growing:
@@ -101,14 +100,3 @@ def joined(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:
     for array in arrays:
         whole.append(array)
     return whole.array()
-
-
-def release(*arrays: NDArray[Any] | None) -> None:
-    """Let go of the memory of what has been read of mapped arrays; it is read again where needed."""
-    for array in arrays:
-        base: Any = array
-        while isinstance(base, np.ndarray):
-            base = base.base
-        base = base.obj if isinstance(base, memoryview) else base
-        if isinstance(base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
-            base.madvise(mmap.MADV_DONTNEED)

@@ -212,7 +212,7 @@ def compare(
         a DataFrame, Measurements, or a list of runs.
     All models are judged behind the same filters, those of the first model, or ``preprocessing``, and
     beside the same noise floor, that of the measurements. noise_from : the runs whose repetition
-    shows it (default: those that the measurements are windows of, or the measurements).
+    shows it (default: the measurements); name all that was recorded where these are a window of it.
     Returns one :class:`Comparison` a model, in a list with ``plot()`` and ``to_frame()``.
     Raises InputError where a model and the measurements have different numbers of joints.
     """
@@ -229,7 +229,7 @@ def compare(
         if model.robot.n != measurements.n:
             raise other_robot(measurements.n, model.robot.n, f"measurements for {name}", "model")
         check_plausible(model.robot, measurements)
-    given = measurements.whole or measurements
+    given = measurements
     if noise_from is not None:
         _, given = driven(first, as_measurements(noise_from))
     floor = noise_level(first.problem, given, settings)

@@ -59,8 +59,8 @@ def diagnose(
     frozen : keep the model's parameters, so that changes of the links
     show (a payload); otherwise they are refitted along with every candidate. seed : of the draws of a
     curve's band; progress : called with a short text of where the search stands;
-    noise_from : the runs whose repetition shows the noise (default: those that the measurements are
-    windows of, or the measurements); gain_uncertainty : relative
+    noise_from : the runs whose repetition shows the noise (default: the measurements);
+    gain_uncertainty : relative
     standard deviation of the torque channels' gains; default: the model's. In a long recording windows
     are searched (:mod:`~sdp_vs_penalty.signals.excerpt`), and a remark says so.
     Raises InputError where model and measurements do not belong together or nothing is left after
@@ -79,7 +79,7 @@ def diagnose(
     if test is not None:
         _, test = driven(whole_estimate, test)
     progress("filtering the runs")
-    recording, whole, given = measurements, None, measurements.whole
+    recording, whole, given = measurements, None, None
     measurements = excerpt(recording, settings, MOST_SEARCHED)
     looked = excerpt_sentence(measurements, recording, "effects were searched for in")
     test = None if test is None else excerpt(test, settings, MOST_SEARCHED)

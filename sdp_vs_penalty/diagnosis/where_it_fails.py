@@ -167,15 +167,15 @@ def where_it_fails(
     )
     estimate.require_joints(measurements)
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
-    given = measurements.whole if noise_from is None else noise_from
-    same = given is None or given is measurements
+    given = measurements if noise_from is None else noise_from
+    same = given is measurements
     measurements = excerpt(measurements, settings)
     rows = diagnosis_rows(measurements, estimate, settings)
     residual = rows.residual
     repeated = rows
     if not same:
         repeated = with_estimate(segmented(excerpt(given, settings), settings), estimate)
-    floors, _ = noise_level(estimate.problem, measurements if given is None else given, settings)
+    floors, _ = noise_level(estimate.problem, given, settings)
     folds = phase_folds(rows, clocks_of(rows, None if same else repeated))
     known, runs = states(rows), measurements.runs()
     keep = np.asarray(rows.keep.all(axis=1), bool)

@@ -130,6 +130,8 @@ class Effect(ABC):
     #: True where no column holds the sign of a velocity: nothing of it is particular to reversals, and
     #: what looks like it there alone is dry friction's own error.
     signless: ClassVar[bool] = False
+    #: True where columns are at most products of states with sines of positions, as the links' are.
+    smooth: ClassVar[bool] = False
     #: Of a cause of the whole robot: the effect on one joint that is named where it alone says most of
     #: the same.
     mostly: ClassVar[str] = ""

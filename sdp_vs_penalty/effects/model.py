@@ -120,12 +120,17 @@ class Model:
         """The regressor of a motion, joint by joint (n entries)."""
         return self.joined(self.blocks(motion), len(motion.t))
 
-    def blocks(self, motion: Motion, known: Collection[int] = ()) -> dict[int, list[Block]]:
-        """Each effect's columns by its place in the model, but for those that are known already."""
+    def blocks(
+        self, motion: Motion, known: Collection[int] = (), smooth: Motion | None = None
+    ) -> dict[int, list[Block]]:
+        """Each effect's columns by its place in the model, but for those that are known already.
+
+        smooth : the motion on which those of smooth effects are wanted instead.
+        """
         if motion.sign_width != self.sign_width:
             motion = replace(motion, sign_width=self.sign_width)
         made = {
-            k: e.blocks(motion)
+            k: e.blocks(smooth if smooth is not None and e.smooth else motion)
             for k, e in enumerate(self.effects)
             if not (depends(e) or (k in known and not self.needs_reference))
         }

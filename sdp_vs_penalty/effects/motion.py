@@ -223,11 +223,6 @@ class Motion:
         assert self.current is not None
         return self.current.robot.inverse_dynamics_derivatives(links, self.q, self.dq, self.ddq)
 
-    def release(self) -> None:
-        """Forget what is large and follows from the rest."""
-        for name in ("derivatives", "kept"):
-            vars(self).pop(name, None)
-
 
 def _time_derivative(values: Array, t: Array) -> Array:
     return np.gradient(values, t, axis=0) if len(t) > 1 else np.zeros_like(values)

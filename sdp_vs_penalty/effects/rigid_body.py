@@ -22,7 +22,7 @@ class RigidBody(Effect):
         "arm and holds it against gravity."
     )
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
-    signless = True
+    signless = smooth = True
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.measurements import Measurements, Sent, concatenate
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
@@ -192,8 +191,7 @@ def cross_validate(
     common = compress_cells(runs, model.reference_free, settings, split)
     if not all(common.select(split.training(k)).factors for k in range(folds)):
         raise _too_short(runs.names[0], split)
-    sent = tuple(run.sent for run in runs.runs())
-    judging = _Judging(problem, model, estimator, sent, settings, split, common, weighting, seed)
+    judging = _Judging(problem, model, estimator, runs, settings, split, common, weighting, seed)
     workers = replace(workers, progress=progress)
     judged = [fold for fold in workers.map(judging, range(folds)) if fold is not None]
     if not judged:
@@ -216,7 +214,7 @@ class _Judging:
     problem: Problem
     model: Model
     estimator: Estimator
-    sent: tuple[Sent, ...]
+    runs: Measurements
     settings: Preprocessing
     split: PhaseFolds
     common: Regression
@@ -228,16 +226,12 @@ class _Judging:
         own = self._trained(fold)
         rows = self.common
         if own is not self.model:
-            rows = compress_cells(self._runs, own, self.settings, self.split)
+            rows = compress_cells(self.runs, own, self.settings, self.split)
         train, test = rows.select(self.split.training(fold)), rows.select(self.split.tested(fold))
         if not test.factors:
             return None
         task = make_task(self.problem, own, train, self.weighting, self.seed)
         return _judged(self.split, fold, self.estimator.fit(task).theta, test)
-
-    @cached_property
-    def _runs(self) -> Measurements:
-        return concatenate([one() for one in self.sent])
 
     def _trained(self, fold: int) -> Model:
         """The model with what :func:`identify` takes from the data beside its parameters, from the
@@ -248,7 +242,7 @@ class _Judging:
         def training(run: int, t: Array) -> NDArray[np.bool_]:
             return np.isin(self.split.cell(run, t), cells)
 
-        shapes = estimate_shapes(model, self._runs, self.settings, self.weighting, training)
+        shapes = estimate_shapes(model, self.runs, self.settings, self.weighting, training)
         if any(shape.after != shape.before for shape in shapes):
             model = replace(model, effects=with_shapes(model.effects, shapes))
         if not model.needs_reference:
@@ -256,7 +250,7 @@ class _Judging:
         return with_reference(
             self.problem,
             model,
-            lambda m: compress_cells(self._runs, m, self.settings, self.split).select(cells),
+            lambda m: compress_cells(self.runs, m, self.settings, self.split).select(cells),
             self.weighting,
         )
 

@@ -44,8 +44,6 @@ def driven(estimate: Estimate, measurements: Measurements) -> tuple[Estimate, Me
             tau[inside] += loop.drive(motion)
         runs.append(replace(run, tau=tau, torque_logged=True))
     whole = runs[0] if len(runs) == 1 else concatenate(runs)
-    if measurements.whole is not None:
-        whole = whole.window_of(driven(estimate, measurements.whole)[1])
     return plant(estimate), whole
 
 

@@ -201,7 +201,7 @@ class _OpenColumns:
         one = partial(
             _products_of_run, model=model, settings=self.settings, split=split, chosen=self.chosen
         )
-        runs = self.workers.map(one, [(k, run.sent) for k, run in enumerate(self.measurements.runs())])
+        runs = self.workers.map(one, list(enumerate(self.measurements.runs())))
         found: list[_Products] = []
         counts, samples = np.zeros(split.count, np.intp), 0.0
         # In the order of the runs, whoever was first: the same sums to the last bit.
@@ -213,15 +213,14 @@ class _OpenColumns:
 
 
 def _products_of_run(
-    numbered: tuple[int, Callable[[], Measurements]],
+    numbered: tuple[int, Measurements],
     model: Model,
     settings: Preprocessing,
     split: PhaseFolds,
     chosen: Chosen | None,
 ) -> tuple[list[_Products], NDArray[np.intp], float]:
     """Of one run the products by joint, the rows of each fold, and how many independent ones all are."""
-    index, sent = numbered
-    run = sent()
+    index, run = numbered
     found: list[_Products] = []
     counts = np.zeros(split.count, np.intp)
     for rows in filtered_rows(run, model, settings):

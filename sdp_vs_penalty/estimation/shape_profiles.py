@@ -11,7 +11,7 @@ algebra on compressed data.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -67,7 +67,7 @@ class ShapeEstimate:
     def to_dict(self) -> dict[str, Any]:
         """joint counts from 1; std is null where the data do not bound the constant on both sides."""
         std = self.std if np.isfinite(self.std) else None
-        return {**vars(self), "joint": self.joint + 1, "std": std}
+        return {**asdict(self), "joint": self.joint + 1, "std": std}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ShapeEstimate:

@@ -1,7 +1,7 @@
 """A cylinder or cone about an axis of a link in which its centre of mass lies."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -36,7 +36,7 @@ class CentreOfMassCone:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        return {**vars(self), "link": self.link + 1, "axis": "xyz"[self.axis]}
+        return {**asdict(self), "link": self.link + 1, "axis": "xyz"[self.axis]}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:

@@ -12,7 +12,7 @@ files cost no pass over the samples.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Protocol
@@ -285,7 +285,7 @@ def compress(
     factors: list[Factor] = []
     samples = 0.0
     one = partial(_compress_run, model=model, settings=settings, blocks_per_run=blocks_per_run)
-    for index, (found, count) in enumerate(workers.map(one, [run.sent for run in measurements.runs()])):
+    for index, (found, count) in enumerate(workers.map(one, measurements.runs())):
         samples += count
         for start, stop, own in found:
             factors += [replace(factor, block=len(blocks)) for factor in own]
@@ -294,10 +294,9 @@ def compress(
 
 
 def _compress_run(
-    sent: Callable[[], Measurements], model: Model, settings: Preprocessing, blocks_per_run: int
+    run: Measurements, model: Model, settings: Preprocessing, blocks_per_run: int
 ) -> tuple[list[tuple[float, float, list[Factor]]], float]:
     """One run's blocks, from where to where [s] with their factors, and its independent samples."""
-    run = sent()
     start, stop = float(run.t[0]), float(run.t[-1])
     count = max(1, min(blocks_per_run, int((stop - start) / 0.5)))
     edges = np.linspace(start, stop, count + 1)

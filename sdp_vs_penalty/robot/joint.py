@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -59,7 +59,7 @@ class Joint:
     def to_dict(self) -> dict[str, Any]:
         return {
             key: value.tolist() if isinstance(value, np.ndarray) else value
-            for key, value in vars(self).items()
+            for key, value in asdict(self).items()
             if not (isinstance(value, float) and np.isinf(value))
         }
 

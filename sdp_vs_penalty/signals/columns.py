@@ -79,8 +79,6 @@ class Columns:
                 out[at] = blocks
             size = 0
             waiting.clear()
-        for motion in (*self._own, *self._watched) if len(effects) > 1 else ():
-            motion.release()
         return [blocks for blocks in out if blocks is not None]
 
     def _by_parts(self, effect: Effect) -> list[Block]:

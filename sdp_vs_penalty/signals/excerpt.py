@@ -44,8 +44,7 @@ def excerpt(measurements: Measurements, settings: Preprocessing, most: int = MOS
         run, start, stop = slots[k]
         name = f"{run.names[0]}, {start:.4g} s to {stop:.4g} s"
         out.append(replace(run.window(start, stop), names=(name,)))
-    windows = concatenate(out)
-    return windows if measurements.whole is None else windows.window_of(measurements.whole)
+    return concatenate(out)
 
 
 def excerpt_sentence(part: Measurements, measurements: Measurements, what: str) -> str | None:

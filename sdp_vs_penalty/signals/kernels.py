@@ -38,12 +38,14 @@ class Decimator:
     def __init__(self, value: Array, at: NDArray[np.int64]) -> None:
         self.value, self.at = value, at
         self.blocks: list[tuple[slice, Array]] = []
-        seen, block = np.zeros(0, np.int64), np.zeros((0, 0))
-        for few in np.split(at, range(_ROWS, len(at), _ROWS)) if len(at) else ():
-            if not np.array_equal(few - few[0], seen):
-                seen = few - few[0]
-                block = np.zeros((len(few), seen[-1] + len(value)))
-                taps = seen[:, None] + np.arange(len(value))
+        known: dict[bytes, Array] = {}  # evenly spaced rows share one block
+        for start in range(0, len(at), _ROWS):
+            few = at[start : start + _ROWS]
+            places = few - few[0]
+            block = known.get(places.tobytes())
+            if block is None:
+                block = known[places.tobytes()] = np.zeros((len(few), places[-1] + len(value)))
+                taps = places[:, None] + np.arange(len(value))
                 block[np.arange(len(few))[:, None], taps] = value[::-1]
             begin = int(few[0]) - len(value) // 2
             self.blocks.append((slice(begin, begin + block.shape[1]), block))

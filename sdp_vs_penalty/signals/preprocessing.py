@@ -11,7 +11,8 @@ through in pieces with exactly the result of the whole:
    low-pass (``torque_cutoff``), which therefore leaves the linear relation between them intact; rows
    are decimated to four times its cut-off. Columns are computed at 30 times that cut-off (effects
    with memory: at the full rate), where the low-pass is the same to 1e-4 of the sharpest of them,
-   Coulomb friction's.
+   Coulomb friction's. Smooth ones (the links') are no sharper than products of the states, and are
+   computed at a rate at which these do not fold back: the same to 1e-5 of the largest one.
 
 The kernel (kernels.py) reaches 2 / cut-off to either side. Rows within the half lengths of both kernels
 of the ends of a run would need samples from outside it, and are dropped.
@@ -19,7 +20,7 @@ of the ends of a run would need samples from outside it, and are dropped.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -50,10 +51,13 @@ _OVERSAMPLING = 4.0
 #: Columns are computed at this multiple of the cut-off: what they hold above half of it (reversals of
 #: friction, products of states) must not fold back below the cut-off.
 _COLUMN_RATE = 30.0
+#: Smooth columns hold products of so many states: up to so many state cut-offs. Kernels stop at
+#: ``_STOPS`` cut-offs.
+_PRODUCTS, _STOPS = 4.0, 1.4
 #: Filters that need more than so many lengths of the run are not made at all.
 _LONGER = 1.5
 #: Samples of a run that is not kept worked on at a time: bounds the memory whatever the run's length.
-_CHUNK = 4096
+_CHUNK = 1 << 15
 #: Filtered instants at a time: each has a row as long as the kernel.
 _FILTERED = 512
 #: Samples of a stretch of which a few are chosen.
@@ -140,6 +144,16 @@ class RunFilter:
         self.grid_stride = max(1, int(1.0 / (_COLUMN_RATE * self.column.cutoff * self.dt)))
         self.stride = 1 if every_sample else self.grid_stride
         self.coarse = _sampled(self.column, self.stride)
+        # Of the samples between two rows, so that rows lie on the grid of smooth columns too.
+        step, highest = (
+            self.step(_OVERSAMPLING),
+            settings.torque_cutoff + _PRODUCTS * settings.state_cutoff,
+        )
+        most = 1.0 / (_STOPS * highest * self.dt)
+        self.smooth_stride = max(
+            (k for k in range(1, step + 1) if step % k == 0 and k <= most), default=1
+        )
+        self.smooth = _sampled(self.column, self.smooth_stride)
         self.standstill = settings.standstill
 
     @property
@@ -161,10 +175,31 @@ class RunFilter:
         stride = self.grid_stride
         return stride * max(1, int(1.0 / (rate * self.column.cutoff * self.dt * stride)))
 
+    def around(self, part: Stretch, at: NDArray[np.int64]) -> tuple[Motion, Motion]:
+        """Motions on the column grid and on that of smooth columns, as far around the samples ``at`` as
+        their low-passes look."""
+        reach = [self.stride * self.coarse.half, self.smooth_stride * self.smooth.half]
+        first, last = at[0] - max(reach), at[-1] + max(reach)
+        states = self._states(part, first, last)
+        own, smooth = (max(reach) - r for r in reach)
+        end = last - first + 1
+        fine = self._motion(
+            part, at[0] - reach[0], at[-1] + reach[0], [x[own : end - own] for x in states]
+        )
+        q, dq, ddq = (x[smooth : end - smooth : self.smooth_stride] for x in states)
+        clock = part.clock(np.arange(at[0] - reach[1], at[-1] + reach[1] + 1, self.smooth_stride))
+        return fine, Motion(clock, q, dq, ddq)
+
+    def _states(self, part: Stretch, first: int, last: int) -> tuple[Array, Array, Array]:
+        around = part.resampled(part.q, first - self.state.half, last + 1 + self.state.half)
+        return self.state.states(around)
+
     def motion(self, part: Stretch, first: int, last: int) -> Motion:
         """States on the column grid from the log's sample ``first`` to ``last``."""
-        around = part.resampled(part.q, first - self.state.half, last + 1 + self.state.half)
-        q, dq, ddq = (x[:: self.stride] for x in self.state.states(around))
+        return self._motion(part, first, last, self._states(part, first, last))
+
+    def _motion(self, part: Stretch, first: int, last: int, states: Sequence[Array]) -> Motion:
+        q, dq, ddq = (x[:: self.stride] for x in states)
         clock = part.clock(np.arange(first, last + 1, self.stride))
         warm = part.temperature
         if warm is not None:  # slow: it needs no filter
@@ -227,8 +262,9 @@ def filtered_rows(
     )
     for piece in pieces:
         known = {} if kept is None else kept.known(model, piece)
-        for k, made in model.blocks(piece.around, known).items():
-            known[k] = piece.low_passed(made)
+        smooth = None if model.needs_reference else piece.smooth
+        for k, made in model.blocks(piece.around, known, smooth).items():
+            known[k] = piece.low_passed(made, smooth is not None and model.effects[k].smooth)
         if kept is not None:
             kept.keep(model, piece, known)
         columns = model.joined(known, len(piece.torque))
@@ -239,18 +275,21 @@ def filtered_rows(
 @dataclass(frozen=True)
 class _Piece:
     """Consecutive rows of a run before they have columns: the motion on the column grid around them,
-    the low-pass from there to the rows, the motion and the torque at the rows."""
+    the low-pass from there to the rows, the same of smooth columns, motion and torque at the rows."""
 
     around: Motion
     low_pass: Decimator
+    smooth: Motion
+    smooth_low_pass: Decimator
     rows: Motion
     torque: Array
 
-    def low_passed(self, blocks: list[Block]) -> list[Block]:
+    def low_passed(self, blocks: list[Block], smooth: bool) -> list[Block]:
         """An effect's columns at the rows; narrow ones together."""
-        if any(b.columns.shape[1] > _WIDE for b in blocks):
-            return [replace(b, columns=self.low_pass @ b.columns) for b in blocks]
-        few = self.low_pass @ np.hstack([self.around.q[:, :0], *(b.columns for b in blocks)])
+        low_pass = self.smooth_low_pass if smooth else self.low_pass
+        if not blocks or any(b.columns.shape[1] > _WIDE for b in blocks):
+            return [replace(b, columns=low_pass @ b.columns) for b in blocks]
+        few = low_pass @ np.hstack([b.columns for b in blocks])
         ends = np.cumsum([b.columns.shape[1] for b in blocks])
         return [
             replace(b, columns=c) for b, c in zip(blocks, np.split(few, ends[:-1], axis=1), strict=True)
@@ -267,8 +306,7 @@ def _pieces(
     """A run's rows piece by piece, or each ``whole`` stretch at once, as where effects remember."""
     filters = RunFilter(run, settings, every_sample)
     counts = moving or filters.movement
-    stride, step = filters.stride, filters.step(_OVERSAMPLING)
-    reach = stride * filters.coarse.half
+    step = filters.step(_OVERSAMPLING)
     margin = filters.state.half + filters.column.half
     found = False
     for part in stretches(run):
@@ -280,12 +318,14 @@ def _pieces(
             if not keep.any():
                 continue
             found = True
-            # From first to last: the samples whose columns the low-pass of these outputs needs.
-            motion = filters.motion(part, at[0] - reach, at[-1] + reach)
-            local = (at[keep] - at[0] + reach) // stride
+            motion, smooth = filters.around(part, at)
+            local = (at[keep] - at[0]) // filters.stride + filters.coarse.half
+            coarse = (at[keep] - at[0]) // filters.smooth_stride + filters.smooth.half
             yield _Piece(
                 motion,
                 filters.coarse.decimator(local),
+                smooth,
+                filters.smooth.decimator(coarse),
                 Motion(motion.t[local], motion.q[local], motion.dq[local], motion.ddq[local]),
                 filters.torque(part, at[keep]),
             )

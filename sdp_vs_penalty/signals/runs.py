@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import PART, parts, release
+from sdp_vs_penalty.data.store import PART, parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -42,7 +42,6 @@ def _steps(t: Array) -> Array:
         return np.diff(t)
     starts = np.linspace(0, len(t) - PART, _MOST_STEPS // PART).astype(int)
     out = np.concatenate([np.diff(t[k : k + PART]) for k in starts])
-    release(t)
     return out
 
 
@@ -82,13 +81,11 @@ class Movement:
         for piece in pieces:
             own = [_travel(run, j, piece) for j in joints]
             largest = np.maximum(largest, [travel.max() for travel in own])
-            run.release()
         for piece in pieces:
             if len(pieces) > 1:  # else it is still there
                 own = [_travel(run, j, piece) for j in joints]
             for travel, farthest in zip(own, largest, strict=True):
                 self.moves[piece] |= travel > share * farthest
-            run.release()
 
     def at(self, t: Array) -> NDArray[np.bool_]:
         """The same at instants t [s]."""
@@ -170,7 +167,6 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
         around = slice(first, int(np.searchsorted(t, few[-1])) + 1)
         for j, known in enumerate(values[around].T):
             out[start : start + PART, j] = np.interp(few, t[around], known)
-        release(t, values)
     return out
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -161,19 +160,6 @@ def test_what_was_read_survives_our_own_format(panda_run: Measurements, tmp_path
     part = panda_run.window(5.0, 6.0)
     save(part, tmp_path / "part.csv")
     assert_same(load_measurements(tmp_path / "part.csv"), part)
-
-
-def test_windows_know_the_runs_that_they_are_of() -> None:
-    t = np.arange(0.0, 4.0, 0.1)
-    one, other = (Measurements(t, np.sin(t + k)[:, None], np.cos(t)[:, None]) for k in range(2))
-    window = one.window(0.0, 3.0).window(1.0, 2.0)
-    assert window.whole is one
-    assert concatenate([one.window(0.0, 1.0), one.window(2.0, 3.0)]).whole is one
-    both = concatenate([one.window(0.0, 1.0), other]).whole
-    assert both is not None
-    assert both.data_hash == concatenate([one, other]).data_hash
-    assert one.whole is None
-    assert replace(window, tau=2.0 * window.tau).whole is None  # its noise is another
 
 
 @pytest.mark.parametrize("suffix", ["csv", "npz", "mat", "parquet"])

@@ -294,3 +294,17 @@ def test_a_long_run_is_judged_by_what_lies_around_the_chosen_instants() -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 2 * run.q.nbytes  # the whole run filtered at once takes 14 times as much
+
+
+@pytest.mark.parametrize("cutoffs", [(5.0, 8.0), (20.0, 8.0), (3.0, 12.0)])
+def test_columns_of_the_links_are_those_at_every_sample(cutoffs: tuple[float, float]) -> None:
+    model, _, run = model_and_run(seconds=8.0, dt=1e-3, effects="rigid_body")
+    settings = Preprocessing(*cutoffs)
+    found, filters = filtered_torque(run, model, settings), preprocessing.RunFilter(run, settings)
+    half = filters.state.half
+    assert filters.smooth_stride > 4
+    dense = preprocessing.Motion(run.t[half:-half], *filters.state.states(run.q))
+    at = np.rint(found.motion.t / filters.dt).astype(int) - half
+    for own, exact in zip(found.columns, model.columns(dense), strict=True):
+        low = filters.column.decimator(at) @ exact.columns
+        np.testing.assert_allclose(own.columns, low, rtol=0.0, atol=1e-5 * np.abs(low).max())
