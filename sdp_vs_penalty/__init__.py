@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.version import __version__
@@ -16,13 +17,13 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.diagnosis.adding import add as add
     from sdp_vs_penalty.diagnosis.comparison import compare as compare
     from sdp_vs_penalty.diagnosis.diagnose import diagnose as diagnose
+    from sdp_vs_penalty.diagnosis.identification import identify as identify
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails as where_it_fails
     from sdp_vs_penalty.errors import InputError as InputError
     from sdp_vs_penalty.estimation.cross_validation import cross_validate as cross_validate
     from sdp_vs_penalty.estimation.estimate import Estimate as Estimate
     from sdp_vs_penalty.estimation.estimate import load_estimate as load_estimate
     from sdp_vs_penalty.estimation.excitation import excite as excite
-    from sdp_vs_penalty.estimation.identify import identify as identify
     from sdp_vs_penalty.exporters.export import export as export
     from sdp_vs_penalty.problem.convert import convert as convert
     from sdp_vs_penalty.problem.load import load_problem as load_problem
@@ -44,7 +45,7 @@ _HOME = {
     "export": "exporters.export",
     "fetch": "data.datasets",
     "follow": "simulation.follow",
-    "identify": "estimation.identify",
+    "identify": "diagnosis.identification",
     "InputError": "errors",
     "load_estimate": "estimation.estimate",
     "load_measurements": "data.files",
@@ -67,7 +68,12 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module(f"{__name__}.effects")
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    found = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    if isinstance(found, FunctionType):
+        from sdp_vs_penalty.verbs import with_suggestions
+
+        found = globals()[name] = with_suggestions(found)
+    return found
 
 
 def __dir__() -> list[str]:

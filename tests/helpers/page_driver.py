@@ -95,8 +95,8 @@ def serving(temporary: Path, *arguments: str) -> Iterator[Server]:
     finally:
         family = psutil.Process(made.process.pid).children(recursive=True)
         made.process.terminate()
-        made.process.wait(10)
-    _, alive = psutil.wait_procs(family, 5)
+        made.process.wait(60)
+    _, alive = psutil.wait_procs(family, 30)
     assert not alive, alive
     assert list(made.temporary.glob("sdp-vs-penalty-page-*")) == []
     assert list(made.temporary.glob("pymp-*")) == []  # Python's own, of its processes
