@@ -31,7 +31,7 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot.trajectory import random_trajectory
-from sdp_vs_penalty.shootout.regular import chain_problem, thin_links
+from sdp_vs_penalty.shootout.standard_instances import chain_problem, thin_links
 
 Array = NDArray[np.float64]
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
@@ -67,17 +67,22 @@ def drive(
     damp = 2.0 * np.sqrt(gain * inertia)
     noise = JITTER * rng.normal(size=q.shape)
     x, v = q[0].copy(), dq[0].copy()
-    seen, torque = np.empty_like(q), np.empty_like(q)
+    seen, motion = np.empty_like(q), np.empty((3, *q.shape))
     for k in range(len(q)):
         seen[k] = np.round((x + noise[k]) / QUANTUM) * QUANTUM
-        torque[k] = feed[k] + gain * (q[k] - seen[k]) + damp * (dq[k] - v)
+        torque = feed[k] + gain * (q[k] - seen[k]) + damp * (dq[k] - v)
         mass, bias = terms(x[None], v[None])
         lost = viscous * v + dry * np.tanh(v / TURN) + offset + disturbance[k]
         # Implicit in all that damps: the slope of dry friction is steep where it turns round.
         slope = damp + viscous + dry / TURN / np.cosh(np.clip(v / TURN, -20, 20)) ** 2
-        v = v + STEP * np.linalg.solve(mass[0] + STEP * np.diag(slope), torque[k] - bias[0] - lost)
+        change = np.linalg.solve(mass[0] + STEP * np.diag(slope), torque - bias[0] - lost)
+        motion[:, k] = x, v + 0.5 * STEP * change, change
+        v = v + STEP * change
         x = x + STEP * v
-    return seen, torque
+    # The torque that this motion takes: what the implicit steps applied in all, without their error.
+    x, v = motion[0], motion[1]
+    lost = viscous * v + dry * np.tanh(v / TURN) + offset + disturbance
+    return seen, problem.robot.inverse_dynamics(links, *motion) + lost
 
 
 def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:

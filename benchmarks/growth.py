@@ -24,7 +24,7 @@ from sdp_vs_penalty import Estimate, identify
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.shootout import regular
+from sdp_vs_penalty.shootout import standard_instances
 
 _PART = 50_000
 _NOISE = np.array([0.15, 0.2, 0.15, 0.15, 0.08, 0.08, 0.06])  # N m
@@ -134,7 +134,7 @@ def growing(problem: Problem, run: Measurements) -> dict[str, Callable[[], Serie
         return lambda: identify(problem, pieces, METHOD)
 
     def of_joints(count: int) -> Callable[[], object]:
-        task = regular.chain_task(count)
+        task = standard_instances.chain_task(count)
         return lambda: make_estimator(METHOD).fit(task).gap
 
     samples, runs = [5_000, 10_000, 20_000, 40_000, 80_000, 160_000], [1, 2, 4, 8, 16]

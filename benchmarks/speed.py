@@ -31,7 +31,7 @@ from sdp_vs_penalty.estimators.task import joint_weights, make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.shootout import regular
+from sdp_vs_penalty.shootout import standard_instances
 from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
@@ -118,7 +118,7 @@ def task_of(problem: Problem, measurements: Measurements) -> Task:
 def fits(problem: Problem, run: Measurements) -> list[Row]:
     """Compressed data to a certified fit, by the default and by Clarabel in the same loop."""
     tasks = {"the measured Panda": task_of(problem, run)}
-    tasks |= {f"{n} links": regular.chain_task(n) for n in (7, 20, 60)}
+    tasks |= {f"{n} links": standard_instances.chain_task(n) for n in (7, 20, 60)}
     rows = []
     for name, task in tasks.items():
         times = 9 if len(task.bound) < 300 else 3
@@ -160,7 +160,7 @@ def renewed(problem: Problem, run: Measurements) -> list[Row]:
 
 def solvers(problem: Problem, run: Measurements) -> list[Row]:
     """One problem, every installed solver, each asked for 1e-8: time and what its answer proves."""
-    instance = regular.posed("panda", task_of(problem, run), "one-step", "gyration")
+    instance = standard_instances.posed("panda", task_of(problem, run), "one-step", "gyration")
     fit = make_estimator("lmi-sdp-thickness").fit
     ours = 1e3 * cpu(lambda: fit(instance.task).gap, 9)
     rows = []

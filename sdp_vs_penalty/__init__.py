@@ -10,14 +10,14 @@ from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
     from sdp_vs_penalty import effects as effects
+    from sdp_vs_penalty.checked import diagnose as diagnose
+    from sdp_vs_penalty.checked import identify as identify
     from sdp_vs_penalty.checks import check as check
     from sdp_vs_penalty.data.datasets import fetch as fetch
     from sdp_vs_penalty.data.files import load_measurements as load_measurements
     from sdp_vs_penalty.data.measurements import Measurements as Measurements
     from sdp_vs_penalty.diagnosis.adding import add as add
     from sdp_vs_penalty.diagnosis.comparison import compare as compare
-    from sdp_vs_penalty.diagnosis.diagnose import diagnose as diagnose
-    from sdp_vs_penalty.diagnosis.identification import identify as identify
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails as where_it_fails
     from sdp_vs_penalty.errors import InputError as InputError
     from sdp_vs_penalty.estimation.cross_validation import cross_validate as cross_validate
@@ -56,6 +56,8 @@ _HOME = {
     "simulate": "simulation.hidden_runs",
     "where_it_fails": "diagnosis.where_it_fails",
 }
+#: Verbs that check their measurements first; inside the package they do not.
+_CHECKED = ("identify", "diagnose")
 __all__ = [
     "__version__",
     "effects",
@@ -69,11 +71,11 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    if name in _CHECKED:
+        found = importlib.import_module(f"{__name__}.checked").with_check(found)
     if isinstance(found, FunctionType):
-        from sdp_vs_penalty.verbs import with_suggestions
-
-        found = globals()[name] = with_suggestions(found)
-    return found
+        found = importlib.import_module(f"{__name__}.checked").with_suggestions(found)
+    return globals().setdefault(name, found)
 
 
 def __dir__() -> list[str]:

@@ -6,10 +6,12 @@ recording.
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -37,18 +39,25 @@ def spread(
 
     threads : here, enough where the function only waits for other processes. What a worker was doing
     that died is done again by another one, a few times.
-    Raises InputError where Dask is not installed or nobody answers at the address.
+    Raises InputError where Dask is not installed, nobody answers at the address, or the scheduler ends.
     """
     if scheduler is None:
         yield from _here(function, list(items), jobs, threads)
         return
     with _connected(scheduler) as client:
-        from distributed import as_completed
+        from distributed import KilledWorker, as_completed
+        from distributed.comm import CommClosedError
 
         # A task that ran when its worker died is started again on another one.
         futures = client.map(function, list(items), pure=False, retries=_RETRIES)
-        for _, result in as_completed(futures, with_results=True):
-            yield result
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        except (CancelledError, CommClosedError, KilledWorker) as error:
+            raise InputError(
+                f"--scheduler {scheduler}: the scheduler, or one worker after another, has ended",
+                "start them again and repeat the command",
+            ) from error
 
 
 def _here(
@@ -136,6 +145,8 @@ def _connected(scheduler: str) -> Any:
         from distributed import Client
     except ImportError:
         raise missing_extra("--scheduler needs Dask,", "cluster") from None
+    for name in ("distributed", "distributed.client"):  # what happens is told in a sentence of ours
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         return Client(scheduler, timeout=_PATIENCE)
     except (OSError, ValueError, TimeoutError) as error:

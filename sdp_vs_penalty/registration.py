@@ -35,6 +35,16 @@ def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
     )
 
 
+def named(package: str, path: Iterable[str], base: type, name: str) -> Any:
+    """The subclass of ``base`` called ``name`` of the file of that name, without an import of any other
+    file; None where there is no such file or class."""
+    file = name.replace("-", "_")
+    if all(module.name != file for module in iter_modules(path)):
+        return None
+    own = (x for x in vars(import_module(f"{package}.{file}")).values() if inspect.isclass(x))
+    return next((x for x in own if issubclass(x, base) and getattr(x, "name", None) == name), None)
+
+
 def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, Any]:
     """Classes or modules by what each alone must have, in its order."""
     out: dict[Any, Any] = {}

@@ -66,6 +66,22 @@ def forms(path: Path) -> dict[str, Any]:
     }
 
 
+def test_measurements_are_checked_first_unless_told_otherwise(two_link: Problem) -> None:
+    """As the command line does: errors refuse, warnings warn, and consent is remembered."""
+    run = small_run(two_link)
+    dead = {"t": run.t, "q": run.q, "tau": np.where([True, False], run.tau, 0.25)}
+    for verb in (identify, lambda model, log: diagnose(identify(two_link, run), log)):
+        with pytest.raises(InputError, match=r"tau2 is 0.25 N.m in every row.*check=False"):
+            verb(two_link, dead)
+    estimate = identify(two_link, dead, "ols", check=False)
+    assert estimate.provenance["checked"] is False
+    assert diagnose(estimate, dead).verdict
+    gapped = {name: np.delete(x, slice(150, 200), axis=0) for name, x in dead.items()}
+    gapped["tau"] = np.delete(run.tau, slice(150, 200), axis=0)
+    with pytest.warns(UserWarning, match="gap"):
+        identify(two_link, gapped, "ols")
+
+
 def test_the_import_is_lazy_and_lists_its_names() -> None:
     code = (
         "import sys, sdp_vs_penalty as s\n"

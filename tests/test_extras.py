@@ -14,7 +14,7 @@ from sdp_vs_penalty.problem.problem import Problem
 
 #: Every package that only an extra brings, as it is imported.
 EXTRAS = (
-    "matplotlib", "pyarrow", "rosbags", "plotly", "nicegui", "scs", "cvxopt", "sdpap", "qics", "casadi",
+    "matplotlib", "pyarrow", "rosbags", "plotly", "nicegui", "scs", "cvxopt", "sdpap", "qics",
     "distributed", "mujoco", "dartpy", "pybullet",
 )  # fmt: skip
 

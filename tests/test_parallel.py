@@ -14,10 +14,11 @@ from small_runs import small_run
 
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.parallel import ALONE, Workers, spread
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.regression import compress
 
@@ -94,3 +95,14 @@ def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs: Measurements) 
         killer.join()
         assert time.monotonic() - started > 0.5  # it was killed while they worked
     np.testing.assert_array_equal(found.theta, alone.theta)
+
+
+def test_a_scheduler_that_ends_is_a_sentence() -> None:
+    distributed = pytest.importorskip("distributed")
+    quiet = {"silence_logs": 50, "dashboard_address": None}
+    with distributed.LocalCluster(n_workers=1, processes=False, **quiet) as cluster:
+        results = spread(time.sleep, [0.0, 3.0, 3.0], cluster.scheduler_address)
+        next(results)
+        threading.Timer(0.2, cluster.sync, (cluster.scheduler.close,)).start()
+        with pytest.raises(InputError, match="the scheduler, or one worker after another, has ended"):
+            next(results)

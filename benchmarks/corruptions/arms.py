@@ -1,4 +1,4 @@
-"""The arms whose logs are corrupted: three real ones, and any number simulated by Pinocchio alone.
+"""The arms whose logs are corrupted: five real ones, and any number simulated by Pinocchio alone.
 
 The simulated torque is pinocchio.rnea on links that the library never sees, plus viscous and sign(dq)
 Coulomb friction and white noise: nothing of it shares code with the library. Arms called "drawn" are
@@ -85,6 +85,8 @@ class Arm:
         both = ("load step", "two arms")
         yield Corruption("load picked up", (), "2 kg", both, self._less(-late * load))
         yield Corruption("two arms in one file", (), "", both, self._less(-late * exchange))
+        apart = ("another load", "another arm")
+        yield Corruption("tool in one of two runs", (), "2 kg", apart, self._less(-load), beside=True)
 
     def _less(self, torque: Array) -> Callable[[Measurements], Measurements]:
         return lambda run: replace(run, tau=run.tau - torque)
@@ -114,14 +116,14 @@ def _squared_errors(estimate: Estimate, test: Measurements) -> Array:
 
 
 def arm(name: str, data: Path) -> Arm:
-    """panda, ur10e, tx40 (from ``data``), sim5, sim6, or drawn and a number."""
+    """panda, ur10e, tx40, ur10, emps (from ``data``), sim5, sim6, or drawn and a number."""
     known = {"sim5": (FIVE, 2), "sim6": (SIX, 1)}
     if name in known:
         return simulated(name, *known[name])
     if name.startswith("drawn"):
         seed = int(name.removeprefix("drawn"))
         return simulated(name, drawn(seed), seed)
-    return {"panda": panda, "ur10e": ur10e, "tx40": tx40}[name](data)
+    return {"panda": panda, "ur10e": ur10e, "tx40": tx40, "ur10": ur10, "emps": emps}[name](data)
 
 
 def panda(data: Path) -> Arm:
@@ -139,8 +141,33 @@ def ur10e_run(data: Path, name: str) -> Measurements:
 
 
 def ur10e(data: Path) -> Arm:
-    train, test = (ur10e_run(data, x) for x in ("ur-20_02_12-50sec_12harm", "ur-20_02_19_14harm50sec"))
-    return Arm("ur10e", load_problem("ur10e"), train, test.window(0.0, 20.0).runs()[0], (test,))
+    names = ("02_12-50sec_12harm", "02_19_14harm50sec", "02_19_15harm50sec", "02_19_14harm50secLoad")
+    train, test, *others = (ur10e_run(data, f"ur-20_{x}") for x in names)
+    others = (test, *others, ur10e_run(data, "ur-20_01_17-ptp_10_points"))
+    return Arm("ur10e", load_problem("ur10e"), train, test.window(0.0, 20.0).runs()[0], others)
+
+
+def ur10(data: Path) -> Arm:
+    """UR10 of Salerno: the first 12 of 17.6 s are spoiled."""
+    problem = load_problem(data / "ur10_salerno" / "robot.urdf")
+    run = load_measurements(
+        data / "ur10_salerno" / "train.csv", joints=6, names=problem.robot.joint_names
+    )
+    train, test = (run.window(*span).runs()[0] for span in ((0.0, 12.0), (12.0, 18.0)))
+    return Arm("ur10", problem, train, test, (run,))
+
+
+def emps(data: Path) -> Arm:
+    """One prismatic axis; the force is the control voltage times the drive's gain."""
+    from scipy.io import loadmat
+
+    runs = []
+    for name in ("DATA_EMPS", "DATA_EMPS_PULSES"):
+        x = loadmat(data / "emps" / f"{name}.mat")
+        runs.append(
+            Measurements(x["t"].ravel(), x["qm"], float(x["gtau"].item()) * x["vir"], names=(name,))
+        )
+    return Arm("emps", load_problem("emps"), *runs, (runs[1],))
 
 
 def tx40(data: Path) -> Arm:

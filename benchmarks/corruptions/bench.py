@@ -2,16 +2,17 @@
 
     python benchmarks/corruptions --data DATA [--arms panda,sim5,drawn7] [--every 4] [--out results]
 
-DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. Arms: panda, ur10e, tx40, sim5, sim6,
-drawn and any number. Outcome of a case:
+DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. Arms: panda, ur10e, tx40, ur10, emps,
+sim5, sim6, drawn and any number. Outcome of a case:
   named    an error or a warning names the cause that was put in, and the joint
   refused  an error without that cause: nothing is identified, but the user has to search
   warned   warnings only, none of which names the cause, and none names another
   wrong    warnings that name another cause only
   silent   nothing
 Harm is the held-out error on clean data of what is identified all the same, over that of the model from
-the clean run. It is measured where nothing refuses. Clean runs, and both halves of each, have to stay
-silent. Writes corruptions.csv and corruptions.md; thresholds are judged on arms that nobody looked at.
+the clean run. It is measured where nothing is said. Clean runs, and both halves of each, have to stay
+silent, and no two issues of one output may state the same number of the same joint. Writes
+corruptions.csv and corruptions.md; thresholds are judged on arms that nobody looked at.
 """
 
 from __future__ import annotations
@@ -19,18 +20,20 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 from challenge.judge import wilson
 
 from corruptions.arms import Arm, arm
-from corruptions.kinds import Corruption
+from corruptions.kinds import Corruption, rows
 from sdp_vs_penalty import identify
-from sdp_vs_penalty.checks import check
+from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import as_csv, write_text
 from sdp_vs_penalty.show import markdown_table
@@ -42,6 +45,19 @@ _GENERAL = {
     "torque not explained", "torque badly explained", "unexplained torque", "poor excitation",
     "stand-still", "excitation", "quantisation", "low sample rate",
 }  # fmt: skip
+#: Which numbers of a joint, or of the log, an issue states.
+_NUMBERS = {
+    "torque's size": {"torque gain", "torque unit", "torque channel kind", "dead channel"},
+    "torque's sign": {"torque sign", "joint sign", "torque magnitude"},
+    "position's sign": {"position sign", "joint sign"},
+    "position's zero": {"encoder offset"},
+    "position's unit": {"positions in degrees", "position unit", "position range"},
+    "gravity": {"gravity direction", "gravity of the problem", "gravity removed"},
+    "time's rate": {"clock rate", "time unit"},
+    "torque's delay": {"delay", "channel delay", "torque filter", "channel filter"},
+    "torque's change": {"torque drift", "dead channel"},
+    "order": {"torque order", "position order", "joint order"},
+}
 _WORDS = ("named", "refused", "warned", "wrong", "silent")
 
 
@@ -54,25 +70,43 @@ class Case:
     outcome: str
     harm: float | None
     said: str
+    contradicts: bool = False
 
 
 def run_case(arm: Arm, corruption: Corruption) -> Case:
-    run = corruption.spoil(arm.train)
-    problem = arm.problem
-    if corruption.gravity is not None:
-        problem = problem.with_gravity(corruption.gravity)
-    (report,) = check(problem, run)
-    problems = report.problems
-    outcome = _outcome(corruption, problems)
-    harm = None
-    if not report.meaningless:
+    run, problem = corruption.spoil(arm.train), corruption.problem(arm.problem)
+    if corruption.beside:  # half of the run is clean: another run of the same arm
+        middle = 0.5 * (run.t[0] + run.t[-1])
+        halves = rows(arm.train, run.t < middle), rows(run, run.t > middle)
+        run = concatenate([x.named(name) for x, name in zip(halves, "ab", strict=True)])
+    reports = check(problem, run)
+    problems = [f for report in reports for f in report.problems]
+    outcome, harm = _outcome(corruption, problems), None
+    if outcome == "silent":
         try:
             harm = arm.harm(identify(problem, run))
         except InputError:
-            outcome = outcome if outcome == "named" else "refused"
+            outcome = "refused"
     joints = "+".join(str(j + 1) for j in corruption.joints)
-    said = "; ".join(f"{f.kind} ({f.where})" for f in problems)
-    return Case(arm.name, corruption.kind, joints, corruption.size, outcome, harm, said)
+    twice = any(contradicts(report) for report in reports)
+    return Case(
+        arm.name, corruption.kind, joints, corruption.size, outcome, harm, _said(problems), twice
+    )
+
+
+def _said(problems: Sequence[Issue]) -> str:
+    return "; ".join(f"{f.kind} ({f.where})" for f in problems)
+
+
+def contradicts(report: Report) -> bool:
+    """Whether two issues are about the same number of the same joint."""
+    asked = [
+        (number, _joints(f) or {0})
+        for f in report.problems
+        for number, kinds in _NUMBERS.items()
+        if f.kind in kinds
+    ]
+    return any(a == b and (j & k or {0} in (j, k)) for (a, j), (b, k) in combinations(asked, 2))
 
 
 def _outcome(corruption: Corruption, problems: Sequence[Issue]) -> str:
@@ -89,11 +123,16 @@ def _names(issue: Issue, joints: Sequence[int]) -> bool:
     """Whether an issue is about these joints and no others."""
     if not joints:
         return True
+    return _joints(issue) == {j + 1 for j in joints}
+
+
+def _joints(issue: Issue) -> set[int]:
+    """Joints (from 1) that an issue is about; empty: all."""
     found = issue.figures.get("joints", issue.figures.get("joint"))
     if found is None:
         order = issue.figures.get("order", ())
         found = [k for k, o in enumerate(order, start=1) if o != k]
-    return sorted(np.atleast_1d(found).tolist()) == sorted(j + 1 for j in joints)
+    return {int(j) for j in np.atleast_1d(found).tolist()}
 
 
 def clean(arm: Arm) -> list[Case]:
@@ -103,9 +142,19 @@ def clean(arm: Arm) -> list[Case]:
         span = run.t[-1] - run.t[0]
         for a, b in ((0.0, span), (0.0, 0.5 * span), (0.5 * span, span)):
             (report,) = check(arm.problem, run.window(a, b).runs()[0])
-            said = "; ".join(f"{f.kind} ({f.where})" for f in report.problems)
-            outcome = "false alarm" if said else "silent"
-            cases.append(Case(arm.name, "(clean)", "", f"{a:.3g}-{b:.3g} s", outcome, None, said))
+            outcome = (
+                "false error" if report.meaningless else "false warning" if report.problems else "silent"
+            )
+            case = Case(
+                arm.name,
+                "(clean)",
+                run.names[0],
+                f"{a:.3g}-{b:.3g} s",
+                outcome,
+                None,
+                _said(report.problems),
+            )
+            cases.append(replace(case, contradicts=contradicts(report)))
     return cases
 
 
@@ -122,10 +171,12 @@ def summary(title: str, cases: Sequence[Case]) -> list[str]:
     count = {word: sum(c.outcome == word for c in spoiled) for word in _WORDS}
     bad = [c for c in spoiled if c.outcome == "silent" and (c.harm or 0.0) > HARMFUL]
     seen = [c for c in spoiled if c.harm is None or c.harm > 1.1 or c.outcome != "silent"]
-    alarms = sum(c.outcome == "false alarm" for c in cases)
+    alarms = sum(c.outcome.startswith("false") for c in cases)
+    errors = sum(c.outcome == "false error" for c in cases)
     shares = (len(bad), len(spoiled)), (count["named"], len(spoiled)), (count["named"], len(seen))
     cells = [title, str(len(spoiled)), *(str(count[w]) for w in _WORDS)]
-    return [*cells, *(_share(*x) for x in shares), f"{alarms} of {len(cases) - len(spoiled)}"]
+    alarm = f"{alarms} ({errors} errors) of {len(cases) - len(spoiled)}"
+    return [*cells, *(_share(*x) for x in shares), alarm, str(sum(c.contradicts for c in cases))]
 
 
 def _share(hits: int, count: int) -> str:
@@ -137,7 +188,7 @@ def _share(hits: int, count: int) -> str:
 def markdown(cases: Sequence[Case], command: str) -> str:
     groups = {name: [c for c in cases if c.arm == name] for name in dict.fromkeys(c.arm for c in cases)}
     head = ["log", "cases", *_WORDS, "silent and harmful", "cause named"]
-    head += ["cause named, of those that do harm or are mentioned", "false alarms"]
+    head += ["cause named, of those that do harm or are mentioned", "false alarms", "contradictions"]
     kinds = {kind: [c for c in cases if c.kind == kind] for kind in dict.fromkeys(c.kind for c in cases)}
     silent = [c for c in cases if c.outcome == "silent" and (c.harm or 0.0) > HARMFUL]
     text = ["# Corrupted logs: what the data check says", ""]
@@ -157,7 +208,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--data", type=Path, default=Path("."))
     parser.add_argument("--out", type=Path, default=Path("results"))
-    parser.add_argument("--arms", default="panda,ur10e,tx40,sim5,sim6")
+    parser.add_argument("--arms", default="panda,ur10e,tx40,ur10,emps,sim5,sim6")
     parser.add_argument("--kinds", default="", help="those with this in their name")
     parser.add_argument("--every", type=int, default=1, help="one corruption in so many")
     parser.add_argument("--part", type=int, default=0, help="which of these samples, from 0")
@@ -171,7 +222,7 @@ def main() -> None:
             cases += found
             lines = [["" if x is None else f"{x:.3g}" if isinstance(x, float) else x for x in astuple(c)]
                      for c in cases]  # fmt: skip
-            names = ["arm", "kind", "joints", "size", "outcome", "harm", "said"]
+            names = ["arm", "kind", "joints", "size", "outcome", "harm", "said", "contradicts"]
             write_text(given.out / "corruptions.csv", as_csv(names, lines))
             write_text(given.out / "corruptions.md", markdown(cases, f"{command} --part {given.part}"))
             print("\n".join(" | ".join(summary(n, found)) for n in {c.arm for c in found}), flush=True)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.problem.problem import Problem
 
 Array = NDArray[np.float64]
 Spoil = Callable[[Measurements], Measurements]
@@ -25,7 +26,8 @@ Change = Callable[[Array, Measurements], Array]
 class Corruption:
     """kind : what was done; joints : to which joints (from 0, empty: all); size : how much, in words.
 
-    causes : issue kinds that name it. gravity : believed instead of the true one.
+    causes : issue kinds that name it. problem : believed instead of the true one; beside : a second
+    run of the arm, which is clean, is checked with it.
     """
 
     kind: str
@@ -33,7 +35,8 @@ class Corruption:
     size: str
     causes: tuple[str, ...]
     spoil: Spoil = lambda run: run
-    gravity: tuple[float, float, float] | None = None
+    problem: Callable[[Problem], Problem] = lambda problem: problem
+    beside: bool = False
 
     @property
     def name(self) -> str:
@@ -59,8 +62,38 @@ def corruptions(n: int) -> list[Corruption]:
         Corruption(kind, (), size, tuple(causes.split("|")), s) for kind, size, causes, s in _runs()
     ]
     for g, word in (((0.0, 0.0, 9.81), "ceiling"), ((9.81, 0.0, 0.0), "wall"), (_TILTED, "30 deg")):
-        made.append(Corruption("gravity assumed", (), word, ("gravity direction",), gravity=g))
+        mounted = lambda problem, g=g: problem.with_gravity(g)  # noqa: E731
+        made.append(Corruption("gravity assumed", (), word, ("gravity direction",), problem=mounted))
+    unknown = ("unexplained torque", "torque not explained")
+    for longer in (0.1, 0.3):
+        long = partial(_longer, longer, n // 2)
+        made.append(Corruption("link too long", (), f"{longer:g} m", unknown, problem=long))
+    for j in chosen[:2]:
+        for kind, size, name, change in _BESIDE:
+            spoil = partial(_on, name, j, change)
+            made.append(
+                Corruption(f"{kind} in one of two runs", (j,), size, (kind,), spoil, beside=True)
+            )
     return made
+
+
+_BESIDE: Sequence[tuple[str, str, str, Change]] = (
+    ("torque gain", "x 1.15", "tau", lambda x, r: 1.15 * x),
+    ("encoder offset", "3 deg", "q", lambda x, r: x + np.radians(3.0)),
+)
+
+
+def _longer(metres: float, j: int, problem: Problem) -> Problem:
+    """The kinematics with joint j so much farther from the one before, along the line to it."""
+    joint = problem.robot.joints[j]
+    placement = joint.placement.copy()
+    away = placement[:3, 3]
+    size = float(np.linalg.norm(away))
+    placement[:3, 3] = away + metres * (away / size if size > 1e-6 else np.eye(3)[2])
+    joints = tuple(
+        replace(x, placement=placement) if k == j else x for k, x in enumerate(problem.robot.joints)
+    )
+    return replace(problem, robot=replace(problem.robot, joints=joints))
 
 
 _TILTED = (0.0, -4.905, -8.4957)
@@ -94,6 +127,10 @@ def _channels() -> Iterator[tuple[str, str, str, str, Change]]:
     for limit in (0.4, 0.7):
         clip = partial(_clipped, limit)
         yield "saturation", f"at {limit:g} of the peak", "saturation", "tau", clip
+        soft = lambda x, r, s=limit: s * np.abs(x).max() * np.tanh(x / (s * np.abs(x).max()))  # noqa: E731
+        causes = "saturation|unexplained torque|torque gain"
+        yield "soft saturation", f"at {limit:g} of the peak", causes, "tau", soft
+    yield "torque magnitude", "one", "torque magnitude", "tau", lambda x, r: np.abs(x)
     yield "position sign", "", "position sign|joint sign", "q", lambda x, r: -x
     for degrees in (6.0, 30.0, 90.0, -90.0, 180.0):
         turned = np.radians(degrees)
@@ -141,6 +178,12 @@ def _runs() -> Iterator[tuple[str, str, str, Spoil]]:
     yield word, "1.5 Hz", "torque filter|delay", partial(_each_torque, slow)
     degrees = lambda r: replace(r, q=np.degrees(r.q), dq=None)  # noqa: E731
     yield "positions in degrees", "", "positions in degrees|position range", degrees
+    yield "torque magnitude", "all", "torque magnitude", partial(_each_torque, lambda x, r: np.abs(x))
+    for share in (0.03, 0.1):
+        causes = "repeated packets|doubled rows|frozen packets"
+        yield "packets repeated", f"{100 * share:g} %", causes, partial(_again, share)
+    for seconds in (0.1, 0.5):
+        yield "packets held", f"3 x {seconds:g} s", "frozen packets", partial(_packets, seconds)
     yield "all torque signs", "", "torque sign", partial(_each_torque, lambda x, r: -x)
     for gain, size in ((1e3, "mN m"), (0.04, "current")):
         scaled = partial(_each_torque, lambda x, r, g=gain: g * x)
@@ -226,6 +269,22 @@ def _lost(block: int, run: Measurements) -> Measurements:
     for start in np.linspace(0.15, 0.85, 8) * len(keep):
         keep[int(start) : int(start) + block] = False
     return _remade(run, np.flatnonzero(keep))
+
+
+def _again(share: float, run: Measurements) -> Measurements:
+    """Rows that a logger wrote again because no new packet had come."""
+    lost = np.random.default_rng(5).random(len(run.t)) < share
+    source = np.maximum.accumulate(np.where(lost, 0, np.arange(len(run.t))))
+    return replace(rows(run, source), t=run.t)
+
+
+def _packets(seconds: float, run: Measurements) -> Measurements:
+    """Every channel keeps its value so long, three times."""
+    source = np.arange(len(run.t))
+    for share in (0.2, 0.5, 0.8):
+        a = int(share * len(run.t))
+        source[a : a + int(seconds / float(np.median(np.diff(run.t))))] = a
+    return replace(rows(run, source), t=run.t)
 
 
 def _interpolated(run: Measurements) -> Measurements:

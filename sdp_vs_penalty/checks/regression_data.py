@@ -11,6 +11,7 @@ from sdp_vs_penalty.checks.columns import independent_columns, own_columns, shar
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.kernels import LowPass
@@ -102,6 +103,11 @@ class RegressionData:
         moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)  # and its channel is not dead
         usual = np.sqrt(np.mean(dq**2, axis=0))
         slides = np.abs(dq) > SLIDES * usual
+        asked = np.flatnonzero(np.any(slides[:, moving], axis=1))
+        if not len(asked):
+            raise InputError(
+                "no joint both moves and has a torque that changes", "record such a run", run.names[0]
+            )
         made = cls(
             shared,
             kept,
@@ -114,7 +120,7 @@ class RegressionData:
             np.asarray(problem.nominal_links.ravel(), float),
         )
         # Where all have stopped nothing is asked of any joint.
-        return made.part(np.flatnonzero(np.any(slides[:, moving], axis=1)))
+        return made.part(asked)
 
 
 def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Model) -> tuple[Array, ...]:

@@ -1,4 +1,4 @@
-"""The runs that a model is fitted to and tested on, and the fast part of their check."""
+"""The runs that a model is fitted to and tested on."""
 
 from __future__ import annotations
 
@@ -85,35 +85,9 @@ def runs_for(
     return Runs(windowed(measured, train), held_out, whole)
 
 
-def consented(estimate: Estimate, measurements: Measurements) -> bool:
-    """Whether a model was identified from the same runs with --no-check."""
-    same = estimate.provenance["data_hash"] == measurements.data_hash
-    return same and estimate.provenance.get("checked") is False
+def warn_or_refuse(problem: Problem, measurements: Measurements, verb: str, gains: bool = False) -> None:
+    """:func:`~sdp_vs_penalty.checked.refuse_meaningless`; warnings go to stderr, a line each."""
+    from sdp_vs_penalty.checked import refuse_meaningless
 
-
-def refuse_meaningless(
-    problem: Problem, measurements: Measurements, verb: str = "identify", gains: bool = False
-) -> None:
-    """The fast part of the check, before the work of a verb: warnings go to stderr, a line each.
-
-    gains : whether that work determines the torque channels' gains, so that the check need not.
-    Raises InputError where that work would be meaningless.
-    """
-    from sdp_vs_penalty import show
-    from sdp_vs_penalty.checks import check
-
-    if not measurements.torque_logged:  # the check weighs torque
-        return
-    reports = check(problem, measurements, thorough=False)
-    found = [(r.run, f) for r in reports for f in r.problems if not (gains and f.kind == "torque gain")]
-    errors = [(run, f) for run, f in found if f.severity == "error"]
-    if errors:
-        run, f = errors[0]
-        more = f"; {show.count(len(errors) - 1, 'more error')}" if len(errors) > 1 else ""
-        raise InputError(
-            f"{f.what.rstrip('.')}: {f.remedy}{more} (details: `check`)",
-            f"fix the data (`check --fix`), or pass --no-check to {verb} anyway",
-            run,
-        )
-    for run, f in found:
-        console.warn(f"{f.severity}: {run}: {f.what} (details: `check`)")
+    for text in refuse_meaningless(problem, measurements, verb, "pass --no-check to", gains):
+        console.warn(text)

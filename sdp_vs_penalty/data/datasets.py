@@ -27,11 +27,7 @@ MIRROR_VARIABLE = "SDP_VS_PENALTY_MIRROR"
 
 #: Authors' drive gains of the UR10e [N m/A]: motor current to joint torque.
 UR10E_DRIVE_GAINS = (10.0, 10.70, 8.46, 9.00, 9.48, 10.12)
-#: A gap in the clock of a UR10e log [s] that no recording at 100 Hz has.
-_UR10E_GAP = 0.1
 
-#: Samples a second of the TX40's log.
-_TX40_RATE = 5000.0
 
 Say = Callable[[str], None]
 
@@ -132,7 +128,7 @@ def _ur10e_runs(folder: Path, say: Say) -> dict[str, Measurements]:
     return runs
 
 
-def clean_stretch(text: str, width: int, gap: float = _UR10E_GAP) -> tuple[Array, str]:
+def clean_stretch(text: str, width: int, gap: float = 0.1) -> tuple[Array, str]:
     """The longest stretch of whole rows under a running clock, and which rows are not in it.
 
     A recorder that starts or stops in the middle of a packet writes rows of other fields as if
@@ -195,7 +191,8 @@ def _tx40_runs(folder: Path, say: Say) -> dict[str, Measurements]:
     q, tau = (
         np.loadtxt(folder / file.name, delimiter=",", skiprows=1) for file in DATASETS["tx40"].files
     )
-    return {"exciting": Measurements(np.arange(len(q)) / _TX40_RATE, q, tau, names=("exciting",))}
+    # Samples a second of the TX40's log.
+    return {"exciting": Measurements(np.arange(len(q)) / 5000.0, q, tau, names=("exciting",))}
 
 
 _CONVERTERS = {"panda": _panda_runs, "ur10e": _ur10e_runs, "emps": _emps_runs, "tx40": _tx40_runs}

@@ -69,7 +69,8 @@ class Measurements(Shown):
     def _summary(self) -> Summary:
         runs = self.runs()
         lengths = [float(r.t[-1] - r.t[0]) if len(r.t) else 0.0 for r in runs]
-        steps = np.concatenate([np.zeros(0), *(np.diff(r.t) for r in runs)])
+        with np.errstate(invalid="ignore"):
+            steps = np.concatenate([np.zeros(0), *(np.diff(r.t) for r in runs)])
         rate = f", {1.0 / np.median(steps):.4g} Hz" if len(steps) and np.median(steps) > 0.0 else ""
         title = f"Measurements: {show.count(len(runs), 'run')}, {show.count(self.n, 'joint')}"
         return title, [

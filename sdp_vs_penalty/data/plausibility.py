@@ -22,13 +22,9 @@ from sdp_vs_penalty.robot.robot import Robot
 
 #: How far outside its range a joint may seem to be: a turn [rad]; for prismatic joints twice the range.
 _TURN = 2.0 * np.pi
-#: What a revolute joint without a range does not do: to and fro over this many turns [rad].
-_UNLIMITED = 8.0 * 2.0 * np.pi
 #: Ratios of two positions or velocities that mean degrees against radians: 57.3 within a third.
 _DEGREES = (38.0, 86.0)
 
-#: No sensor resolves this [N m, N].
-_NO_TORQUE = 1e-12
 #: How far outside its range an encoder's zero may put a joint [rad, m].
 _ZERO = 0.2
 #: What else large angles may be.
@@ -47,7 +43,9 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
                 raise _out_of_range(run, j, joint)
             unlimited = not (np.isfinite(joint.lower) and np.isfinite(joint.upper))
             # A motion to and fro, not a shaft that goes on turning.
-            to_and_fro = travel > _UNLIMITED and abs(q[-1] - q[0]) < 0.5 * travel
+            # What a revolute joint without a range does not do: to and fro over this many turns
+            # [rad].
+            to_and_fro = travel > (8.0 * 2.0 * np.pi) and abs(q[-1] - q[0]) < 0.5 * travel
             if unlimited and joint.kind == "revolute" and to_and_fro:
                 raise InputError(
                     f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}: joint {j + 1} "
@@ -58,7 +56,8 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
 
 def check_torque(run: Measurements) -> None:
     """InputError where no channel holds anything: zeros, or numbers whose squares are."""
-    if run.torque_logged and not any(np.any(np.abs(part) > _NO_TORQUE) for _, part in parts(run.tau)):
+    # No sensor resolves this [N m, N].
+    if run.torque_logged and not any(np.any(np.abs(part) > 1e-12) for _, part in parts(run.tau)):
         raise InputError("every torque is zero", "log the torque, or the current", run.names[0])
 
 
@@ -131,16 +130,17 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
         return
     energies = ways = shared = np.zeros(run.n)
     channels = (parts(x, overlap=1) for x in (run.t, run.q, run.dq))
-    for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
-        travelled, expected = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
-        energies = energies + np.einsum("kj,kj->j", expected, expected)
-        ways = ways + np.einsum("kj,kj->j", travelled, travelled)
-        shared = shared + np.einsum("kj,kj->j", travelled, expected)
+    with np.errstate(over="ignore", invalid="ignore"):  # of 1e300 nothing is concluded
+        for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
+            travelled, expected = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
+            energies = energies + np.einsum("kj,kj->j", expected, expected)
+            ways = ways + np.einsum("kj,kj->j", travelled, travelled)
+            shared = shared + np.einsum("kj,kj->j", travelled, expected)
     for j, joint in enumerate(robot.joints):
-        energy, common, way = energies[j], shared[j], ways[j]
-        if joint.kind != "revolute" or 0.0 in (energy, way, common):
+        energy, common, way = float(energies[j]), float(shared[j]), float(ways[j])
+        if joint.kind != "revolute" or not 0.0 < energy * way < np.inf or common == 0.0:
             continue
-        if common**2 < 0.5 * energy * way:
+        if not common * common >= 0.5 * energy * way:
             continue  # noise, or a coarse encoder: nothing to conclude from
         ratio = common / energy
         for name, value in (("q", ratio), ("dq", 1.0 / ratio)):

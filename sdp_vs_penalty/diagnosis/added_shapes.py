@@ -20,12 +20,13 @@ from sdp_vs_penalty.diagnosis.whitening import prepare
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.joint_shapes import settled
 from sdp_vs_penalty.estimation.shape_constants import free_constants
-from sdp_vs_penalty.estimation.shape_folds import FOLDS
-from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate
+from sdp_vs_penalty.regression.regression import compress
 
 #: Chance of folds that agree by luck, below which other shape constants are confirmed.
 _CHANCE = 0.025
@@ -95,7 +96,7 @@ def found_together(
     if not wanted:
         return None
     settings, weighting = found.preprocessing, weighting_of(found)
-    best = settled(found.model, found.theta, wanted, measurements, settings, weighting)
+    best = settled(found.model, wanted, lambda model: compress(measurements, model, settings), weighting)
     effects, std = best.model.effects, best.std
     values = {(e.name, j, k): v for e in effects for k, v in e.shape.items() for j in e.joints}
     if not any(abs(np.log(values[k] / s.after)) > _MOVES * std[k] for k, s in own.items()):
@@ -123,7 +124,7 @@ def confirmed(other: Estimate, found: Estimate, measurements: Measurements) -> b
                 "ols",
                 effects=e.model.effects,
                 preprocessing=e.preprocessing,
-                folds=FOLDS,
+                folds=SHAPE_FOLDS,
             )
             for e in (found, other)
         )

@@ -37,7 +37,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.shape_constants import sensitivities
-from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate, with_shapes
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.library import Form, Library
+from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.diagnosis.refit import weighting_of
 from sdp_vs_penalty.diagnosis.rows import with_estimate
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import whitened
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate, with_shapes
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.regression.regression import compress
 
@@ -50,7 +50,7 @@ def limited(search: Search, terms: Sequence[Term]) -> Search:
     fit = out.score.fit(terms)
     found = []
     for t in terms:
-        others = out.score.fit([x for x in terms if x is not t], fit.level)
+        others = out.score.fit([x for x in terms if x != t], fit.level)
         again = out.score.judged(others, t.form, t.columns)
         found.append(replace(again, rivals=t.rivals))
     out.terms, out.fit = found, fit
@@ -61,13 +61,8 @@ def in_order(terms: Sequence[Term]) -> list[Term]:
     """Those that explain most first; a finer form of an effect comes after the plainer."""
     out = sorted(terms, key=lambda t: -t.J)
     for term in list(out):
-        place = next(k for k, t in enumerate(out) if t is term)
-        plainer = [k for k, t in enumerate(out) if _refines(term.form, t.form)]
+        place = out.index(term)
+        plainer = [k for k, t in enumerate(out) if term.form.refines(t.form)]
         if plainer and max(plainer) > place:
             out.insert(max(plainer), out.pop(place))
     return out
-
-
-def _refines(finer: Form, plainer: Form) -> bool:
-    """Whether an effect declares that it is a finer form of another, on the same joint."""
-    return plainer.key[1] == finer.key[1] and plainer.key[0] in finer.effect.refines

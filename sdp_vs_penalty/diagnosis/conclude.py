@@ -19,7 +19,7 @@ from sdp_vs_penalty.diagnosis.findings import (
     Finding,
     Invisible,
 )
-from sdp_vs_penalty.diagnosis.held_out import HeldOut
+from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
 from sdp_vs_penalty.diagnosis.reasons import INVISIBLE, REASONS, Evidence, reasons
 from sdp_vs_penalty.diagnosis.remaining import Remainder, remainder, residual_beside
 from sdp_vs_penalty.diagnosis.retunes import retunes
@@ -31,38 +31,13 @@ from sdp_vs_penalty.diagnosis.where_it_fails import carriers
 from sdp_vs_penalty.diagnosis.whitening import spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
 
-#: A finding that lowers no joint's held-out error by this share is minor where no repetition shows the
-#: noise.
-MINOR = 0.01
-
-
-@dataclass(frozen=True)
-class Found:
-    """What a search came to: first : the model as it was given; estimate : with the constants of its own
-    that explain most; shapes : those constants; search : the findings beside it, in order; held_out : of
-    all terms, of which ``offered`` are these; before (n,) : errors of the model as given."""
-
-    first: Estimate
-    estimate: Estimate
-    shapes: tuple[ShapeEstimate, ...]
-    search: Search
-    held_out: HeldOut
-    offered: tuple[int, ...]
-    before: Array
-    curves: tuple[OfferedCurve, ...] = ()
-
-
-@dataclass(frozen=True)
-class OfferedCurve:
-    """A curve; before : held-out error of its joint without it, errors (n,) : with it."""
-
-    curve: Measured
-    before: float
-    errors: Array
+#: Share by which the order of a wave differs at most from a multiple of the slowest one's, of which it
+#: is a harmonic: what a refined order is uncertain by.
+HARMONIC = 0.02
 
 
 @dataclass(frozen=True)
@@ -79,6 +54,33 @@ class Left:
         return self.rest.matters
 
 
+@dataclass(frozen=True)
+class OfferedCurve:
+    """A curve; before : held-out error of its joint without it, errors (n,) : with it."""
+
+    curve: Measured
+    before: float
+    errors: Array
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search came to: first : the model as it was given; estimate : with the constants of its own
+    that explain most; shapes : those constants; search : the findings beside it, in order; left : by
+    these; held_out : of all terms, of which ``offered`` are these; before (n,) : errors of the model as
+    given."""
+
+    first: Estimate
+    estimate: Estimate
+    shapes: tuple[ShapeEstimate, ...]
+    search: Search
+    left: Left
+    held_out: HeldOut
+    offered: tuple[int, ...]
+    before: Array
+    curves: tuple[OfferedCurve, ...] = ()
+
+
 def what_is_left(search: Search) -> Left:
     """Of the rows beside all terms of a search."""
     data, fit = search.data, search.fit
@@ -93,23 +95,27 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     """The diagnosis. gain_errors (n, e) : a factor of the covariance of the torque channels' gains;
     new_share : of the test run's motion; seed : of the draws of a curve's band."""
     search, data = found.search, found.search.data
-    rows, noise, fit = data.rows, data.noise, search.fit
-    known = what_is_left(search)
-    left, white = known.rest, fit.residual * fit.level[:, None]
-    happened = events(data, white, known.residual, known.matters)
+    rows, noise = data.rows, data.noise
+    left, residual = found.left.rest, found.left.residual
+    happened = events(data, found.left.odd, residual, left.matters)
     ladder = [found.held_out.errors(found.offered[:k]) for k in range(len(found.offered) + 1)]
     errors = np.array([e.every for e in ladder])
     retuned = retunes(found.shapes, found.estimate.robot, found.before, errors[0])
     doubt = torque_errors(data, found.estimate, gain_errors)
     every = [_finding(found, k, term, errors, left, doubt) for k, term in enumerate(search.terms)]
-    minor = [
-        data.noise.source != REPETITION and _minor(errors[k], errors[k + 1]) for k in range(len(every))
-    ]
+    unsure = noise.source != REPETITION
+    minor = [unsure and not lowers(errors[k], errors[k + 1]) for k in range(len(every))]
     every = _stood_in(found, every)
     findings = tuple(f for f, m in zip(every, minor, strict=True) if not m)
     beside = tuple(replace(f, confidence="minor") for f, m in zip(every, minor, strict=True) if m)
     curves = _told(found, seed)
-    verdict = UNKNOWN if left.matters or curves else EFFECT_MISSING if findings else NOTHING_MISSING
+    nameless = {j: float(left.beyond[j]) for j in left.matters}
+    for term in search.terms:
+        if in_pieces(term, search.terms):
+            (j,) = term.joints
+            own = spread_columns(rows, term.form.effect)[j] @ term.beta
+            nameless[j] = float(np.hypot(nameless.get(j, 0.0), own.std()))
+    verdict = UNKNOWN if nameless or curves else EFFECT_MISSING if findings else NOTHING_MISSING
     return Diagnosis(
         verdict,
         findings,
@@ -127,10 +133,18 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         new_share,
         retuned,
         curves,
-        tuple(carriers(rows, known.residual, left.matters)),
-        tuple((j + 1, float(left.beyond[j])) for j in left.matters),
+        tuple(carriers(rows, residual, left.matters)),
+        tuple((j + 1, size) for j, size in sorted(nameless.items())),
         beside,
     )
+
+
+def in_pieces(term: Term, terms: Sequence[Term]) -> bool:
+    """Whether a wave is one of several on its joint that are no harmonics of one: together they make a
+    function of the position that no effect is."""
+    waves = np.array([t.form.effect.waves or 0.0 for t in terms if t.key == term.key])
+    orders = waves / max(waves.min(), 1e-300)
+    return bool(term.form.effect.waves and np.any(np.abs(orders - np.round(orders)) > HARMONIC * orders))
 
 
 def _told(found: Found, seed: int) -> tuple[Curve, ...]:
@@ -146,7 +160,7 @@ def _told(found: Found, seed: int) -> tuple[Curve, ...]:
 
 def _stood_in(found: Found, findings: Sequence[Finding]) -> list[Finding]:
     """The findings; those that curves stand instead of are weak, and cannot be told apart from one."""
-    gone = {id(t) for o in found.curves for t in o.curve.replaced}
+    gone = {t for o in found.curves for t in o.curve.replaced}
     return [
         replace(
             f,
@@ -154,14 +168,10 @@ def _stood_in(found: Found, findings: Sequence[Finding]) -> list[Finding]:
             remarks=(*f.remarks, REASONS["curve"]),
             indistinguishable_from=(*f.indistinguishable_from, CURVE),
         )
-        if id(t) in gone
+        if t in gone
         else f
         for f, t in zip(findings, found.search.terms, strict=True)
     ]
-
-
-def _minor(before: Array, after: Array) -> bool:
-    return bool(np.all(after > (1.0 - MINOR) * before))
 
 
 def _finding(
@@ -198,6 +208,7 @@ def _finding(
             float(np.max(torque / np.maximum(whole, 1e-300))),
             0.0 if prior is None else float(np.sqrt(np.mean((known.beta / prior) ** 2))),
             search.data.rows.seen(effect.joints[0]),
+            in_pieces(term, search.terms),
         )
     )
     return Finding(
@@ -230,7 +241,7 @@ def _rival_name(own: Effect, other: Effect) -> str:
 def _shares(search: Search, term: Term) -> tuple[float, float]:
     """Of a term's energy what the model's columns make, and what other terms make besides."""
     parts = []
-    for others in ([], [t for t in search.terms if t is not term]):
+    for others in ([], [t for t in search.terms if t != term]):
         fit = search.score.fit(others, search.fit.level)
         parts.append(float(np.sum((fit.beside(fit.scaled(term.columns)) @ term.beta) ** 2)))
     whole = sum(

@@ -11,10 +11,18 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited
-from sdp_vs_penalty.diagnosis.conclude import MINOR, Found, OfferedCurve, conclude, what_is_left
+from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.held_out import RAISES, HeldOut, folds_of, on_folds, on_test, raises
+from sdp_vs_penalty.diagnosis.held_out import (
+    RAISES,
+    HeldOut,
+    folds_of,
+    lowers,
+    on_folds,
+    on_test,
+    raises,
+)
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.retunes import shape_estimate, told
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
@@ -175,8 +183,8 @@ def _offered(search: Search, judge: _Judge) -> Found:
     held_out = judge.of(beside, [t.form.effect for t in terms], now)
     order = held_out.offered(len(terms))
     final = limited(beside, [terms[k] for k in order])
-    found = Found(first, now, tuple(shapes), final, held_out, tuple(order), before)
     left = what_is_left(final)
+    found = Found(first, now, tuple(shapes), final, left, held_out, tuple(order), before)
     parts = in_parts(final)
     if not left.matters and not parts:
         return found
@@ -189,8 +197,8 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Fou
     and whose tables the test run does not leave; each with what it does to the errors."""
     named, out = [t.form.effect for t in found.search.terms], list[OfferedCurve]()
     for curve in curves:
-        gone = {id(t) for c in (*(o.curve for o in out), curve) for t in c.replaced}
-        terms = [k for k, t in enumerate(found.search.terms) if id(t) not in gone]
+        gone = {t for c in (*(o.curve for o in out), curve) for t in c.replaced}
+        terms = [k for k, t in enumerate(found.search.terms) if t not in gone]
         every = [*(o.curve for o in out), curve]
         effects = [*named, *(c.table for c in every)]
         held = judge.of(
@@ -202,7 +210,11 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Fou
         names = list(range(len(named)))
         before = held.errors(names).every if not out else out[-1].errors
         after = held.errors([*terms, *range(len(named), len(effects))]).every
-        lower = after[curve.joint] < (1.0 - MINOR) * before[curve.joint]
-        if lower and not raises(before, after) and judge.outside(curve.table) <= OUTSIDE:
+        on = [curve.joint]
+        if (
+            lowers(before[on], after[on])
+            and not raises(before, after)
+            and judge.outside(curve.table) <= OUTSIDE
+        ):
             out.append(OfferedCurve(curve, float(before[curve.joint]), after))
     return replace(found, curves=tuple(out))

@@ -66,12 +66,11 @@ class Event:
         )
 
 
-def events(data: WhiteData, white: Array, residual: Array, named: Sequence[int]) -> list[Event]:
-    """The events of a final model. white (n, M), residual (M, n) [N m or N] : what it leaves; named :
-    the
-    joints (from 0) on which something without a name is left, whose peaks are no events."""
-    rows = data.rows
-    mask = outliers(data, white.T, residual)
+def events(data: WhiteData, odd: Mask, residual: Array, named: Sequence[int]) -> list[Event]:
+    """The events of a final model. residual (M, n) [N m or N] : what it leaves; odd (M, n) : its
+    outliers; named : the joints (from 0) on which something without a name is left, whose peaks are no
+    events."""
+    rows, mask = data.rows, odd.copy()
     mask[:, list(named)] = False
     whole = rows.with_masked(np.zeros((0, 0), bool))
     found = []

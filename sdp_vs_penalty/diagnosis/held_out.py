@@ -37,6 +37,8 @@ from sdp_vs_penalty.signals.stillness import STILL
 #: how many times as much those of the others have to fall (in logarithms) where one rises by more: on
 #: the Panda the hysteresis of joint 7 takes 63 % of its error, and a refit adds 17 % to joint 6.
 RAISES, REPAID = 0.02, 3.0
+#: Share by which a held-out error has to fall: less is minor.
+MINOR = 0.01
 #: Folds by phase.
 FOLDS = 5
 
@@ -116,6 +118,11 @@ def harm(before: Array, after: Array) -> float:
     most = float(np.max(change))
     repaid = -float(np.sum(np.minimum(change, 0.0))) > REPAID * most
     return 0.0 if repaid else float(np.expm1(most))
+
+
+def lowers(before: Array, after: Array) -> bool:
+    """Whether some error falls by more than what is minor."""
+    return bool(np.any(after <= (1.0 - MINOR) * before))
 
 
 def raises(before: Array, after: Array) -> bool:

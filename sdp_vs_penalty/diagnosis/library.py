@@ -19,7 +19,7 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_profiles import alone
+from sdp_vs_penalty.estimation.shapes import alone
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
@@ -60,6 +60,10 @@ class Form:
     def nonnegative(self) -> list[bool]:
         """(k,) which parameters may not be negative."""
         return [p.lower == 0.0 for p in self.effect.parameters]
+
+    def refines(self, other: Form) -> bool:
+        """Whether its effect says that it is a finer form of the other's, on the same joint."""
+        return self.key[1] == other.key[1] and other.key[0] in self.effect.refines
 
     def with_shape(self, **shape: float) -> Form:
         return Form(self.key, self.effect.with_shape(**shape), self.own, self.moves)

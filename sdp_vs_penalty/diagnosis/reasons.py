@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.held_out import lowers
 from sdp_vs_penalty.diagnosis.search import APART
 from sdp_vs_penalty.effects.effect import Effect, Seen
 from sdp_vs_penalty.robot.arrays import Array
@@ -17,18 +18,17 @@ REASONS: Mapping[str, str] = {
     "rivals": "another effect fits as well",
     "uncertain": "its size is uncertain by > 20 %",
     "small": "its gain is small",
-    "not_held_out": "no joint's held-out error falls by 0.1 %",
+    "not_held_out": "no joint's held-out error falls by 1 %",
     "more_left": "more error is left on its joints than it explains",
     "shared": "other findings share most of its torque: only their sum is known",
     "absorbed": "the model's own parameters make nearly all of its torque",
     "implausible": "its size is not plausible",
     "looks_like": "something else looks so",
+    "pieces": "with others of its kind it makes one function of the position, which has no name",
     "curve": "a measured curve explains the joint better",
 }
 #: Relative standard deviation of a size from which it is uncertain.
 _UNCERTAIN = 0.2
-#: Share by which a held-out error has to fall.
-_FALLS = 0.001
 #: Share of an effect's energy that the model makes, from which nobody sees it beside the model; and that
 #: other findings make, from which its size is not its own: standard deviations are then 32 and 2.2 times
 #: as large as alone, 1 / sqrt(1 - share).
@@ -44,7 +44,7 @@ class Evidence:
     (n,) : held-out errors of the ladder's step, left (n,) : what remains beyond the noise at its end;
     joints : on which it acts; absorbed, shared : shares of its energy; torque : its RMS over its
     joint's, the largest; plausible : the sizes' ratio to what the effect says is plausible, the
-    largest."""
+    largest; pieces : whether it is one of several that make one function."""
 
     effect: Effect
     size: float
@@ -60,6 +60,7 @@ class Evidence:
     torque: float
     plausible: float
     seen: Seen
+    pieces: bool = False
 
 
 def reasons(e: Evidence) -> dict[str, str]:
@@ -71,12 +72,13 @@ def reasons(e: Evidence) -> dict[str, str]:
         "rivals": e.rivals,
         "uncertain": not e.std <= _UNCERTAIN * abs(e.size),
         "small": not e.J > 2.0 * APART,
-        "not_held_out": not np.any(e.after[on] < (1.0 - _FALLS) * e.before[on]),
+        "not_held_out": not lowers(e.before[on], e.after[on]),
         "more_left": bool(explained < np.sum(e.left[on] ** 2)),
         "shared": e.shared > _SHARED,
         "absorbed": e.absorbed > INVISIBLE,
         "implausible": e.torque > _TORQUE or e.plausible > _FAR,
         "looks_like": bool(looks_like),
+        "pieces": e.pieces,
     }
     said = {**REASONS, "looks_like": looks_like}
     return {name: said[name] for name, true in holds.items() if true}

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from sdp_vs_penalty.diagnosis.score import Fit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
@@ -19,8 +20,10 @@ from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.stillness import SLOW, STILL
 
 #: Variance of what is left over that of the noise, in rows that are evidence, from which something is
-#: left: a model whose laws are right is within 1.35 of it (95 % of clean challenge cases).
-MISFIT = 1.5
+#: left, beside what chance makes of a noise that is known from few repetitions.
+MISFIT = 1.3
+#: Chance that a joint's noise is known as too low as that makes it.
+CHANCE = 1e-3
 #: The same where the noise comes from a spectrum, which is right within a factor of two (.52 to 1.3 of
 #: the truth on 38 logs of two simulators, most of them too low): 2^2 times as much.
 MISFIT_SPECTRUM = 6.0
@@ -62,7 +65,9 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, ignore: NDArray[np.boo
     squares = mean(residual**2, slides), mean(residual**2, keep & ~slides)
     beyond, slow = (np.sqrt(np.maximum(x - noise.floor**2, 0.0)) for x in squares)
     torque = np.sqrt(np.mean(rows.torque**2, axis=0))
-    least = MISFIT if noise.source == REPETITION else MISFIT_SPECTRUM
+    least = np.full(len(noise.floor), MISFIT_SPECTRUM)
+    if noise.source == REPETITION:  # as the mean of so many squares is itself known
+        least = MISFIT * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
     with np.errstate(divide="ignore", invalid="ignore"):
         raised = np.hypot(beyond, noise.floor) / noise.floor - 1.0
     found = (variance > least) & (raised > MATTERS) & (beyond > NOMINAL * torque) & data.known

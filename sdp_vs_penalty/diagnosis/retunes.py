@@ -13,7 +13,7 @@ from sdp_vs_penalty.diagnosis.search import APART
 from sdp_vs_penalty.diagnosis.sizes import Size
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import plain_unit

@@ -34,17 +34,19 @@ from sdp_vs_penalty.robot.arrays import Array
 #: Rows of a joint beyond which more of them tell no law better. Of six weak effects (seed 61001) 300
 #: name none and 1000 name two.
 ALPHA = 1000.0
-#: Share of a column's energy below which the model makes it itself: a form with such a column is no
-#: candidate.
+#: Share of a column's energy below which the model makes it itself, and a form is judged without it.
 ABSORBED = 1e-3
+#: Share of a column below which what others leave of it is rounding.
+_DEPENDENT = 1e-5
 #: Turns in which the joints' levels and the fit are made to agree.
 _TURNS = 6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Term:
     """A form with its white columns (M, k) by joint, its score beside what it was judged with, its
-    coefficients (k,), their sandwich covariance (k, k), and the forms that do as well."""
+    coefficients (k,), their sandwich covariance (k, k), and the forms that do as well. Equal to itself
+    alone."""
 
     form: Form
     columns: dict[int, Array]
@@ -177,14 +179,11 @@ class Score:
     ) -> Term:
         """spent : coefficients that the fit to compare with has, of the form's."""
         none = Term(form, columns, beta=np.zeros(form.k))
-        scaled, k = fit.scaled(columns), form.k
-        energy = sum(np.sum(z**2, axis=0) for z in scaled.values())
-        T = fit.beside(scaled)
-        flat = T.reshape(-1, k)
+        T, known = self.apart(fit, form, columns)
+        flat = T.reshape(-1, form.k)
         D = flat.T @ flat
-        if np.any(np.diagonal(D) <= ABSORBED * energy):
+        if not D.any():
             return none
-        known = self.prior(fit, form, tuple(columns), energy)
         A = D + np.diag(known**-2.0)
         inverse = np.asarray(np.linalg.inv(_ridged(A)))
         beta = _bounded(A, flat.T @ fit.residual.ravel(), form.nonnegative)
@@ -200,6 +199,15 @@ class Score:
         J = drop / v - (size + form.constants) * np.log(N) - 2.0 * np.log(self.looked)
         spread = inverse @ V @ inverse
         return replace(none, J=J, beta=beta, covariance=spread)
+
+    def apart(self, fit: Fit, form: Form, columns: dict[int, Array]) -> tuple[Array, Array]:
+        """(n, M, k) what a fit leaves of a form's columns, all of them weighted, nothing of those that
+        the fit makes itself; and (k,) standard deviations that are known of their coefficients."""
+        scaled = fit.scaled(columns)
+        energy = np.sum([np.sum(z**2, axis=0) for z in scaled.values()], axis=0)
+        T = fit.beside(scaled)
+        T = T * (np.sum(T**2, axis=(0, 1)) > ABSORBED * energy)
+        return T, self.prior(fit, form, tuple(columns), energy)
 
     def _sandwich(self, T: Array, left: Array, inverse: Array) -> tuple[Array, float]:
         """(k, k) the robust counterpart of T'T, of the clusters that make most of it, and how many times
@@ -226,7 +234,7 @@ class Score:
         if known is not None:
             return known
         whole = float(np.sum(fit.target[list(joints)] ** 2))
-        return np.asarray(np.sqrt(whole / np.maximum(energy, 1e-300)))
+        return np.asarray(np.sqrt(whole / np.maximum(energy, 1e-200)))
 
     def _retuned(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
         """A form in the place of the model's own column, of which the fit has one."""
@@ -248,14 +256,15 @@ class Score:
             B = np.tensordot(fit.Q, X, axes=((0, 1), (0, 1)))
             B[:, list(fit.dropped)] = 0.0
             norms = np.linalg.norm(B, axis=0)
-            B = np.hstack([B / np.where(norms > 0.0, norms, 1.0), fit.beside_model])
+            seen = norms > 1e-12 * norms.max(initial=0.0)  # others are rounding
+            B = np.hstack([B * (seen / np.where(seen, norms, 1.0)), fit.beside_model])
             W = np.linalg.pinv(B.T, rcond=1e-9)
             found = dict[tuple[int, ...], Array]()
             for own in self.owned:
                 (place,) = own
                 apart = B.T @ W[:, place]
                 apart[place] -= 1.0
-                if norms[place] > 0.0 and np.max(np.abs(apart)) < 1e-6:
+                if seen[place] and np.max(np.abs(apart)) < 1e-6:
                     found[own] = W[:, place] / np.linalg.norm(W[:, place])
             self._last = fit, found
         return self._last[1]
@@ -286,9 +295,10 @@ class Score:
         G = G.transpose(1, 2, 0)
         D = raw - G @ G.transpose(0, 2, 1)
         energy = np.diagonal(raw, axis1=1, axis2=2)
-        seen = np.all(np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy, axis=1)
+        seen = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
+        D, pull = D * seen[:, :, None] * seen[:, None, :], pull * seen
         out = np.full(F, -k * price)
-        for f in np.flatnonzero(seen).tolist():
+        for f in np.flatnonzero(seen.any(axis=1)).tolist():
             form = batch.forms[f]
             A = D[f] + np.diag(self.prior(fit, form, batch.joints, energy[f]) ** -2.0)
             beta = _bounded(A, pull[f], form.nonnegative)
@@ -316,14 +326,15 @@ def orthonormal(columns: Array) -> Array:
 
 
 def _whitener(gram: Array) -> Array:
-    """(r, r) W with W'G W = 1, of a positive matrix G of columns near unit length."""
+    """(p, r) W with W'G W = 1, of a positive matrix G (p, p) of rank r, of columns near unit length."""
     size = 1.0 / np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
     unit = gram * size * size[:, None]
-    try:
-        L = np.linalg.cholesky(unit + 1e-13 * np.eye(len(unit)))
-    except np.linalg.LinAlgError:
-        L = np.linalg.cholesky(unit + 1e-9 * np.eye(len(unit)))
-    return np.asarray(scipy.linalg.solve_triangular(L, np.diag(size), lower=True).T)
+    L, info = scipy.linalg.lapack.dpotrf(unit, lower=1, clean=1)
+    if info == 0 and np.min(np.diagonal(L), initial=1.0) > _DEPENDENT:
+        return np.asarray(scipy.linalg.solve_triangular(L, np.diag(size), lower=True).T)
+    values, vectors = np.linalg.eigh(unit)
+    kept = values > _DEPENDENT**2
+    return np.asarray(size[:, None] * vectors[:, kept] / np.sqrt(values[kept]))
 
 
 def _ridged(A: Array) -> Array:

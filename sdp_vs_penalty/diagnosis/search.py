@@ -175,7 +175,8 @@ class Search:
         if not found:
             return None
         tied = [t for t in found if found[0].J - t.J < EQUIVALENT + FORM * found[0].J]
-        return min(tied, key=lambda t: (simplicity(t.form), -t.J))
+        plain = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
+        return min(plain, key=lambda t: (simplicity(t.form), -t.J))
 
     # The steps.
 
@@ -187,9 +188,9 @@ class Search:
         for _ in range(2):
             moved = False
             for term in list(terms):
-                others = [t for t in terms if t is not term]
-                if len(others) == len(terms):
+                if term not in terms:
                     continue
+                others = [t for t in terms if t != term]
                 fit = self.score.fit(others, self.fit.level)
                 again = self.score.judged(fit, term.form, term.columns)
                 if term.joints & newest:
@@ -198,7 +199,7 @@ class Search:
                     terms, moved = others, True
                     continue
                 moved |= again.form.effect.shape != term.form.effect.shape
-                terms[[t is term for t in terms].index(True)] = replace(again, rivals=term.rivals)
+                terms[terms.index(term)] = replace(again, rivals=term.rivals)
             if not moved:
                 break
         return terms
@@ -209,7 +210,7 @@ class Search:
         pairs = [[p, q] for i, p in enumerate(terms) for q in terms[:i] if p.joints & q.joints]
         told = []
         for group in [*([t] for t in terms), *pairs]:
-            rest = [t for t in terms if all(t is not g for g in group)]
+            rest = [t for t in terms if t not in group]
             fit, total = self.score.fit(rest, self.fit.level), 0.0
             for i, g in enumerate(group):
                 beside = fit if i == 0 else self.score.fit(rest + group[:i], self.fit.level)
@@ -223,7 +224,9 @@ class Search:
             if other is None or other.key in own:
                 continue
             least = APART + FORM * max(total, 0.0)
-            simpler = len(group) > 1 or simplicity(other.form) < simplicity(group[0].form)
+            old = group[0].form
+            simpler = len(group) > 1 or old.refines(other.form)
+            simpler |= not other.form.refines(old) and simplicity(other.form) < simplicity(old)
             if total + least < other.J or (total - least < other.J and simpler):
                 return self.settled([*rest, other])
         self.terms = told
@@ -239,8 +242,7 @@ class Search:
             more = t.form.k + t.form.constants > own.k + own.constants or len(t.joints) > len(
                 term.joints
             )
-            finer = own.key[0] in t.form.effect.refines
-            return J + (EQUIVALENT if more or finer else -EQUIVALENT) < t.J
+            return J + (EQUIVALENT if more or t.form.refines(own) else -EQUIVALENT) < t.J
 
         return tuple(t for t in found if t.key != term.key and not t.form.own and rivals(t))
 
@@ -266,7 +268,6 @@ class Search:
         return self.terms
 
 
-def simplicity(form: Form) -> tuple[bool, int, int, bool]:
+def simplicity(form: Form) -> tuple[bool, int, int, int]:
     """What the model has already, then fewest constants, fewest joints, what refines nothing else."""
-    freedom = form.k + form.constants
-    return not form.own, freedom, len(form.effect.joints), bool(form.effect.refines)
+    return not form.own, form.k + form.constants, len(form.effect.joints), len(form.effect.refines)

@@ -35,15 +35,14 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
     """errors (n, M, e) : a factor of the covariance of white rows' torque, from
     :func:`torque_errors`."""
     data, k = search.data, term.form.k
-    fit = search.score.fit([t for t in search.terms if t is not term], search.fit.level)
+    others = [t for t in search.terms if t != term]
+    fit = search.score.fit(others, search.fit.level)
     if term.form.own:
         fit = search.score.without_own(fit, term.form) or fit
-    scaled = fit.scaled(term.columns)
-    columns = [fit.beside(scaled)]
-    energy = np.asarray(sum(np.sum(z**2, axis=0) for z in scaled.values()))
-    known = search.score.prior(fit, term.form, tuple(scaled), energy)
+    apart, known = search.score.apart(fit, term.form, term.columns)
+    columns = [apart]
     own = free_constants(term.form.effect)
-    for t in [term, *(t for t in search.terms if t is not term)]:
+    for t in [term, *others]:
         if free_constants(t.form.effect):
             moved = data.columns(ShapeSensitivity(t.form.effect, t.beta))
             if moved:

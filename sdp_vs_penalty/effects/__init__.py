@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError, unknown
-from sdp_vs_penalty.registration import classes
+from sdp_vs_penalty.registration import classes, named
 from sdp_vs_penalty.robot.robot import Robot
 
 DEFAULT_EFFECTS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
@@ -68,10 +68,10 @@ def effect_from_dict(data: Mapping[str, Any], robot: Robot) -> Effect:
 
 
 def _lookup(name: str) -> type[Effect]:
-    try:
-        return effect_types()[name]
-    except KeyError:
-        raise unknown("effect", name, effect_types()) from None
+    found = named(__name__, __path__, Effect, name) or effect_types().get(name)
+    if found is None:
+        raise unknown("effect", name, effect_types())
+    return cast(type[Effect], found)
 
 
 def __getattr__(name: str) -> Any:

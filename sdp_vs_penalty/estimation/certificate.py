@@ -7,10 +7,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from sdp_vs_penalty.constraints.constraint import BarycentricBound
+from sdp_vs_penalty.estimation.constants import FAR_GAP
 from sdp_vs_penalty.show import Shown, Summary
-
-#: A gap above this share of the loss is no solver's rounding (below 1e-6): it stopped short.
-_FAR = 1e-3
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,7 +50,7 @@ class Certificate(Shown):
     @property
     def not_found(self) -> str:
         """A sentence where the gap says that no optimum was found, else ""."""
-        if self.gap is None or self.gap <= _FAR:
+        if self.gap is None or self.gap <= FAR_GAP:
             return ""
         return (
             f"The optimum was not found: the certified lower bound is {self.gap:.2g} of the loss below "

@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import platform
+import sys
 from collections.abc import Mapping
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,9 +34,6 @@ from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.proof import Proof, optimum_proof
 from sdp_vs_penalty.solvers.verified import repaired_as_written, violations
 from sdp_vs_penalty.version import __version__
-
-#: Random poses at which M(q) must be positive definite.
-_POSES = 10_000
 
 
 def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Workers = ALONE) -> Estimate:
@@ -205,7 +202,7 @@ def consistent(links: Array) -> bool:
     return bool(np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]))
 
 
-def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed: int = 0) -> float:
+def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000, seed: int = 0) -> float:
     """Share of random poses at which the joint-space inertia matrix M(q) is positive definite."""
     matrices = robot.mass_matrices(links, robot.random_configurations(poses, seed))
     with contextlib.suppress(np.linalg.LinAlgError):  # ten times faster, where it is so everywhere
@@ -214,15 +211,15 @@ def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
 
 
-@cache
 def versions() -> dict[str, str]:
-    """Versions of everything that a figure may depend on."""
-    from importlib.metadata import PackageNotFoundError, version
-
+    """Versions of everything that took part in a figure."""
     found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
-    for name in ("numpy", "scipy", "pin", "clarabel", "cvxpy"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
+    parts = {
+        "numpy": "numpy",
+        "scipy": "scipy",
+        "pinocchio": "pin",
+        "clarabel": "clarabel",
+        "cvxpy": "cvxpy",
+    }
+    loaded = ((name, sys.modules.get(module)) for module, name in parts.items())
+    return found | {name: module.__version__ for name, module in loaded if module is not None}

@@ -22,9 +22,8 @@ from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
 from sdp_vs_penalty.estimation.pose import with_reference
-from sdp_vs_penalty.estimation.shape_profiles import with_shapes
+from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
 from sdp_vs_penalty.estimators.task import make_task

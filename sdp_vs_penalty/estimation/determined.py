@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
+from sdp_vs_penalty.estimation.constants import DATA_SHARE
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY, sample_variance
 from sdp_vs_penalty.regression.base_parameters import BaseParameters
@@ -22,10 +23,6 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
 DATA = "data"
-#: Information of the data in a direction that no torque shows, in the prior's.
-_UNSEEN = 1e-12
-#: Share of the information from which on a parameter counts as the data's.
-_HALF = 0.5
 
 
 def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[str, Any]:
@@ -35,7 +32,7 @@ def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[st
     rest : what decides where the data do not (:attr:`Estimator.rest`).
     """
     own, base_own = np.split(
-        data_share(task, np.vstack([np.eye(len(theta)), base.rows])) > _HALF, [len(theta)]
+        data_share(task, np.vstack([np.eye(len(theta)), base.rows])) > DATA_SHARE, [len(theta)]
     )
     values = zip(base.names, base.rows @ theta, base.rows @ task.nominal, base_own, strict=True)
     open_ones = [p.name for p, seen in zip(task.model.parameters, own, strict=True) if not seen]
@@ -63,7 +60,8 @@ def data_share(task: Task, rows: Array) -> Array:
     information = np.zeros(len(half))
     information[: len(s)] = s**2
     weight = (a @ vt.T) ** 2
-    data, prior = weight @ (1.0 / np.maximum(information, _UNSEEN)), weight.sum(axis=1)
+    # Information of the data in a direction that no torque shows, in the prior's.
+    data, prior = weight @ (1.0 / np.maximum(information, 1e-12)), weight.sum(axis=1)
     return np.asarray(prior / (prior + data))
 
 

@@ -19,6 +19,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation.constants import FAR_MASS
 from sdp_vs_penalty.estimation.show import parameter_rows, plot_parameters
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.estimation.verdict import Verdict
@@ -36,8 +37,6 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 if TYPE_CHECKING:
     import pandas
 
-#: A mass so many times its nominal value, or less than one part in so many of it, is far from it.
-_FAR = 3.0
 #: Of model.json; a file with a larger number was written by a newer version of this package. Format 1
 #: did not keep the bounds under which a model was identified, and nothing can bring them back.
 FORMAT = 2
@@ -99,7 +98,7 @@ class Estimate(Shown):
             return ""
         masses, nominal = theta[:, 0], self.nominal[first]
         known = [i for i in links if nominal[i] > 0.0]
-        far = [i for i in known if not 1.0 / _FAR < masses[i] / nominal[i] < _FAR]
+        far = [i for i in known if not 1.0 / FAR_MASS < masses[i] / nominal[i] < FAR_MASS]
         numbers = "s" * (len(links) > 1) + " " + show.words([i + 1 for i in links])
         said = (
             f"the data do not determine the mass of link{numbers}, only sums with others; the value "

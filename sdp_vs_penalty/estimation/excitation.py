@@ -36,17 +36,10 @@ from sdp_vs_penalty.show import Shown, Summary
 Progress = Callable[[str], None]
 
 OBJECTIVES = ("condition", "d-optimal")
-#: Acceleration limit of a joint whose robot states none: reached from rest within so many seconds of
-#: its velocity limit.
-_TIME_TO_SPEED = 0.25
 #: Instants at which the regressor is sampled, and instants between two of them with limits.
 _SAMPLES, _LIMITS_BETWEEN = 160, 1
-#: Shares of each limit kept for what happens between the instants that are looked at.
-_GRID_SHARE = 0.998
 #: Steps of the central differences in the states (rad, rad/s, rad/s^2).
 _DIFFERENCE = 1e-5
-#: A trust region smaller than this share of the limits ends the search.
-_SMALLEST_RADIUS = 1e-4
 
 
 @dataclass(frozen=True)
@@ -80,7 +73,9 @@ class Limits:
     def of_robot(cls, robot: Robot) -> Limits:
         """The robot's own, with plain assumptions where it states none."""
         lower, upper, velocity = joint_limits(robot)
-        return cls(lower, upper, velocity, velocity / _TIME_TO_SPEED)
+        # Acceleration limit of a joint whose robot states none: reached from rest within so many
+        # seconds of its velocity limit.
+        return cls(lower, upper, velocity, velocity / 0.25)
 
     @classmethod
     def of_trajectory(cls, trajectory: FourierTrajectory) -> Limits:
@@ -234,7 +229,8 @@ class _Search:
 
     def step(self) -> bool:
         """One accepted step; False where the trust region has become too small."""
-        while self.radius > _SMALLEST_RADIUS:
+        # A trust region smaller than this share of the limits ends the search.
+        while self.radius > 1e-4:
             candidate = self._linear_program()
             predicted = float(np.sum(self.slope * (candidate - self.x)))
             value = self._value(candidate)
@@ -265,7 +261,8 @@ class _Search:
             scaled = rows * self.unit[j]
             now = self.x[j] / self.unit[j]
             # Where the start uses a limit up, it may go on doing so.
-            room = np.maximum(_GRID_SHARE, np.abs(rows @ self.x[j] + offset))
+            # Shares of each limit kept for what happens between the instants that are looked at.
+            room = np.maximum(0.998, np.abs(rows @ self.x[j] + offset))
             found = optimize.linprog(
                 self.slope[j] * self.unit[j],
                 A_ub=np.vstack([scaled, -scaled]),

@@ -10,14 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.estimation.sandwich import NORMAL_95
+from sdp_vs_penalty.estimation.constants import IDENTIFIABLE_WIDTH, NORMAL_95, WEAK_WIDTH
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
-
-#: Largest half-width of an interval: relative to the value, or to the largest value there could be
-#: (a parameter that is zero is known well if it is known to be small).
-_IDENTIFIABLE = (0.25, 0.0025)
-_WEAKLY = (1.0, 0.1)
 
 IDENTIFIABLE, WEAKLY, NOT_SEEN = "identifiable", "weakly", "not seen"
 
@@ -114,7 +109,7 @@ def combined_limits(rows: Array, limits: Array) -> Array:
 
 
 def _verdict(half: float, value: float, largest: float) -> str:
-    for (own, absolute), verdict in ((_IDENTIFIABLE, IDENTIFIABLE), (_WEAKLY, WEAKLY)):
+    for (own, absolute), verdict in ((IDENTIFIABLE_WIDTH, IDENTIFIABLE), (WEAK_WIDTH, WEAKLY)):
         if half <= max(own * min(value, largest), absolute * largest if np.isfinite(largest) else 0.0):
             return verdict
     return NOT_SEEN

@@ -1,24 +1,25 @@
 """Several shape constants of one model at their joint optimum.
 
-Constants that are found in turns stop beside the least squared error where one takes what is the
-other's: Coulomb friction that turns over a wide velocity and Stribeck friction that falls over a small
-one. Gauss-Newton steps of all of them together, each one linear parameter more whose column is
-(dY/ds) theta (:mod:`~sdp_vs_penalty.estimation.shape_constants`), end at the optimum; a step that does
-not lower the error is halved (Bjorck, Numerical Methods for Least Squares Problems, 1996, sec. 9.2).
+Constants that are found one after the other stop beside the least squared error where one takes what
+is the other's: Coulomb friction that turns over a wide velocity and Stribeck friction that falls over a
+small one. All of them together minimise what least squares leave (variable projection, as in
+:mod:`~sdp_vs_penalty.estimation.shapes`); each is one linear parameter more whose column is
+(dY/ds) theta (:mod:`~sdp_vs_penalty.estimation.shape_constants`). Every step is a pass over the data.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
+from scipy import optimize
 
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.estimation.sandwich import visible_directions, white_variance
+from sdp_vs_penalty.estimation.sandwich import white_variance
 from sdp_vs_penalty.estimation.shape_constants import (
     free_constants,
     moved,
@@ -26,19 +27,12 @@ from sdp_vs_penalty.estimation.shape_constants import (
     with_sensitivities,
 )
 from sdp_vs_penalty.estimators.task import joint_weights
-from sdp_vs_penalty.regression.regression import Regression, compress
+from sdp_vs_penalty.regression.partial import partialled, visible
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: Effect, joint and name of a shape constant.
 Key = tuple[str, int, str]
-
-#: Passes over the measurements.
-_PASSES = 10
-#: The farthest that a step goes, in a constant's own scale, and how often one is halved.
-_FARTHEST, _HALVED = 0.5, 3
-#: Of one row's variance: what a step has to promise to be worth its pass.
-_WORTH = 0.01
 
 
 @dataclass(frozen=True)
@@ -53,22 +47,29 @@ class Settled:
 
 def settled(
     model: Model,
-    theta: Array,
     wanted: Collection[Key],
-    measurements: Measurements,
-    settings: Preprocessing,
+    compressed: Callable[[Model], Regression],
     weighting: str = "noise",
 ) -> Settled:
     """The model with its ``wanted`` constants where they together leave the least squared error, from
     where they are and, of those that only have the values of a grid, from each of these.
 
-    theta (p,) : the model's parameters. Effects with a wanted constant act on one joint each.
+    compressed : the measurements in the columns of a model; weighting : of the joints' rows, "noise" or
+    "none". Effects with a wanted constant act on one joint each.
     """
-    weights = np.ones(model.robot.n)
+    first = compressed(model)
+    data = first.least_squares()
+    search = _Search(
+        model.plausible,
+        frozenset(wanted),
+        compressed,
+        np.ones(model.robot.n),
+        max(white_variance(data, first.oversampling), 1e-24 * data.tau_squared / max(data.rows, 1)),
+    )
+    theta = search.solved(first)[1]
     if weighting == "noise":
-        weights = joint_weights(compress(measurements, model, settings), theta)
-    args = theta, wanted, measurements, settings, weights
-    return min((_descended(form, *args) for form in _forms(model, wanted)), key=lambda s: s.error)
+        search = replace(search, weights=joint_weights(first, theta))
+    return min((search.descended(form, theta) for form in _forms(model, wanted)), key=lambda s: s.error)
 
 
 def _forms(model: Model, wanted: Collection[Key]) -> Iterator[Model]:
@@ -86,85 +87,92 @@ def _forms(model: Model, wanted: Collection[Key]) -> Iterator[Model]:
         yield replace(model, effects=tuple(effects))
 
 
-def _descended(
-    model: Model,
-    theta: Array,
-    wanted: Collection[Key],
-    measurements: Measurements,
-    settings: Preprocessing,
-    weights: Array,
-) -> Settled:
-    """From one choice; weights (n,) : of the joints' rows."""
-
-    def open_one(effect: Effect) -> bool:
-        return any((effect.name, effect.joints[0], key) in wanted for key in free_constants(effect))
-
-    keys = [(e, key) for e in model.effects if open_one(e) for key in free_constants(e)]
-    mine = np.array(
-        [(e.name, e.joints[0], k) in wanted and e.shapes[k].bounds is not None for e, k in keys]
-    )
-    unit = np.array([prior_deviation(e, key) for e, key in keys])
-    p, step, least = len(theta), np.zeros(len(keys)), np.inf
-    kept, own = np.append(np.ones(p, bool), mine), np.arange(p + mine.sum()) < p
-    best, std, halved = model, np.zeros(0), 0
-    for _ in range(_PASSES):
-        trial = _stepped(best, open_one, step)
-        wide = compress(measurements, with_sensitivities(trial, theta, open_one), settings).keeping(kept)
-        error = _solved(wide.keeping(own), weights, model).error
-        if error > least:
-            step, halved = 0.5 * step, halved + 1
-            if halved == _HALVED:
-                break
-            continue
-        both = _solved(wide, weights, model)
-        best, least, halved = trial, error, 0
-        theta, std = both.theta[:p], unit[mine] * both.std[p:]
-        if error - both.error < _WORTH * both.variance:
-            break
-        step[mine] = np.clip(unit[mine] * both.theta[p:], -_FARTHEST, _FARTHEST)
-    found = [(e.name, e.joints[0], key) for (e, key), one in zip(keys, mine, strict=True) if one]
-    return Settled(best, dict(zip(found, std.tolist(), strict=True)), least)
-
-
 @dataclass(frozen=True)
-class _Solution:
-    """theta, std (p + s,) : parameters and constants in units of their prior, and their standard
-    deviations in white noise; error : what they leave, of which ``variance`` is an independent row's."""
+class _Search:
+    """plausible (p,), white : prior of the parameters and its weight, the variance of a row; weights
+    (n,) : of the joints' rows."""
 
-    theta: Array
-    std: Array
-    error: float
-    variance: float
+    plausible: Array
+    wanted: frozenset[Key]
+    compressed: Callable[[Model], Regression]
+    weights: Array
+    white: float
+
+    def open(self, effect: Effect) -> bool:
+        return any((effect.name, effect.joints[0], key) in self.wanted for key in free_constants(effect))
+
+    def solved(self, wide: Regression) -> tuple[LeastSquares, Array]:
+        """Least squares of all columns, and theta (p,) of the parameters, which come first, alone."""
+        p = len(self.plausible)
+        data = wide.least_squares(self.weights)
+        if np.isfinite(self.plausible).any():
+            data = data.with_prior(np.append(self.plausible, np.full(wide.p - p, np.inf)), self.white)
+        U, V = visible(data.R[:, :p])
+        return data, V @ (U.T @ data.rho)
+
+    def descended(self, model: Model, theta: Array) -> Settled:
+        """From one choice of the constants on a grid; theta (p,) : the parameters there."""
+        p, effects = len(theta), model.effects
+        every = [(k, key) for k, e in enumerate(effects) if self.open(e) for key in free_constants(e)]
+        mine = np.array(
+            [
+                (effects[k].name, effects[k].joints[0], key) in self.wanted
+                and effects[k].shapes[key].bounds is not None
+                for k, key in every
+            ]
+        )
+        free = [both for both, own in zip(every, mine, strict=True) if own]
+        unit = np.array([prior_deviation(effects[k], key) for k, key in free])
+        latest = theta
+
+        def at(steps: Array) -> Model:
+            out = list(effects)
+            for (k, key), step in zip(free, steps.tolist(), strict=True):
+                out[k] = moved(out[k], {key: step})
+            return replace(model, effects=tuple(out))
+
+        @lru_cache(maxsize=1)
+        def solved(steps: bytes) -> tuple[LeastSquares, Array, float]:
+            wide = self.compressed(with_sensitivities(at(np.frombuffer(steps)), latest, self.open))
+            wide = wide.keeping(np.append(np.ones(p, bool), mine))
+            data, own = self.solved(wide)
+            return data, own, white_variance(data, wide.oversampling)
+
+        def left(steps: Array) -> Array:
+            data, own, _ = solved(steps.tobytes())
+            return np.append(data.rho - data.R[:, :p] @ own, data.residual_norm)
+
+        def slopes(steps: Array) -> Array:
+            nonlocal latest
+            data, latest, _ = solved(steps.tobytes())
+            columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
+            return np.vstack([columns, np.zeros((1, len(free)))])
+
+        start = np.zeros(len(free))
+        if not free:
+            return Settled(model, {}, float(np.sum(left(start) ** 2)))
+        ends = np.transpose([_room(effects[k], key) for k, key in free])
+        best = optimize.least_squares(
+            left, start, slopes, bounds=ends, xtol=1e-6, ftol=1e-9, max_nfev=15
+        )
+        std = np.sqrt(
+            solved(best.x.tobytes())[2] * np.diagonal(np.linalg.pinv(best.jac.T @ best.jac, rcond=1e-12))
+        )
+        names = [(effects[k].name, effects[k].joints[0], key) for k, key in free]
+        found = replace(model, effects=tuple(map(_written, at(best.x).effects)))
+        return Settled(found, dict(zip(names, std.tolist(), strict=True)), 2.0 * float(best.cost))
 
 
-def _solved(data: Regression, weights: Array, model: Model) -> _Solution:
-    """Least squares of a model's parameters, and of constants that its columns are followed by."""
-    whole = data.least_squares(weights)
-    scale = np.append(model.plausible, np.ones(data.p - len(model.parameters)))
-    white = white_variance(whole, data.oversampling)
-    if np.isfinite(scale).any():
-        whole = whole.with_prior(scale, max(white, 1e-24 * whole.tau_squared / max(whole.rows, 1)))
-    V = visible_directions(whole)
-    theta = V @ (V.T @ (whole.R.T @ whole.rho))
-    return _Solution(theta, np.sqrt(white) * np.linalg.norm(V, axis=1), whole.loss(theta), white)
+def _room(effect: Effect, key: str) -> tuple[float, float]:
+    """How far a constant may move down and up, in its own scale: within its range; where it is outside
+    of that, towards it."""
+    shape, value = effect.shapes[key].on(effect.robot.joints[effect.joints[0]].kind), effect.shape[key]
+    assert shape.bounds is not None
+    ends = np.array([min(shape.bounds[0], value), max(shape.bounds[1], value)])
+    low, high = (np.log(ends / value) if shape.scale == "log" else ends - value).tolist()
+    return min(low, -1e-9), max(high, 1e-9)
 
 
-def _stepped(model: Model, wanted: Callable[[Effect], bool], step: Array) -> Model:
-    """The model with all free constants of the effects that are wanted moved, within their ranges."""
-    steps, effects = iter(step.tolist()), list[Effect]()
-    for effect in model.effects:
-        keys = free_constants(effect) if wanted(effect) else ()
-        own = {key: x for key in keys if (x := next(steps)) != 0.0}
-        effects.append(_within(effect, moved(effect, own)) if own else effect)
-    return replace(model, effects=tuple(effects))
-
-
-def _within(old: Effect, new: Effect) -> Effect:
-    """The new effect, its constants in their ranges, or no farther outside than the old one's."""
-    shape = dict(new.shape)
-    for key, value in old.shape.items():
-        bounds = old.shapes[key].on(old.robot.joints[old.joints[0]].kind).bounds or (value, value)
-        inside = np.clip(shape[key], min(bounds[0], value), max(bounds[1], value))
-        # As many digits as a written effect has.
-        shape[key] = float(f"{inside:.6g}")
-    return old.with_shape(**shape)
+def _written(effect: Effect) -> Effect:
+    """With as many digits of its constants as a written effect has."""
+    return effect.with_shape(**{key: float(f"{x:.6g}") for key, x in effect.shape.items()})

@@ -26,15 +26,12 @@ from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.payload import Payload
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import GAIN_PRIOR, LOAD_REACH, NORMAL_95
 from sdp_vs_penalty.estimation.sandwich import sandwich, white_variance
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
-#: Standard deviation of the logarithm of a gain before anything is measured.
-GAIN_PRIOR = 0.3
-#: Distance [m] of a load's mass from the last link's frame, as a standard deviation.
-LOAD_REACH = 0.3
 _STEPS, _CLOSE = 50, 1e-9
 
 
@@ -133,7 +130,7 @@ def gains_from_loads(
             break
     known = sandwich(joined.linearised(x, log_gain), weights, scale)
     rows = np.eye(joined.size)[-n:]
-    std = known.half_widths(rows, 0.95) / 1.959963984540054
+    std = known.half_widths(rows, 0.95) / NORMAL_95
     factor = known.factor[-n:]
     length = np.linalg.norm(factor, axis=1)
     stretch = np.where(np.isfinite(std) & (length > 0.0), std / np.where(length > 0.0, length, 1.0), 1.0)

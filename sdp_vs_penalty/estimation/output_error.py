@@ -23,8 +23,8 @@ from sdp_vs_penalty.estimation.certify import build_estimate
 from sdp_vs_penalty.estimation.courses import Course, courses_of
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.pose import Posed
-from sdp_vs_penalty.estimation.sandwich import visible_directions
 from sdp_vs_penalty.estimators.estimator import Estimator, Task
+from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -66,7 +66,7 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> Estimate:
     courses = [c for run in measurements.runs() for c in courses_of(run, start, plant, _WINDOWS[-1])]
     size = np.concatenate([c.q for c in courses]).std(axis=0)
     windows, seconds = _chosen(plant, courses, size)
-    directions = visible_directions(task.data) * np.sqrt(task.data.loss(task.ols) / task.data.rows)
+    directions = visible(task.data.R)[1] * np.sqrt(task.data.loss(task.ols) / task.data.rows)
     theta, error = start.theta, _errors(plant, windows, size)[0]
     begin, made = error, None
     for k in range(_ITERATIONS):

@@ -22,11 +22,6 @@ from sdp_vs_penalty.estimation.separation import independent_rate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 
-#: Joints that move unless others are named: the last three.
-_WRIST = 3
-#: Seconds of a blend over those of the motion.
-_BLEND = 0.125
-
 
 @dataclass(frozen=True)
 class PayloadRun:
@@ -56,13 +51,15 @@ def payload_run(
     load's ten parameters apart.
     """
     robot = estimate.robot
-    moving = list(range(max(robot.n - _WRIST, 0), robot.n)) if joints is None else list(joints)
+    # Joints that move unless others are named: the last three.
+    moving = list(range(max(robot.n - 3, 0), robot.n)) if joints is None else list(joints)
     if not moving or not all(0 <= j < robot.n for j in moving):
         named = ", ".join(str(j + 1) for j in moving) or "none"
         raise InputError(f"joints that move: {named}", f"name some of 1 to {robot.n}")
     limits = Limits.of_robot(robot)
     frequency = 2.0 * np.pi / duration
-    start = random_trajectory(robot, seed, duration, harmonics, frequency, _BLEND * duration)
+    # Seconds of a blend over those of the motion.
+    start = random_trajectory(robot, seed, duration, harmonics, frequency, 0.125 * duration)
     still = np.setdiff1d(np.arange(robot.n), moving)
     start.a[still], start.b[still] = 0.0, 0.0
     middle = 0.5 * (limits.lower + limits.upper)

@@ -21,10 +21,9 @@ from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import other_robot, unknown
-from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
 from sdp_vs_penalty.estimation.servo import servo_filters, servo_log, with_instruments
-from sdp_vs_penalty.estimation.shape_profiles import with_shapes
+from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators.estimator import Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.parallel import ALONE, Workers

@@ -25,23 +25,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.special import stdtrit
 
+from sdp_vs_penalty.estimation.constants import POOLED, WINDOW
+from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
-
-#: Singular values below this share of the largest are rounding: the data do not show that direction.
-UNSEEN = 1e-9
-#: A linear function of theta belongs to the visible ones up to this much of its square.
-_INSIDE = 1e-6
-#: Length of the window in correlation times. Chosen for 95 % coverage at forty of them a run.
-_WINDOW = 20.0
-#: Degrees of freedom for which the mean over all directions counts. Chosen on white runs of 3 and 4 s
-#: and AR runs of 20 s, with other seeds than results/coverage: 2 covers up to 97.5 % in 3 s, 4 only 92.0
-#: in 20 s.
-_POOLED = 3.0
-#: Numbers of the products of blocks that are held at once.
-_AT_ONCE = 1 << 20
-#: Of the normal distribution, for which standard deviations are given.
-NORMAL_95 = 1.959963984540054
 
 
 @dataclass(frozen=True)
@@ -77,7 +64,8 @@ class Sandwich:
         total = np.sum(scaled**2, axis=1)
         hidden = np.any(np.abs(contrasts[:, dark]) > 0.0, axis=1)
         inside = np.sum((scaled @ self._basis) ** 2, axis=1)
-        return np.asarray((inside > (1.0 - _INSIDE) * total) & ~hidden & (total > 0.0))
+        # A linear function of theta belongs to the visible ones up to this much of its square.
+        return np.asarray((inside > (1.0 - 1e-6) * total) & ~hidden & (total > 0.0))
 
     @cached_property
     def _basis(self) -> Array:
@@ -87,7 +75,8 @@ class Sandwich:
     def half_widths(self, contrasts: Array, level: float) -> Array:
         """(k,) half-widths of intervals of linear functions (k, p) of theta, NaN for unseen ones."""
         half, seen = np.full(len(contrasts), np.nan), np.flatnonzero(self.sees(contrasts))
-        for few in np.array_split(seen, 1 + seen.size * self.directions.shape[1] ** 2 // _AT_ONCE):
+        # Numbers of the products of blocks that are held at once.
+        for few in np.array_split(seen, 1 + seen.size * self.directions.shape[1] ** 2 // (1 << 20)):
             w = contrasts[few] @ self.directions
             variance, freedom = self._variances(w)
             known = self.white * np.einsum("ck,kl,cl->c", w, self.prior, w)
@@ -114,8 +103,8 @@ class Sandwich:
         told = (expected > 1e-6 * information) & (square > 0.0)
         safe = np.where(told, expected, 1.0)
         freedom = np.where(told, safe**2 / np.where(told, square, 1.0), 0.0)
-        moderated = (_POOLED * self.pooled + freedom * found / safe) / (_POOLED + freedom)
-        return moderated * information, freedom + _POOLED
+        moderated = (POOLED * self.pooled + freedom * found / safe) / (POOLED + freedom)
+        return moderated * information, freedom + POOLED
 
     @cached_property
     def factor(self) -> Array:
@@ -171,7 +160,7 @@ def sandwich(
     # Where the torque is fitted to rounding, a prior weighs that much and no less.
     strength = max(white, 1e-24 * data.tau_squared / max(data.rows, 1))
     whole = data.with_prior(scale, strength) if np.any(np.isfinite(scale)) else data
-    V = visible_directions(whole)
+    V = visible(whole.R)[1]
     z = V.T @ (whole.R.T @ whole.rho)
     B, r = len(regression.blocks), V.shape[1]
     grams, scores = np.zeros((B, r, r)), np.zeros((B, r))
@@ -193,9 +182,9 @@ def sandwich(
 
 def white_variance(data: LeastSquares, oversampling: float) -> float:
     """Variance of the residual of least squares, were it white: of one independent row."""
-    V = visible_directions(data)
-    left = data.rho - data.R @ (V @ (V.T @ (data.R.T @ data.rho)))
-    degrees = max(data.rows - oversampling * V.shape[1], 1.0)
+    U, _ = visible(data.R)
+    left = data.rho - U @ (U.T @ data.rho)
+    degrees = max(data.rows - oversampling * U.shape[1], 1.0)
     return (float(left @ left) + data.residual_norm**2) / degrees * oversampling
 
 
@@ -207,7 +196,7 @@ def _kernel(regression: Regression, inflation: float) -> sparse.csr_array:
     rows = max(int(regression.joint_rows().max(initial=0)), 1)
     # Scores of noise with the correlation time T have 2 T / interval times the variance of white rows.
     interval = float(np.sum(stops - starts)) * regression.oversampling / rows
-    window = _WINDOW * 0.5 * max(inflation, 1.0) * interval
+    window = WINDOW * 0.5 * max(inflation, 1.0) * interval
     parts = []
     for run in np.unique(runs):
         own = runs == run
@@ -216,16 +205,3 @@ def _kernel(regression: Regression, inflation: float) -> sparse.csr_array:
         apart = np.abs(np.subtract.outer(middle, middle))
         parts.append(np.maximum(1.0 - apart / length, 0.0) if length > 0.0 else np.eye(len(middle)))
     return sparse.csr_array(sparse.block_diag(parts)) if parts else sparse.csr_array((0, 0))
-
-
-def visible_directions(data: LeastSquares) -> Array:
-    """(p, r) directions V of theta that the data show, with V' R' R V = 1."""
-    norms = data.column_norms
-    seen = np.flatnonzero(norms > 0.0)
-    if not len(seen):
-        return np.zeros((data.R.shape[1], 0))
-    _, s, vt = np.linalg.svd(data.R[:, seen] / norms[seen], full_matrices=False)
-    good = s > UNSEEN * s[0]
-    out = np.zeros((data.R.shape[1], int(good.sum())))
-    out[seen] = (vt[good] / s[good, None]).T / norms[seen, None]
-    return out

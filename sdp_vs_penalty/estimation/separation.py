@@ -28,6 +28,7 @@ from scipy import special
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.excitation import Limits, shrunk
 from sdp_vs_penalty.robot.arrays import Array
@@ -42,21 +43,17 @@ Progress = Callable[[str], None]
 _RATE, _POSES = 20.0, 10.0
 #: Row rate over the torque's cut-off: independent samples; the cut-off where a model states none [Hz].
 _ROWS, _CUTOFF = 2.0, 8.0
-#: Acceleration within so many seconds of its limit: the limit of jerk where nothing states one.
-_TIME_TO_ACCELERATION = 0.1
 #: Random motions to begin with; how slow a move may be over the fastest, and how long a pause [s].
 _DRAWN, _SLOWEST, _PAUSE = 30, 10.0, 0.8
 #: Shares of the limits that a motion uses.
 _SHARE = 0.95
-#: Probability of the right decision that is asked for.
-RIGHT = 0.95
 
 
 @dataclass(frozen=True)
 class Separation:
     """trajectory : the best motion found; delta2, default_delta2 : squared distance of the hypotheses on
     it and on the default excitation of the same length; right, default_right : probability of the right
-    decision then; seconds, default_seconds : of each motion, repeated, that are needed for RIGHT;
+    decision then; seconds, default_seconds : of each motion, repeated, that are needed for LEVEL;
     sizes : of the effects, as they were taken; collisions : whether the arm's shapes are known."""
 
     trajectory: PointTrajectory
@@ -149,13 +146,13 @@ class Hypotheses:
         return float(special.ndtr((delta2 - price) / (2.0 * np.sqrt(max(delta2, 1e-300)))))
 
     def needed(self, delta2: float, seconds: float) -> float:
-        """Seconds of the motion, repeated, for RIGHT; infinity where it never tells."""
+        """Seconds of the motion, repeated, for LEVEL; infinity where it never tells."""
         low, high = 0.0, 1e7
-        if self.right(delta2 * high / seconds, high) < RIGHT:
+        if self.right(delta2 * high / seconds, high) < LEVEL:
             return float("inf")
         while high - low > 1e-3 * high:
             middle = 0.5 * (low + high)
-            if self.right(delta2 * middle / seconds, middle) < RIGHT:
+            if self.right(delta2 * middle / seconds, middle) < LEVEL:
                 low = middle
             else:
                 high = middle
@@ -241,10 +238,12 @@ class _Search:
         self.h, self.collision, self.duration, self.rng = hypotheses, collision, duration, rng
         middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
         self.low, self.high = middle - _SHARE * half, middle + _SHARE * half
+        # Acceleration within so many seconds of its limit: the limit of jerk where nothing states
+        # one.
         self.rates = (
             _SHARE * limits.velocity,
             _SHARE * limits.acceleration,
-            _SHARE * limits.acceleration / _TIME_TO_ACCELERATION,
+            _SHARE * limits.acceleration / 0.1,
         )
         self.effort = np.array([j.effort for j in hypotheses.estimate.robot.joints])
         self.value = -1.0

@@ -20,8 +20,7 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
-from sdp_vs_penalty.estimation.shape_profiles import with_shapes
+from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimation.simulated_motion import with_simulated_motion
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress

@@ -145,13 +145,3 @@ def with_sensitivities(
     if reference is not None:
         reference = np.concatenate([reference, np.zeros(sum(len(e.parameters) for e in extra))])
     return replace(model, effects=(*model.effects, *extra), reference=reference)
-
-
-def covariance_beside(columns: Array, constants: Array) -> Array:
-    """(k, k) covariance of the coefficients of white columns (N, k) of unit variance when shape
-    constants, with the columns (N, s) of :class:`ShapeSensitivity`, are estimated along with them."""
-    k, s = columns.shape[1], constants.shape[1]
-    everything = np.hstack([columns, constants])
-    information = everything.T @ everything
-    information[k:, k:] += np.eye(s)
-    return np.asarray(np.linalg.pinv(information, rcond=1e-12)[:k, :k], float)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.effects.model import JointColumns, Model
+from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95
 from sdp_vs_penalty.estimation.intervals import (
     NOT_SEEN,
     Interval,
@@ -26,15 +27,14 @@ from sdp_vs_penalty.estimation.intervals import (
     intervals_of,
     physical_limits,
 )
-from sdp_vs_penalty.estimation.sandwich import NORMAL_95, Sandwich, sandwich, visible_directions
+from sdp_vs_penalty.estimation.sandwich import Sandwich, sandwich
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.task import joint_weights, with_plausible
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
+from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, nearest_least_squares
 from sdp_vs_penalty.robot.arrays import Array
-
-LEVEL = 0.95
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class _Evidence:
     def narrow_solution(self) -> Array:
         """(p,) the smallest least-squares theta with the shape constants as they are."""
         data = self._plausible(self._weighted)
-        V = visible_directions(data)
+        V = visible(data.R)[1]
         return np.asarray(V @ (V.T @ (data.R.T @ data.rho)))
 
     @cached_property

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.registration import classes
+from sdp_vs_penalty.registration import classes, named
 from sdp_vs_penalty.solvers import solver
 
 DEFAULT_METHOD = "lmi-sdp"
@@ -23,10 +23,10 @@ def estimator_types() -> dict[str, type[Estimator]]:
 def make_estimator(method: str | Estimator) -> Estimator:
     if isinstance(method, Estimator):
         return method
-    try:
-        return estimator_types()[method]()
-    except KeyError:
-        raise unknown("method", method, estimator_types()) from None
+    found = named(__name__, __path__, Estimator, method) or estimator_types().get(method)
+    if found is None:
+        raise unknown("method", method, estimator_types())
+    return cast(Estimator, found())
 
 
 def with_solver(method: str, solver_name: str | None) -> Estimator | str:

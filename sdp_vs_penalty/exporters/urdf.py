@@ -25,8 +25,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.urdf import load_urdf
 
-#: URDF demands a number where a limit is unknown; these do not limit.
-_NO_LIMIT = 1e6
 #: How far the joint axes of a model and of a URDF may be apart: what rounded DH tables leave [m, -].
 _SAME_AXIS = 1e-4
 
@@ -88,7 +86,8 @@ def _joint(root: Any, robot: Robot, i: int, content: Content) -> None:
     limits = {"effort": joint.effort, "velocity": joint.velocity}
     if kind != "continuous":
         limits = {"lower": joint.lower, "upper": joint.upper, **limits}
-    bound = {k: number(v if np.isfinite(v) else np.copysign(_NO_LIMIT, v)) for k, v in limits.items()}
+    # URDF demands a number where a limit is unknown; these do not limit.
+    bound = {k: number(v if np.isfinite(v) else np.copysign(1e6, v)) for k, v in limits.items()}
     etree.SubElement(element, "limit", **bound)
     if joint.name in robot.joint_names:
         k = robot.joint_names.index(joint.name)

@@ -15,9 +15,9 @@ from sdp_vs_penalty.data.measurements import Measurements, Runs
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.sandwich import NORMAL_95
-from sdp_vs_penalty.estimation.shape_profiles import asked_effects
+from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes

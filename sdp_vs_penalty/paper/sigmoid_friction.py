@@ -29,8 +29,6 @@ from sdp_vs_penalty.signals.preprocessing import Rows
 #: The rows of a data set in the columns of any model: filtered, or exact where states are known.
 RowsOf = Callable[[Model], Rows]
 
-#: Slopes phi_2 [s/rad] at which the search starts.
-_SLOPES = (4.0, 10.0, 25.0)
 #: Bounds of phi_2 [s/rad] and phi_3 [rad/s]: beyond, the sigmoid is a line or a jump to any data.
 _SLOPE_RANGE, _SHIFT_RANGE = (0.1, 500.0), (-0.5, 0.5)
 
@@ -164,7 +162,8 @@ class _Data:
     def start(self) -> Array:
         """The slope of a coarse grid with the smallest residual, for all joints alike; no shift."""
         n, weights = self.robot.n, np.ones(self.robot.n)
-        candidates = [np.tile([slope, 0.0], (n, 1)) for slope in _SLOPES]
+        # Slopes phi_2 [s/rad] at which the search starts.
+        candidates = [np.tile([slope, 0.0], (n, 1)) for slope in (4.0, 10.0, 25.0)]
         return min(candidates, key=lambda s: float(np.sum(self.project(s, weights)[1] ** 2)))
 
     def minimise(self, shapes: Array, weights: Array) -> Array:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sdp_vs_penalty.problem.constants import INERTIAL_MARGIN, LEAST_UNKNOWN
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body, around, balls
@@ -20,12 +21,8 @@ from sdp_vs_penalty.robot.robot import Robot
 
 #: Half axes of the body over those of the ellipsoid around the link's geometry, and a layer on it [m].
 GEOMETRY_MARGIN, LAYER = 1.2, 0.03
-#: Half axes of the body over those of the ellipsoid of uniform density that has the link's inertial.
-INERTIAL_MARGIN = 2.0
 #: Radius of a link where nothing tells it: this share of its reach, at least so much [m].
 RADIUS_SHARE, LEAST_RADIUS = 0.5, 0.1
-#: The same of a link of which nothing but the joints is known, its reach being the radius.
-LEAST_UNKNOWN = 1.0
 #: Geometry smaller than this marks a place [m]; one larger than so many robots is not in metres.
 MARKER, ROBOTS = 0.01, 3.0
 

@@ -16,9 +16,10 @@ from sdp_vs_penalty.files import problems_folder, read_table, read_toml
 from sdp_vs_penalty.files.inputs import nameable
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.cone import CentreOfMassCone
+from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS
 from sdp_vs_penalty.problem.fields import check_fields, entries
 from sdp_vs_penalty.problem.nominal import ellipsoids_in_the_box, plausible_links
-from sdp_vs_penalty.problem.problem import DEFAULT_LINK_MASS, Problem, default_mass
+from sdp_vs_penalty.problem.problem import Problem, default_mass
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
 from sdp_vs_penalty.robot.mechanism import parse_mechanism

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sdp_vs_penalty.problem.bodies import GEOMETRY_MARGIN, LAYER
+from sdp_vs_penalty.problem.constants import DEFAULT_DENSITY, DEFAULT_LINEAR_DENSITY
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
@@ -16,10 +17,6 @@ from sdp_vs_penalty.robot.robot import Robot
 if TYPE_CHECKING:
     from sdp_vs_penalty.problem.problem import Problem
 
-#: Nominal mass per length of a link about which nothing is known [kg/m].
-DEFAULT_LINEAR_DENSITY = 10.0
-#: Nominal density of a link of which only the geometry is known [kg/m^3]: aluminium shells and motors.
-DEFAULT_DENSITY = 1500.0
 #: Smallest eigenvalue of a pseudo-inertia in units of reach and mass that counts as that of a body.
 _SLENDEREST = 1e-6
 

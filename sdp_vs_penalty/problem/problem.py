@@ -24,19 +24,13 @@ from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.files import read_table
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.cone import CentreOfMassCone
+from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS, DEFAULT_RADIUS, DEFAULT_REACH_FACTOR
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-
-#: Defaults that keep the feasible set of a robot without published bounds (a URDF) bounded.
-#: A file's own inertials widen them: three times their mass, twice their extent.
-DEFAULT_LINK_MASS = (0.01, 100.0)  # kg, of one link: a link of no mass is not one
-#: A link's mass lies in a ball around its frame: this times the link's reach, at least the radius.
-DEFAULT_REACH_FACTOR = 1.5
-DEFAULT_RADIUS = 1.0  # m: what a last link bears beyond its frame, the kinematics do not say
 
 
 @dataclass(frozen=True, repr=False)

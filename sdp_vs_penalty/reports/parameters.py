@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.intervals import Interval, counts
-from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, friction_figure
 from sdp_vs_penalty.reports.section import Material, Section, figure, number, table, text

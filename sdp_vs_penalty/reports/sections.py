@@ -12,7 +12,7 @@ from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.diagnosis.show import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
-from sdp_vs_penalty.estimation.sandwich import NORMAL_95
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.reports.pictures import (
     SHADES,

@@ -17,9 +17,6 @@ from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Extremes of the smooth step's derivatives, one to three.
-STEEPEST = (35.0 / 16.0, 7.5132, 52.5)
-
 
 @dataclass(frozen=True)
 class PointTrajectory:
@@ -54,9 +51,10 @@ def shortest_moves(points: Array, velocity: Array, acceleration: Array, jerk: Ar
     """(W - 1,) the shortest moves between points (W, n) within limits (n,) [s]."""
     d = np.abs(np.diff(points, axis=0))
     limits = (velocity, acceleration, jerk)
+    # Extremes of the smooth step's derivatives, one to three.
     each = [
         (c * d / limit) ** (1.0 / k)
-        for k, (c, limit) in enumerate(zip(STEEPEST, limits, strict=True), start=1)
+        for k, (c, limit) in enumerate(zip((35.0 / 16.0, 7.5132, 52.5), limits, strict=True), start=1)
     ]
     return np.maximum(np.max(each, axis=(0, 2)), 1e-2)
 

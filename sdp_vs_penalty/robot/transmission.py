@@ -20,8 +20,6 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: The sides on which a channel can be logged.
 SIDES = ("motor", "joint")
-#: Condition number from which the joints do not follow from the motors.
-_SINGULAR = 1e9
 _TERM = re.compile(r"\s*([+-])?\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)?\s*\*?\s*(?:q([1-9]\d{0,2}))?")
 
 
@@ -53,7 +51,8 @@ class Transmission:
                 )
         rows = np.linalg.norm(self.matrix, axis=1)
         mixed = (self._position_rows, self._torque_rows)
-        if not np.all(rows > 0.0) or any(np.linalg.cond(m) > _SINGULAR for m in mixed):
+        # Condition number from which the joints do not follow from the motors.
+        if not np.all(rows > 0.0) or any(np.linalg.cond(m) > 1e9 for m in mixed):
             raise InputError(
                 "transmission: the joints do not follow from the motors", "give independent motors"
             )

@@ -28,8 +28,6 @@ _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prism
 _LARGEST = 1e9
 #: Links of one file: humanoids with two hands have 200, and a chain of all must not exhaust the stack.
 _MOST_LINKS = 500
-#: How files write "no limit" where the format asks for a number [rad or m].
-_NO_LIMIT = 1e6
 
 
 @dataclass
@@ -85,7 +83,8 @@ class _Reader:
             raise self.fail(
                 f"line {element.sourceline}, <limit {attribute}={text[:40]!r}> must hold a number"
             )
-        return none if abs(value) > _NO_LIMIT else value
+        # How files write "no limit" where the format asks for a number [rad or m].
+        return none if abs(value) > 1e6 else value
 
     def pose(self, element: Any) -> Array:
         origin = element.find("origin")

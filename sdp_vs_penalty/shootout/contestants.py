@@ -1,31 +1,78 @@
-"""Who takes part: every conic solver of the library, our default path, and what users do without one."""
+"""Who takes part: our default method, every conic solver of the library, what users do without one."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from types import ModuleType
+from typing import Any
 
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Fit
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
-from sdp_vs_penalty.shootout.contestant import DEFAULT_ACCURACY, Applies, Contestant, with_proof
+from sdp_vs_penalty.shootout import augmented_lagrangian, baselines
 from sdp_vs_penalty.shootout.instance import Instance
-from sdp_vs_penalty.shootout.judge import Answer, dimacs_error
-from sdp_vs_penalty.shootout.rivals import rivals
-from sdp_vs_penalty.solvers import absent, solver_modules, version, warm_up
+from sdp_vs_penalty.shootout.judge import Answer, dimacs_error, no_answer
+from sdp_vs_penalty.solvers import absent, solver_modules, through_cvxpy, version, warm_up
 from sdp_vs_penalty.version import __version__
 
+#: What our default method promises.
+DEFAULT_ACCURACY = 1e-8
 #: What our loop asks of a solver, unless its file names a FINEST of its own.
 _FINEST = 1e-10
+Options = Callable[[float], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """name, description, solve(instance, accuracy) and version; absent : why it is not here, or None.
+
+    options : what it is told at an accuracy, by the names of its documentation; None: it cannot be
+        asked, and promises ``promise``. entropy : whether log det can be posed to it. warm_up : what a
+        first call pays for once; it must start no thread: a forked child would wait for it for ever.
+    """
+
+    name: str
+    description: str
+    solve: Callable[[Instance, float], Answer]
+    version: Callable[[], str]
+    absent: str | None = None
+    options: Options | None = None
+    promise: float = DEFAULT_ACCURACY
+    entropy: bool = True
+    warm_up: Callable[[], None] = lambda: None
+
+    @property
+    def tunable(self) -> bool:
+        return self.options is not None
+
+    def settings(self, accuracy: float) -> str:
+        """How a run is set up, in one word: the key in runs.csv."""
+        return f"{accuracy:.0e}" if self.tunable else "default"
+
+    def told(self, accuracy: float) -> str:
+        """What it is told, in its documentation's names."""
+        if self.options is None:
+            return "nothing: its own defaults"
+        return ", ".join(f"{key} {value}" for key, value in self.options(accuracy).items())
+
+    def refuses(self, instance: Instance) -> str | None:
+        """Why an instance cannot be posed to it, or None."""
+        posed = self.entropy or instance.objective.entropy is None
+        return None if posed else "no cone for log det"
 
 
 def contestants() -> dict[str, Contestant]:
     """All of them by name, absent ones included."""
-    modules = solver_modules()
-    found = [_conic(name, module) for name, module in modules.items()]
-    found += [_defaults(name, m) for name, m in modules.items() if hasattr(m, "DEFAULT_ACCURACY")]
-    found += [_certified(name, m) for name, m in modules.items()]
-    return {c.name: c for c in sorted((*found, *rivals()), key=lambda c: c.name)}
+    found = [_shipped(), *_baselines()]
+    for name, module in solver_modules().items():
+        found += [_conic(name, module), _certified(name, module)]
+        if hasattr(module, "DEFAULT_ACCURACY"):
+            found.append(_untuned(name, module))
+        found += [_variant(name, module, variant) for variant in getattr(module, "VARIANTS", ())]
+    return {c.name: c for c in sorted(found, key=lambda c: c.name)}
 
 
 def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]:
@@ -44,21 +91,16 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     return [everyone[name] for name in names], []
 
 
-def _takes(module: ModuleType) -> Applies:
-    def applies(instance: Instance) -> str | None:
-        if "exp" not in module.CONES and instance.objective.entropy is not None:
-            return "no cone for log det"
-        return None
-
-    return applies
+def _shipped() -> Contestant:
+    """What ``identify`` runs: the interior point in NumPy, Clarabel where its answer is not tight."""
+    words = "our default: the NumPy interior point, certified; Clarabel where the certified gap is loose"
+    return Contestant("lmi-sdp", words, partial(_in_our_loop, solver=None, finest=_FINEST), _ours)
 
 
-def _conic(name: str, module: ModuleType) -> Contestant:
+def _conic(name: str, module: ModuleType, *variant: str) -> Contestant:
     def solve(instance: Instance, accuracy: float | None) -> Answer:
         sdp = instance.sdp
-        solution = module.solve(sdp.conic, accuracy)
-        sent = zip(instance.sent, sdp.multipliers(solution), strict=True)
-        multipliers = instance.all_multipliers(sent)
+        solution = module.solve(sdp.conic, accuracy, *variant)
         seen, x, z = solution.seen or (sdp.conic, solution.x, solution.z)
         return Answer(
             sdp.theta(solution),
@@ -67,7 +109,7 @@ def _conic(name: str, module: ModuleType) -> Contestant:
             solution.iterations,
             solution.setup_seconds,
             solution.solve_seconds,
-            multipliers,
+            instance.all_multipliers(sdp.multipliers(solution)),
             sdp.entropy_slopes(solution),
             dimacs_error(seen, x, z),
         )
@@ -76,14 +118,15 @@ def _conic(name: str, module: ModuleType) -> Contestant:
         name,
         (module.__doc__ or "").strip().splitlines()[0],
         solve,
-        _takes(module),
         lambda: version(module),
         absent(module),
+        module.options,
+        entropy="exp" in module.CONES,
         warm_up=lambda: warm_up(module),
     )
 
 
-def _defaults(name: str, module: ModuleType) -> Contestant:
+def _untuned(name: str, module: ModuleType) -> Contestant:
     """The solver told nothing: its own tolerances, which its documentation calls sensible."""
     told = _conic(name, module)
     return replace(
@@ -91,32 +134,92 @@ def _defaults(name: str, module: ModuleType) -> Contestant:
         name=f"{name} untuned",
         description=f"{name} with its own default settings",
         solve=lambda instance, accuracy: told.solve(instance, None),  # type: ignore[arg-type]
-        tunable=False,
+        options=None,
         promise=module.DEFAULT_ACCURACY,
     )
 
 
-def _certified(name: str, module: ModuleType) -> Contestant:
-    """A solver inside our loop: certified, and solved again where the gap is loose; with Clarabel it is
-    the default path, ``lmi-sdp``."""
-    finest = getattr(module, "FINEST", _FINEST)
-
-    def fits(instance: Instance) -> list[Fit]:
-        return [solve_sdp(instance.task, instance.objective, instance.constraints, name, finest)]
-
-    def words(fit: Fit) -> tuple[list[str], int]:
-        said = fit.details["solver_said"]
-        return said, sum(int(word.rpartition("(")[2].rstrip(")")) for word in said)
-
-    ours = name == "clarabel"
-    return Contestant(
-        "lmi-sdp" if ours else f"{name} certified",
-        f"{name} inside our loop: scaled, certified, solved again where the gap is loose",
-        lambda instance, accuracy: with_proof(instance, accuracy, fits, words),
-        _takes(module),
-        (lambda: __version__) if ours else lambda: version(module),
-        absent(module),
-        tunable=False,
-        promise=max(DEFAULT_ACCURACY, 10.0 * finest),
-        warm_up=lambda: warm_up(module),
+def _variant(name: str, module: ModuleType, variant: str) -> Contestant:
+    """The solver with another parameter set of its manual."""
+    return replace(
+        _conic(name, module, variant),
+        name=f"{name} {variant}",
+        description=f"{name} with the parameter set {variant} of its manual",
+        options=lambda accuracy: module.options(accuracy, variant),
     )
+
+
+def _certified(name: str, module: ModuleType) -> Contestant:
+    finest = getattr(module, "FINEST", _FINEST)
+    return replace(
+        _conic(name, module),
+        name=f"{name} certified",
+        description=f"{name} inside our loop: scaled, certified, solved again where the gap is loose",
+        solve=partial(_in_our_loop, solver=name, finest=finest),
+        options=None,
+        promise=max(DEFAULT_ACCURACY, 10.0 * finest),
+    )
+
+
+def _in_our_loop(instance: Instance, accuracy: float, solver: str | None, finest: float) -> Answer:
+    """The certified fit, which claims what its own proof says."""
+    start = time.perf_counter()
+    try:
+        fit: Fit = solve_sdp(instance.task, instance.objective, instance.constraints, solver, finest)
+        gap = fit.gap
+    except InputError as error:
+        return no_answer(instance, error, time.perf_counter() - start)
+    seconds = time.perf_counter() - start
+    said: list[str] = fit.details["solver_said"]
+    return Answer(
+        fit.theta,
+        "optimal" if gap <= accuracy else "inaccurate",
+        f"certified gap {gap:.1e}; " + ", ".join(said),
+        sum(int(word.rpartition("(")[2].rstrip(")")) for word in said),
+        0.0,
+        seconds,
+        fit.multipliers,
+        fit.entropy_slopes,
+        attempts=len(said),
+    )
+
+
+def _baselines() -> list[Contestant]:
+    """CVXPY as a user meets it, the penalty, and an augmented Lagrangian in log-Cholesky variables."""
+    cvxpy = Contestant(
+        "cvxpy",
+        "CVXPY as a user meets it: the formulas, prob.solve(), no options",
+        partial(baselines.solve_cvxpy, solver=None),
+        baselines.cvxpy_version,
+        promise=baselines.CVXPY_ACCURACY,
+        warm_up=through_cvxpy.warm_up,
+    )
+    return [
+        cvxpy,
+        replace(
+            cvxpy,
+            name="cvxpy clarabel",
+            description="CVXPY as a user meets it: the formulas, prob.solve(solver='CLARABEL')",
+            solve=partial(baselines.solve_cvxpy, solver="CLARABEL"),
+            promise=DEFAULT_ACCURACY,
+        ),
+        Contestant(
+            "penalty",
+            "the exact penalty, multi-start (no SDP solver)",
+            baselines.solve_penalty,
+            _ours,
+            options=baselines.penalty_options,
+            entropy=False,
+        ),
+        Contestant(
+            "log-cholesky L-BFGS",
+            "log-Cholesky variables, augmented Lagrangian, SciPy's L-BFGS-B (no SDP solver)",
+            augmented_lagrangian.solve,
+            baselines.scipy_version,
+            options=augmented_lagrangian.options,
+        ),
+    ]
+
+
+def _ours() -> str:
+    return __version__

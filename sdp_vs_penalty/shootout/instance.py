@@ -96,10 +96,17 @@ class Instance:
         bound = self.task.bound
         return lower_bound(self.objective, self.constraints, multipliers, theta, bound, slopes)
 
-    def all_multipliers(self, sent: Iterable[tuple[Constraint, Array]]) -> list[Array]:
-        """Multipliers of all constraints from those of some of them."""
-        found = {id(c): m for c, m in sent}
-        return [found.get(id(c), np.zeros_like(c.constant)) for c in self.constraints.convex]
+    def all_multipliers(self, sent: Iterable[Array]) -> list[Array]:
+        """Multipliers of all constraints, in order, from those of the ``sent`` ones."""
+        out, found = [], zip(self.sent, sent, strict=True)
+        wanted, multiplier = next(found, (None, None))
+        for c in self.constraints.convex:
+            if c is wanted:
+                out.append(np.asarray(multiplier))
+                wanted, multiplier = next(found, (None, None))
+            else:
+                out.append(np.zeros_like(c.constant))
+        return out
 
     @cached_property
     def hash(self) -> str:

@@ -14,12 +14,13 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.real_data import real_data_folder
-from sdp_vs_penalty.shootout import hostile, regular
+from sdp_vs_penalty.shootout import ill_conditioned
+from sdp_vs_penalty.shootout import standard_instances as standard
 from sdp_vs_penalty.shootout.instance import Instance
 
-GROUPS = ("panda", "two_link", "ur10e", "chains", "hostile")
+GROUPS = ("panda", "two_link", "ur10e", "chains", "ill-conditioned")
 #: Groups of --problems, not among the default: instances on which no criterion of the judge was set.
-FRESH = ("fresh", "fresh-hostile")
+FRESH = ("fresh", "fresh-ill-conditioned")
 #: What is no news beside the catalogue (equal numbers under another name), or too large for a sample.
 _NOT_FRESH = re.compile(
     r"two_link simulated (one|two)-step (?!cones)|panda (?!measured [37] s)|"
@@ -65,7 +66,7 @@ def catalogue() -> dict[str, Entry]:
     for step in _STEPS:
         for shape in ("plain", "gyration", "regulariser"):
             name = f"two_link {step} {shape}"
-            build = partial(regular.simulated, name, "two_link", step, shape)
+            build = partial(standard.simulated, name, "two_link", step, shape)
             entries.append(Entry(name, "two_link", build, quick=shape == "gyration"))
     for entry in _robots():
         if re.fullmatch(r"panda .* (14 s .*|1 s (one-step .*|two-step gyration))", entry.name):
@@ -76,8 +77,9 @@ def catalogue() -> dict[str, Entry]:
     for n in (2, 7, 14, 30, 60):
         name = f"chain of {n} links"
         entries.append(Entry(name, "chains", partial(_chain, name, n, "gyration", 0), quick=n <= 7))
-    for name, make in hostile.BUILDERS.items():
-        entries.append(Entry(name, "hostile", partial(make, name), quick=name in hostile.QUICK))
+    for name, make in ill_conditioned.BUILDERS.items():
+        quick = name in ill_conditioned.QUICK
+        entries.append(Entry(name, ill_conditioned.GROUP, partial(make, name), quick=quick))
     return {entry.name: entry for entry in entries}
 
 
@@ -85,9 +87,9 @@ def fresh() -> list[Entry]:
     """A sample of the library's instances up to 14 links whose numbers the catalogue lacks."""
     seen = catalogue()
     found = [e for e in library() if e.name not in seen and not _NOT_FRESH.match(e.name)]
-    regular_ones = [replace(e, group=FRESH[0]) for e in found if e.group != "hostile"]
-    hostile_ones = [replace(e, group=FRESH[1]) for e in found if e.group == "hostile"]
-    return [*regular_ones[:: _EVERY[0]], *hostile_ones[:: _EVERY[1]]]
+    standard_ones = [replace(e, group=FRESH[0]) for e in found if e.group != ill_conditioned.GROUP]
+    changed_ones = [replace(e, group=FRESH[1]) for e in found if e.group == ill_conditioned.GROUP]
+    return [*standard_ones[:: _EVERY[0]], *changed_ones[:: _EVERY[1]]]
 
 
 def _robots() -> Iterator[Entry]:
@@ -106,7 +108,7 @@ def _robots() -> Iterator[Entry]:
                     for shape, demand in _SHAPES.items():
                         seconds = f" {stop:g} s" if np.isfinite(stop) else ""
                         name = f"{robot} {source}{seconds} {step} {shape}"
-                        make = regular.simulated if source == "simulated" else regular.measured
+                        make = standard.simulated if source == "simulated" else standard.measured
                         build = partial(make, name, robot, step, shape, stop)
                         said = f"{robot}, {source}{seconds}: least {aim}; {demand}."
                         yield Entry(name, robot, build, said, source == "measured")
@@ -125,27 +127,28 @@ def _chains() -> Iterator[Entry]:
 
 
 def _chain(name: str, n: int, shape: str, draw: int) -> Instance:
-    return regular.posed(name, regular.chain_task(n, draw=draw), "one-step", shape)
+    return standard.posed(name, standard.chain_task(n, draw=draw), "one-step", shape)
 
 
 def _changed() -> Iterator[Entry]:
     """Regular instances with one thing changed that users or data do."""
     bases: dict[str, Callable[[], Instance]] = {
-        "two_link": partial(regular.simulated, "", "two_link", "one-step", "gyration"),
-        "panda": partial(regular.simulated, "", "panda", "one-step", "gyration", 14.0),
-        "ur10e": partial(regular.simulated, "", "ur10e", "one-step", "gyration"),
+        "two_link": partial(standard.simulated, "", "two_link", "one-step", "gyration"),
+        "panda": partial(standard.simulated, "", "panda", "one-step", "gyration", 14.0),
+        "ur10e": partial(standard.simulated, "", "ur10e", "one-step", "gyration"),
         "chain of 7 links": partial(_chain, "", 7, "gyration", 0),
         "chain of 14 links": partial(_chain, "", 14, "gyration", 0),
     }
     for robot, build in bases.items():
-        for change, (_, words) in hostile.CHANGES.items():
+        for change, (_, words) in ill_conditioned.CHANGES.items():
             if not words:
                 continue  # the numbers of another one
             if change == "rank-deficient" and robot == "two_link":
                 continue  # its factor has no more rows than that
             name = f"{robot} {change}"
             said = f"{robot} with links at least 2 cm thick, {words}."
-            yield Entry(name, "hostile", partial(hostile.changed, name, change, build), said)
+            make = partial(ill_conditioned.changed, name, change, build)
+            yield Entry(name, ill_conditioned.GROUP, make, said)
 
 
 def selected(

@@ -1,19 +1,9 @@
 """What an answer is worth, whatever its author says of it: one standard for every contestant.
 
-Three figures, each relative, none mixed with another: ``objective_error``, how far its objective as
-it was returned lies from the proved interval; ``violation`` of the constraints, as returned; the dual
-gap that follows from the contestant's own multipliers. Beside them ``dimacs``, the largest of the
-DIMACS errors of the conic problem that the solver saw, by which its author judges it.
-
-right            claims success, and error and violation are within 10 times what was asked;
-                 or claims infeasibility of what is proved infeasible
-inaccurate       admits reduced accuracy; or claims success and has at least half of the digits asked
-                 for: error and violation are within the square root of the accuracy; or our own interval
-                 is too wide to decide
-silently_wrong   claims success and has fewer than half of the digits, or claims that there is no optimum
-                 where one is proved, or an optimum where there is none
-failed           says so
-timeout, crash   ended by the clock, or by a signal
+``objective_error``: how far the objective as returned lies from the proved interval, relative to the
+loss; ``violation`` of the constraints as returned, relative to each one's size; beside them the dual gap
+from the contestant's own multipliers, and ``dimacs``, the largest DIMACS error of the conic problem that
+it saw. The classes are those of the table in summary.md.
 """
 
 from __future__ import annotations
@@ -26,6 +16,7 @@ from scipy import sparse
 
 from sdp_vs_penalty.constraints.cones import cone_margin
 from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.reference import Reference
@@ -78,6 +69,13 @@ class Judgement:
     own_lower: float
     dimacs: float | None = None
     remark: str = ""
+
+
+def no_answer(instance: Instance, error: InputError | str, seconds: float) -> Answer:
+    """Nothing, or a claim of infeasibility where the error proves it."""
+    nothing = np.full(len(instance.task.bound), np.nan)
+    claims = "infeasible" if isinstance(error, Infeasible) and error.proof else "failed"
+    return Answer(nothing, claims, str(error), 0, 0.0, seconds)
 
 
 def judge(instance: Instance, reference: Reference, answer: Answer, asked: float) -> Judgement:

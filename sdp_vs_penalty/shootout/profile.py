@@ -77,7 +77,7 @@ def profile_rows(rows: Sequence[Row]) -> list[Row]:
 
 
 def plot_profile(rows: Sequence[Row], path: Path) -> bool:
-    """SVG: regular problems above, hostile ones below, an accuracy a column; the same solvers in each.
+    """SVG: standard problems above, ill-conditioned ones below, an accuracy a column.
 
     False where matplotlib (extra [plot]) is absent.
     """
@@ -90,8 +90,8 @@ def plot_profile(rows: Sequence[Row], path: Path) -> bool:
 
     shown = _shown(rows)
     parts = {
-        "regular": [r for r in rows if "hostile" not in r["group"]],
-        "hostile": [r for r in rows if "hostile" in r["group"]],
+        "standard": [r for r in rows if "ill-conditioned" not in r["group"]],
+        "ill-conditioned": [r for r in rows if "ill-conditioned" in r["group"]],
     }
     parts = {name: part for name, part in parts.items() if part}
     columns = accuracies(rows) or [1e-8]

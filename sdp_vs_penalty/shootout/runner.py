@@ -13,8 +13,7 @@ from typing import Any
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import alone, read_text, write_text
 from sdp_vs_penalty.parallel import spread
-from sdp_vs_penalty.shootout.contestant import Contestant
-from sdp_vs_penalty.shootout.contestants import chosen
+from sdp_vs_penalty.shootout.contestants import Contestant, chosen
 from sdp_vs_penalty.shootout.instances import GROUPS, Entry, catalogue, fresh, instance, selected
 from sdp_vs_penalty.shootout.results import Results
 from sdp_vs_penalty.shootout.work import Assignment, perform
@@ -154,7 +153,7 @@ def _pending(
     for entry in entries:
         made = instance(entry.name)
         for contestant in contestants:
-            reason = contestant.applies(made)
+            reason = contestant.refuses(made)
             if reason is not None:
                 left_out.append((entry.name, contestant.name, reason))
                 continue

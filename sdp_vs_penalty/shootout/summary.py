@@ -1,38 +1,38 @@
-"""What the runs say: tables in Markdown, LaTeX and CSV, three sentences, the answer to a question.
+"""What the runs say: one table by solver, one by problem, which solver to use, and what each was told.
 
-The shifted geometric mean is exp(mean log(t + s)) - s with s = 10 ms, over the runs that a solver got
-right, unsolved ones at the time limit.
+The shifted geometric mean is exp(mean log(t + s)) - s with s = 10 ms over all runs, those that were not
+right at the time limit.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.shootout import pages
+from sdp_vs_penalty.shootout.contestants import Contestant
 from sdp_vs_penalty.shootout.judge import CLASSES
 from sdp_vs_penalty.shootout.profile import COLUMNS as PROFILE_COLUMNS
-from sdp_vs_penalty.shootout.profile import plot_profile, profile_rows
+from sdp_vs_penalty.shootout.profile import accuracies, at_accuracy, plot_profile, profile_rows, reached
 from sdp_vs_penalty.shootout.results import Row, table_text
 from sdp_vs_penalty.show import markdown_table
 
 _SHIFT = 0.01  # s
+#: What most readers want: an arm of seven links, to six digits.
+LINKS, ACCURACY = 7, 1e-6
+_KNOWN_LINKS = {"emps": 1, "two_link": 2, "tx40": 6, "ur10e": 6, "panda": 7}
 _COLUMNS = (
     "solver", "settings", "runs", "success_percent", *CLASSES, "mean_seconds", "median_objective_error",
     "median_violation", "median_own_gap", "median_dimacs", "attempts", "version",
 )  # fmt: skip
 _HEADINGS = {
-    "success_percent": "right %",
-    "silently_wrong": "silently wrong",
-    "mean_seconds": "time [ms]",
-    "median_objective_error": "error",
-    "median_violation": "violation",
-    "median_own_gap": "dual gap",
+    "success_percent": "right %", "silently_wrong": "silently wrong", "mean_seconds": "time [ms]",
+    "median_objective_error": "error", "median_violation": "violation", "median_own_gap": "dual gap",
     "median_dimacs": "DIMACS",
-}
+}  # fmt: skip
 #: What is told of the answers called optimal: the median, each for itself.
 _FIGURES = ("objective_error", "violation", "own_gap", "dimacs")
 
@@ -72,34 +72,22 @@ def _order(pair: tuple[str, str]) -> tuple[str, float]:
 
 
 def shifted_geometric_mean(seconds: Sequence[float]) -> float:
-    """exp(mean log(t + s)) - s."""
+    """exp(mean log(t + s)) - s [s]."""
     return float(np.exp(np.mean(np.log(np.asarray(seconds) + _SHIFT))) - _SHIFT)
 
 
-def markdown(rows: Sequence[Row], headings: Sequence[str]) -> str:
-    """A table whose numbers are short enough to read."""
-    names = [_HEADINGS.get(h, h) for h in headings]
-    cells = [[_short(h, row[h]) for h in headings] for row in rows]
-    return "\n".join(markdown_table(names, cells)) + "\n"
-
-
-def latex(rows: Sequence[Row], headings: Sequence[str]) -> str:
-    """The same table as a tabular of booktabs."""
-    names = [_HEADINGS.get(h, h).replace("_", r"\_").replace("%", r"\%") for h in headings]
-    body = [
-        " & ".join(_short(h, row[h]).replace("_", r"\_").replace("%", r"\%") for h in headings) + r" \\"
-        for row in rows
-    ]
-    columns = "ll" + "r" * (len(headings) - 2)
-    top = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", " & ".join(names) + r" \\", r"\midrule"]
-    return "\n".join([*top, *body, r"\bottomrule", r"\end{tabular}"]) + "\n"
+def milliseconds(seconds: float) -> str:
+    """Three digits, all digits above a second; a dash for what is none."""
+    if not np.isfinite(seconds):
+        return "-"
+    return f"{1e3 * seconds:.3g}" if seconds < 1.0 else f"{1e3 * seconds:.0f}"
 
 
 def _short(name: str, value: object) -> str:
     if not isinstance(value, float):
         return str(value)
     if name == "mean_seconds":
-        return pages.milliseconds(value)
+        return milliseconds(value)
     if name == "success_percent":
         return f"{value:.0f}"
     return "-" if np.isnan(value) else f"{value:.1e}"
@@ -128,37 +116,83 @@ def by_problem(rows: Sequence[Row]) -> str:
     return "\n".join(markdown_table(["problem", *solvers], lines)) + "\n"
 
 
+def links(row: Row) -> int | None:
+    """How many links a standard problem has; None for an ill-conditioned one."""
+    if "ill-conditioned" in row["group"]:
+        return None
+    named = re.match(r"chain of (\d+)", row["problem"])
+    robot = row["group"] if row["group"] in _KNOWN_LINKS else row["problem"].partition(" ")[0]
+    return int(named.group(1)) if named else _KNOWN_LINKS.get(robot)
+
+
+def ranking(rows: Sequence[Row]) -> list[Row]:
+    """The contestants on arms of LINKS links, those that reach ACCURACY most often first.
+
+    A problem that cannot be posed to a contestant is one that it does not solve. seconds : the median
+    where it was right.
+    """
+    mine = at_accuracy([r for r in rows if links(r) == LINKS], ACCURACY)
+    out = []
+    for solver in sorted({r["solver"] for r in mine}):
+        runs = [r for r in mine if r["solver"] == solver]
+        right = [r for r in runs if reached(r, ACCURACY)]
+        out.append(
+            {
+                "solver": solver,
+                "right": len(right),
+                "problems": len({r["problem"] for r in mine}),
+                "silently wrong": sum(r["class"] == "silently_wrong" for r in runs),
+                "seconds": float(np.median([r["seconds"] for r in right])) if right else np.inf,
+                "attempts": float(np.mean([r["attempts"] for r in runs])),
+            }
+        )
+    return sorted(out, key=lambda r: (-r["right"], r["silently wrong"], r["seconds"]))
+
+
+def answer(rows: Sequence[Row]) -> str:
+    """Markdown: which solver for seven links at 1e-6, and why; empty where nothing was run on them."""
+    table = ranking(rows)
+    if not table:
+        return ""
+    best = table[0]
+    enough = [r for r in table if r["right"] >= 0.9 * best["right"] and not r["silently wrong"]]
+    quick = min(enough, key=lambda r: r["seconds"], default=best)
+    text = [
+        f"Take **{best['solver']}**: right on {best['right']} of {best['problems']} problems of "
+        f"{LINKS} links at {ACCURACY:.0e}, {best['silently wrong']} times silently wrong, "
+        f"{milliseconds(best['seconds'])} ms (median). The fastest of those never silently wrong and "
+        f"right at least nine tenths as often is **{quick['solver']}**: {quick['right']} of "
+        f"{quick['problems']}, {milliseconds(quick['seconds'])} ms.",
+        "",
+    ]
+    cells = [
+        (r["solver"], f"{r['right']} of {r['problems']}", str(r["silently wrong"]),
+         milliseconds(r["seconds"]), f"{r['attempts']:.1f}")
+        for r in table
+    ]  # fmt: skip
+    text += markdown_table(("solver", "right", "silently wrong", "median [ms]", "attempts"), cells)
+    return "\n".join(text) + "\n"
+
+
 def sentences(rows: Sequence[Row], time_limit: float) -> list[str]:
-    """Which solver to use, from the data alone: the most often right, the fastest, whom to doubt."""
+    """From the data alone: who is right most often, and who claims success wrongly."""
     table = summary_rows(rows, time_limit)
     if not table:
         return []
     best = max(table, key=lambda r: (r["success_percent"], -r["silently_wrong"], -r["mean_seconds"]))
     first = (
         f"Most often right is {_named(best)}: {best['right']} of {best['runs']} runs, "
-        f"{best['silently_wrong']} silently wrong, {pages.milliseconds(best['mean_seconds'])} ms on "
-        "average."
+        f"{best['silently_wrong']} silently wrong, {milliseconds(best['mean_seconds'])} ms on average."
     )
-    safe = [r for r in table if r["silently_wrong"] == 0 and r["right"] > 0]
-    reliable = [r for r in safe if r["success_percent"] >= 0.8 * best["success_percent"]]
-    if reliable:
-        quick = min(reliable, key=lambda r: r["mean_seconds"])
-        second = (
-            f"Of those never silently wrong and nearly as often right the fastest is "
-            f"{_named(quick)} with {pages.milliseconds(quick['mean_seconds'])} ms."
-        )
-    else:
-        second = "No solver was both often right and never silently wrong."
     worst = max(table, key=lambda r: (r["silently_wrong"] / r["runs"], r["runs"]))
-    if worst["silently_wrong"]:
-        third = (
-            f"Check every answer of {_named(worst)}: it claimed success wrongly in "
-            f"{worst['silently_wrong']} of {worst['runs']} runs, and all solvers together in "
-            f"{sum(r['silently_wrong'] for r in table)} of {sum(r['runs'] for r in table)}."
-        )
-    else:
-        third = f"No solver claimed success wrongly in any of {sum(r['runs'] for r in table)} runs."
-    return [first, second, third]
+    if not worst["silently_wrong"]:
+        return [first, f"No solver claimed success wrongly in any of {len(rows)} runs."]
+    return [
+        first,
+        f"Check every answer of {_named(worst)}: it claimed success wrongly in "
+        f"{worst['silently_wrong']} of {worst['runs']} runs, and all solvers together in "
+        f"{sum(r['silently_wrong'] for r in table)} of {len(rows)}.",
+    ]
 
 
 def _named(row: Row) -> str:
@@ -171,8 +205,12 @@ def write_summary(
     time_limit: float,
     absent: dict[str, str],
     not_applicable: Sequence[tuple[str, str, str]],
+    people: dict[str, Contestant],
 ) -> list[Path]:
-    """summary.*, a page a class and profile.csv, .svg beside runs.csv; the paths written."""
+    """summary.md, summary.csv and profile.csv, .svg beside runs.csv; the paths written.
+
+    people : the contestants by name, whose settings are told.
+    """
     table = summary_rows(rows, time_limit)
     left_out: dict[tuple[str, str], int] = {}
     for _, solver, reason in not_applicable:
@@ -180,29 +218,31 @@ def write_summary(
     missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
     for (solver, reason), count in sorted(left_out.items()):
         missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
+    asked = accuracies(rows)
+    ran = [people[name] for name in sorted({r["solver"] for r in rows}) if name in people]
+    told = [[c.name, c.told(a)] for c in ran for a in (asked[:1] + asked[-1:] if c.tunable else [1.0])]
+    cells = [[_short(h, row[h]) for h in _COLUMNS] for row in table]
     # The text is a file beside this one.
-    text = Path(__file__).with_suffix(".md").read_text()
-    said = text.format(
-        sentences="".join(f"- {sentence}\n" for sentence in sentences(rows, time_limit)),
-        minutes=sum(r["seconds"] for r in rows) / 60.0,
-        limit=time_limit,
-        answer=pages.answer(rows),
-        loop=pages.alone_and_in_the_loop(rows),
-        table=markdown(table, _COLUMNS),
-        problems=by_problem(rows),
-        left_out="".join(f"- {line}.\n" for line in missing),
-        machines=", ".join(sorted({r["machine"] for r in rows})),
+    said = (
+        Path(__file__)
+        .with_suffix(".md")
+        .read_text()
+        .format(
+            sentences="".join(f"- {sentence}\n" for sentence in sentences(rows, time_limit)),
+            minutes=sum(r["seconds"] for r in rows) / 60.0,
+            limit=time_limit,
+            title=f"Which solver for {LINKS} links at {ACCURACY:.0e}",
+            answer=answer(rows),
+            told="\n".join(markdown_table(["solver", "told"], told)),
+            table="\n".join(markdown_table([_HEADINGS.get(h, h) for h in _COLUMNS], cells)),
+            problems=by_problem(rows),
+            left_out="".join(f"- {line}.\n" for line in missing),
+            machines=", ".join(sorted({r["machine"] for r in rows})),
+        )
     )
-    paths = [folder / name for name in ("summary.md", "summary.tex", "summary.csv")]
+    paths = [folder / name for name in ("summary.md", "summary.csv", "profile.csv")]
     write_text(paths[0], said)
-    write_text(paths[1], latex(table, _COLUMNS))
-    write_text(paths[2], table_text(_COLUMNS, table))
-    for group in sorted({r["group"] for r in rows}):
-        paths.append(folder / f"{group}.md")
-        write_text(paths[-1], pages.class_page(group, rows))
-    paths.append(folder / "profile.csv")
-    write_text(paths[-1], table_text(PROFILE_COLUMNS, profile_rows(rows)))
+    write_text(paths[1], table_text(_COLUMNS, table))
+    write_text(paths[2], table_text(PROFILE_COLUMNS, profile_rows(rows)))
     picture = folder / "profile.svg"
-    if plot_profile(rows, picture):
-        paths.append(picture)
-    return paths
+    return [*paths, picture] if plot_profile(rows, picture) else paths

@@ -1,7 +1,7 @@
 """The runs of the shootout as tasks for any worker: a thread of this process, or of a Dask cluster.
 
-Each worker, local or remote, holds a nursery (:mod:`nursery`) and sends it names; numbers are judged
-there. A task is all accuracies of one solver on one problem, from loose to tight: what exceeds the time
+Each worker, local or remote, holds a :mod:`process_runner` and sends it names; numbers are judged there.
+A task is all accuracies of one solver on one problem, from loose to tight: what exceeds the time
 limit at one accuracy would exceed it at every tighter one.
 """
 
@@ -37,14 +37,14 @@ class Assignment:
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
 
 
-class Nursery:
-    """The other end of a nursery process; started on first use and again if it ever dies."""
+class ProcessRunner:
+    """The other end of a process_runner process; started on first use and again if it ever dies."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[str] | None = None
 
     def ask(self, request: dict[str, Any]) -> dict[str, Any]:
-        """One request, one answer. Raises RuntimeError with the nursery's own words if it cannot."""
+        """One request, one answer. Raises RuntimeError with its own words if it cannot."""
         process = self._started()
         assert process.stdin is not None
         assert process.stdout is not None
@@ -66,7 +66,7 @@ class Nursery:
     def _started(self) -> subprocess.Popen[str]:
         if self._process is None or self._process.poll() is not None:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "sdp_vs_penalty.shootout.nursery"],
+                [sys.executable, "-m", "sdp_vs_penalty.shootout.process_runner"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
@@ -84,11 +84,11 @@ class Nursery:
 _LOCAL = threading.local()
 
 
-def nursery() -> Nursery:
+def process_runner() -> ProcessRunner:
     """This thread's own."""
-    if not hasattr(_LOCAL, "nursery"):
-        _LOCAL.nursery = Nursery()
-    found: Nursery = _LOCAL.nursery
+    if not hasattr(_LOCAL, "process_runner"):
+        _LOCAL.process_runner = ProcessRunner()
+    found: ProcessRunner = _LOCAL.process_runner
     return found
 
 
@@ -96,7 +96,9 @@ def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
     """Do a task here; what a worker of any kind calls."""
     try:
         if not task.solver:
-            reply = nursery().ask({"do": "reference", "problem": task.problem, "memory": task.memory})
+            reply = process_runner().ask(
+                {"do": "reference", "problem": task.problem, "memory": task.memory}
+            )
             return task, [reply]
         return task, list(_runs(task))
     except RuntimeError as error:
@@ -115,7 +117,7 @@ def _runs(task: Assignment) -> Iterator[Row]:
                 "remark": f"not run: {stopped} exceeded the time limit",
             }
             continue
-        row = nursery().ask({**asdict(task), "do": "run", "accuracy": accuracy})
+        row = process_runner().ask({**asdict(task), "do": "run", "accuracy": accuracy})
         if row["class"] == "timeout":
             stopped = settings
         yield {"settings": settings, "accuracy": accuracy, **row}

@@ -18,7 +18,6 @@ from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array
@@ -90,21 +89,14 @@ class Noise:
         """(M, n) how much of a row's information standing still has left, from 0 to 1."""
         return np.asarray((self.sigma * self.profile / self.scale) ** 2)
 
-    def whiten(self, values: Array, joint: int, pieces: Sequence[NDArray[np.intp]]) -> Array:
+    def whiten(self, values: Array, joint: int, pieces: Pieces) -> Array:
         """(M, k) columns or (M,) a series, filtered to white noise of unit variance.
 
         The first ORDER rows of each piece have no past and become zero.
         """
-        key = joint, id(pieces)
-        if key not in self._filters:
-            rows = pieces if isinstance(pieces, Pieces) else Pieces(pieces)
-            scale = sparse.diags_array(1.0 / self.scale[:, joint])
-            self._filters[key] = pieces, (scale @ rows.filter(self.ar[joint], len(self.scale))).tocsr()
-        return np.asarray(self._filters[key][1] @ values)
-
-    @cached_property
-    def _filters(self) -> dict[tuple[int, int], tuple[Sequence[NDArray[np.intp]], sparse.csr_array]]:
-        return {}
+        white = np.asarray(pieces.filter(self.ar[joint], len(self.scale)) @ values)
+        scale = self.scale[:, joint]
+        return np.asarray(white / (scale if values.ndim == 1 else scale[:, None]))
 
 
 def noise_floor(runs: SegmentedRuns) -> Array | None:

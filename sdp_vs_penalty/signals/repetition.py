@@ -220,13 +220,14 @@ def new_differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> int:
 
     Six equal runs make fifteen pairs and not more than five such differences an instant.
     """
-    from scipy import sparse
-
-    first = np.concatenate([r.rows for r in repeats])
-    second = np.concatenate([later_rows(runs, r) for r in repeats])
-    count = len(runs.t)
-    graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
-    return count - int(sparse.csgraph.connected_components(graph, directed=False)[0])
+    both, _ = instants(runs, repeats)
+    group = np.arange(len(runs.t))  # each instant's number, or that of one that shares its motion
+    while np.any(group[both[:, 0]] != group[both[:, 1]]):
+        least = np.minimum(*group[both.T])
+        for side in both.T:
+            np.minimum.at(group, group[side], least)
+        group = group[group]
+    return int(np.sum(group != np.arange(len(group))))
 
 
 def instants(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> tuple[NDArray[np.intp], Array]:

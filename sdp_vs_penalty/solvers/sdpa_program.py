@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.programs import run_program
-from sdp_vs_penalty.solvers.sdpa import CLAIMS, options
+from sdp_vs_penalty.solvers.sdpa import CLAIMS
 
 NAME = "sdpa-program"
 EXTRA = "a system package: sdpa"
@@ -19,15 +20,28 @@ CONES = frozenset({"nonnegative", "psd"})
 #: What it asks of itself by default; what our loop asks of it.
 FINEST = 1e-7
 
+_DEFAULT = {"lambdaStar": 1e2, "betaStar": 0.1, "betaBar": 0.2, "gammaStar": 0.9}
+#: The other two parameter sets of its manual (-pt 1 and -pt 2).
+VARIANTS = {
+    "fast": {"lambdaStar": 1e2, "betaStar": 0.01, "betaBar": 0.02, "gammaStar": 0.95},
+    "stable": {
+        "lambdaStar": 1e4,
+        "betaStar": 0.1,
+        "betaBar": 0.3,
+        "gammaStar": 0.8,
+        "maxIteration": 1000,
+    },
+}
+
 _PARAMETERS = """{maxIteration} unsigned int maxIteration;
 {epsilonStar} double 0.0 < epsilonStar;
-1.0E2 double 0.0 < lambdaStar;
+{lambdaStar} double 0.0 < lambdaStar;
 2.0 double 1.0 < omegaStar;
 -1.0E5 double lowerBound;
 1.0E5 double upperBound;
-0.1 double 0.0 <= betaStar < 1.0;
-0.2 double 0.0 <= betaBar < 1.0, betaStar <= betaBar;
-0.9 double 0.0 < gammaStar < 1.0;
+{betaStar} double 0.0 <= betaStar < 1.0;
+{betaBar} double 0.0 <= betaBar < 1.0, betaStar <= betaBar;
+{gammaStar} double 0.0 < gammaStar < 1.0;
 {epsilonDash} double 0.0 < epsilonDash;
 %+.17e char* xPrint (default %+8.3e, NOPRINT skips printout)
 %+.17e char* XPrint (default %+8.3e, NOPRINT skips printout)
@@ -36,9 +50,15 @@ _PARAMETERS = """{maxIteration} unsigned int maxIteration;
 """
 
 
-def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+def options(accuracy: float, variant: str = "") -> dict[str, Any]:
+    """What the solver is told, by the names of its manual (param.sdpa)."""
+    told = {"maxIteration": 200, "epsilonStar": accuracy, "epsilonDash": accuracy}
+    return told | VARIANTS.get(variant, _DEFAULT)
+
+
+def solve(problem: ConicProblem, accuracy: float = 1e-9, variant: str = "") -> Solution:
     """Solve to the accuracy asked for (gap and feasibility)."""
-    files = {"param.sdpa": _PARAMETERS.format(**options(accuracy))}
+    files = {"param.sdpa": _PARAMETERS.format(**options(accuracy, variant))}
     command = ["sdpa", "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa", "-numThreads", "1"]
     return run_program(problem, command, files, _judge, _read)
 

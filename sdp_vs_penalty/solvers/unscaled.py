@@ -3,7 +3,7 @@
     gram   minimise theta^T (R^T R) theta - 2 rho^T R theta, whose constant rho^T rho is left out
     rows   minimise |z|^2 subject to R theta - z = rho
 
-Where :func:`conic.least_squares_sdp` differs from these is what the shootout's hostile instances show.
+What :func:`conic.least_squares_sdp` does better, the shootout's ill-conditioned instances show.
 """
 
 from __future__ import annotations

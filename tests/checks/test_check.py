@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.checked import consented
 from sdp_vs_penalty.checks import Issue, Report, check, of_one_arm
 from sdp_vs_penalty.checks.rules import mended
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.cli.runs import consented
 from sdp_vs_penalty.data.datasets import _emps_runs, _ur10e_runs
 from sdp_vs_penalty.data.files import load_measurements, read_run, save
 from sdp_vs_penalty.data.measurements import Measurements

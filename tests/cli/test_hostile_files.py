@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
+import subprocess
+import sys
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -43,6 +46,7 @@ COMMANDS = {
         "report MODEL --data @ --out out.html",
         "simulate MODEL --follow @",
         "export-sdp two_link --data @ --out out.cbf",
+        "verify PROOF --model MODEL --data @",
     ),
     "model": (
         "compare @ --data RUN",
@@ -55,6 +59,8 @@ COMMANDS = {
         "add MODEL --from @ --data RUN --out out.json",
         "report MODEL --data RUN --findings @ --out out.html",
         "verify @",
+        "verify @ --model MODEL",
+        "verify PROOF --model @ --data RUN",
     ),
     "urdf": (
         "check-urdf @",
@@ -192,8 +198,11 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     problem = load_problem("two_link")
     run = small_run(problem)
     save(run, folder / "run.csv")
-    identify(problem, run).save(folder / "model.json")
-    return {"RUN": str(folder / "run.csv"), "MODEL": str(folder / "model.json")}
+    identify(problem, run, proof=folder / "proof.json").save(folder / "model.json")
+    return {
+        k: str(folder / v)
+        for k, v in (("RUN", "run.csv"), ("MODEL", "model.json"), ("PROOF", "proof.json"))
+    }
 
 
 CASES = [(kind, command) for kind, commands in COMMANDS.items() for command in commands]
@@ -219,9 +228,21 @@ def test_no_file_crashes_hangs_or_bursts(
             cli.main(words)
         said = capsys.readouterr().err.strip()
         told = f"{command} with {path.name}: exit {end.value.code}, {peak[0] / 1e6:.0f} MB: {said}"
-        assert end.value.code == 2 or (command == "verify @" and end.value.code == 1), told
+        assert end.value.code == 2 or (command.startswith("verify @") and end.value.code == 1), told
         assert "internal error" not in said, told
         assert len(said.splitlines()) <= 1, told
         assert len(said) < 1000, told
         assert peak[0] < MEMORY, told
         assert not [*work.iterdir()], told
+
+
+@pytest.mark.parametrize("verb", ["identify two_link --data RUN --out out.json", "check RUN", "list"])
+def test_a_limit_of_memory_is_one_sentence(verb: str, good: dict[str, str], tmp_path: Path) -> None:
+    """OpenBLAS would end the process in words of its own."""
+    words = [good.get(word, word) for word in verb.split()]
+    command = f"ulimit -v 250000; exec {shlex.join([sys.executable, '-m', 'sdp_vs_penalty', *words])}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "this process may take 244 MiB of memory" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not [*tmp_path.iterdir()]

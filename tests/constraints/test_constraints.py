@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_robots import link_parameters, rotation
+from random_robots import link_parameters
 
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.cones import cone_margin, project, smallest_eigenvalue
-from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet, alike
+from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.body import Body
@@ -38,27 +38,6 @@ def random_body(rng: np.random.Generator) -> Body:
     return Body(0.3 * rng.normal(size=3), rng.uniform(0.5, 3.0, 3), axes, "geometry")
 
 
-def one_of_each(rng: np.random.Generator) -> list[Constraint]:
-    link = np.arange(10) + 5
-    return [
-        build.pseudo_inertia("link", link),
-        build.minimum_thickness("link", link, 0.05),
-        build.density_in_ellipsoid("body", "link", link, random_body(rng).quadric),
-        build.linear("mass", "link", link[:1], [[1.0, -1.0]], [-0.5, 3.0]),
-        build.second_order("cone", "link", link[:4], rng.normal(size=(4, 3)), rng.normal(size=3)),
-    ]
-
-
-@quick
-@given(seeds)
-def test_margin_of_a_link_is_its_smallest_eigenvalue(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    theta = np.concatenate([rng.normal(size=5), wild_link(rng), rng.normal(size=3)])
-    constraint = build.pseudo_inertia("link 1", np.arange(5, 15))
-    eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(theta[5:15]))
-    assert constraint.margin(theta) == pytest.approx(eigenvalues[0], abs=1e-14)
-
-
 @quick
 @given(seeds, st.floats(0.001, 0.3))
 def test_minimum_thickness_holds_exactly_if_the_link_is_that_thick(seed: int, radius: float) -> None:
@@ -67,15 +46,6 @@ def test_minimum_thickness_holds_exactly_if_the_link_is_that_thick(seed: int, ra
         return
     constraint = build.minimum_thickness("link 1", np.arange(10), radius)
     assert (constraint.margin(theta) >= 0.0) == (inertia.thickness(theta) >= radius)
-
-
-def test_minimum_thickness_implies_consistency() -> None:
-    """Sigma - m r^2 1 in the corner is below Sigma: nothing thick can be inconsistent."""
-    rng = np.random.default_rng(0)
-    thick = build.minimum_thickness("link 1", np.arange(10), 0.03)
-    kept = [t for t in (wild_link(rng) for _ in range(500)) if thick.margin(t) >= 0.0]
-    assert 50 < len(kept) < 450
-    assert np.all(inertia.consistency_margin(kept) >= 0.0)
 
 
 @quick
@@ -107,43 +77,6 @@ def test_projection_is_the_nearest_point_of_the_cone(cone: str, seed: int) -> No
     np.testing.assert_allclose(inside - polar, x, atol=1e-12)
     assert float(np.sum(inside * polar)) == pytest.approx(0.0, abs=1e-10)
     np.testing.assert_allclose(project(cone, inside), inside, atol=1e-12)
-
-
-@quick
-@given(seeds)
-def test_identity_shifts_the_margin(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    theta = rng.normal(size=20)
-    for constraint in one_of_each(rng):
-        value, t = constraint.value(theta), rng.normal()
-        shifted = cone_margin(constraint.cone, value + t * constraint.identity)
-        assert shifted == pytest.approx(constraint.margin(theta) + t, abs=1e-9)
-
-
-@quick
-@given(seeds)
-def test_adjoint_belongs_to_the_coefficients(seed: int) -> None:
-    """<F(theta) - F_0, S> = theta^T F^*(S)."""
-    rng = np.random.default_rng(seed)
-    theta = rng.normal(size=20)
-    for c in one_of_each(rng):
-        s = random_value(rng, "psd") if c.cone == "psd" else rng.normal(size=len(c.constant))
-        left = float(np.sum((c.value(theta) - c.constant) * s))
-        assert left == pytest.approx(float(theta[c.indices] @ c.adjoint(s)), abs=1e-9)
-
-
-@quick
-@given(seeds)
-def test_stacks_hold_the_same_values(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    everything = one_of_each(rng) + one_of_each(rng)
-    theta = rng.normal(size=20)
-    seen = 0
-    for stack in ConstraintSet(tuple(everything)).stacks:
-        for member, value in zip(stack.members, stack.values(theta), strict=True):
-            np.testing.assert_allclose(value, member.value(theta), atol=1e-12)
-            seen += 1
-    assert seen == len(everything)
 
 
 def test_worst_violation_of_each_family_in_its_own_units() -> None:
@@ -288,17 +221,6 @@ def extreme_point(demands: ConstraintSet, rng: np.random.Generator, p: int) -> n
     return np.asarray(solution.x)
 
 
-def test_rotating_a_link_rotates_its_margins() -> None:
-    """P_A = X P_B X^T: for rotations the eigenvalues, hence the margin, stay."""
-    rng = np.random.default_rng(4)
-    theta = link_parameters(rng, 0.5)
-    turn = np.eye(4)
-    turn[:3, :3] = rotation(rng)
-    moved = inertia.transform(turn) @ theta
-    constraint = build.minimum_thickness("link 1", np.arange(10), 0.02)
-    assert constraint.margin(moved) == pytest.approx(constraint.margin(theta), rel=1e-9)
-
-
 @pytest.mark.parametrize("length", [1.0, 1e-3, 1e3])
 def test_the_sign_of_an_eigenvalue_does_not_depend_on_units(length: float) -> None:
     """A link in kilometres: its moments are 1e-9 of its mass, and rounding of the mass is larger."""
@@ -313,15 +235,3 @@ def test_the_sign_of_an_eigenvalue_does_not_depend_on_units(length: float) -> No
             value = smallest_eigenvalue(t @ matrix @ t)
             assert np.sign(value) == np.sign(smallest)
             assert abs(value) <= max(length**2, 1.0) * 2e-9
-
-
-def test_constraints_alike_stand_side_by_side_each_once(panda: Problem) -> None:
-    convex = panda.constraints(panda.model()).convex
-    groups = alike(convex)
-    assert sorted(k for group in groups for k in group.places.tolist()) == list(range(len(convex)))
-    assert len({(g.cone, g.coefficients.shape[1:]) for g in groups}) == len(groups) < len(convex)
-    for group in groups:
-        for i, k in enumerate(group.places):
-            assert group.cone == convex[k].cone
-            for name in ("indices", "constant", "coefficients"):
-                np.testing.assert_array_equal(getattr(group, name)[i], getattr(convex[k], name))

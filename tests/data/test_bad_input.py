@@ -9,8 +9,6 @@ import contextlib
 import copy
 import io
 import json
-import os
-import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,12 +19,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_runs import small_run
 
-from sdp_vs_penalty import compare, files, identify, load_estimate, load_measurements, load_problem
+from sdp_vs_penalty import compare, files, load_estimate, load_measurements, load_problem
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError, Remark
+from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import load_answers
 from sdp_vs_penalty.robot.urdf import load_urdf
@@ -173,20 +172,6 @@ def test_a_panda_log_of_unequal_files(tmp_path: Path) -> None:
     refusal(lambda: load_measurements(tmp_path), "exciting_traj_torques.txt: row 3", "'three'")
 
 
-@pytest.mark.real_data
-def test_the_ur10e_file_with_a_broken_clock(data_folder: Path, tmp_path: Path) -> None:
-    """A real case, under our header: rows of other fields, the clock runs backwards."""
-    raw = (data_folder / "ur10e" / "ur-20_02_19_15harm50secLoad.csv").read_text().splitlines()
-    rows = [line.split(",") for line in raw]
-    groups = [slice(0, 1), slice(1, 7), slice(7, 13), slice(13, 19)]
-    names = ["t", *(f"{p}{j}" for p in ("q", "dq", "tau") for j in range(1, 7))]
-    lines = [",".join(cell for g in groups for cell in row[g]) for row in rows if len(row) > 1]
-    path = tmp_path / "run.csv"
-    path.write_text("\n".join([",".join(names), *lines]) + "\n")
-    words = ["run.csv: row 3, column t: time runs backwards", "3047.69", "6 such rows", "delete"]
-    refusal(lambda: load_measurements(path), *words)
-
-
 # --- this robot, in these units -------------------------------------------------------------------
 
 
@@ -216,11 +201,6 @@ def test_degrees_are_refused_by_the_derivative(two_link: Problem, q: bool, dq: b
     refusal(lambda: identify(two_link, run), "q1 and dq1 differ by a factor of 57", f"convert {named} ")
 
 
-def test_degrees_are_refused_without_a_range(two_link: Problem) -> None:
-    run = in_degrees(small_run(two_link))
-    refusal(lambda: identify(two_link, run), "swings through", "look like degrees", "to radians")
-
-
 def test_one_turn_outside_the_range_and_a_turning_shaft_are_accepted(
     two_link: Problem, panda: Problem
 ) -> None:
@@ -241,10 +221,6 @@ def test_wrong_number_of_joints(two_link: Problem, panda: Problem, tmp_path: Pat
     refusal(
         lambda: compare(identify(two_link, run, "ols"), small_run(panda)), "the robot has 2", "7 joints"
     )
-
-
-def test_a_run_too_short_for_the_filters(two_link: Problem) -> None:
-    refusal(lambda: identify(two_link, small_run(two_link, 0.3)), "lasts 0.29 s", "record longer")
 
 
 def test_a_robot_that_does_not_move(two_link: Problem) -> None:
@@ -283,11 +259,6 @@ def problem_folder(folder: Path, toml: str = TOML, bounds: str = BOUNDS) -> Path
     (folder / "problem.toml").write_text(toml)
     (folder / "bounds.csv").write_text(bounds)
     return folder
-
-
-def test_the_problem_of_these_tests_is_a_good_one(tmp_path: Path) -> None:
-    problem = load_problem(problem_folder(tmp_path / "arm"))
-    assert identify(problem, small_run(problem)).certificate.gap is not None
 
 
 PROBLEM_CASES = {
@@ -473,13 +444,6 @@ def test_an_interrupted_write_leaves_the_old_file(
     monkeypatch.undo()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_writing_where_one_cannot(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("x")
-    refusal(lambda: files.write_text(tmp_path / "file" / "model.json", "x"), "cannot be written")
-    refusal(lambda: files.write_text(tmp_path, "x"), "cannot be written")
-    assert sorted(os.listdir(tmp_path)) == ["file"]
 
 
 # --- fuzzing --------------------------------------------------------------------------------------
@@ -672,31 +636,3 @@ def test_fuzz_model_bytes(content: bytes, tmp_path: Path) -> None:
 def test_fuzz_effects(text: str, two_link: Problem) -> None:
     with contextlib.suppress(InputError):
         parse_effects(text, two_link.robot)
-
-
-@pytest.mark.parametrize("good", [True, False])
-def test_a_large_csv_costs_memory_for_its_numbers_only(good: bool, tmp_path: Path) -> None:
-    """Twice its numbers at most, however it ends; a bad last row is found without reading all of it."""
-    path, rows = tmp_path / "large.csv", 40_000
-    names = [f"{p}{j + 1}" for p in ("q", "dq", "tau") for j in range(7)]
-    line = ",".join(["-0.123456789012"] * 21)
-    with path.open("w") as file:
-        file.write(",".join(["t", *names]) + "\n")
-        file.writelines(f"{0.001 * k:.3f},{line}\n" for k in range(rows))
-        file.write("" if good else "1,2\n")
-    size = 8 * 22 * rows
-    assert path.stat().st_size > 1.8 * size
-    tracemalloc.start()
-    if good:
-        assert len(load_measurements(path).t) == rows
-    else:
-        refusal(lambda: load_measurements(path), f"row {rows + 2} has 2 cells")
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 2.4 * size
-
-
-def test_a_file_without_lines_is_not_read_to_its_end(tmp_path: Path) -> None:
-    path = tmp_path / "endless.csv"
-    path.write_bytes(b"1" * 3_000_000)
-    refusal(lambda: load_measurements(path), "row 1 is too long")

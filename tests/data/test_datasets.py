@@ -11,8 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sdp_vs_penalty import compare, identify, load_measurements, load_problem
 from sdp_vs_penalty.cli.main import main
@@ -110,13 +108,6 @@ def test_ur10e_says_what_it_cannot_use(fetched: dict[str, Path], data_folder: Pa
 
 
 @pytest.mark.real_data
-def test_a_raw_ur10e_file_is_refused_with_its_row(data_folder: Path) -> None:
-    file = data_folder / "ur10e" / "ur-20_02_19_15harm50secLoad.csv"
-    with pytest.raises(InputError, match=r"15harm50secLoad\.csv: row 1 .*header"):
-        load_measurements(file)
-
-
-@pytest.mark.real_data
 def test_emps_identification_gives_the_authors_values(fetched: dict[str, Path]) -> None:
     """M, Fv, Fc and offset of Janot, Gautier, Brunot within 2 %, from the default settings."""
     problem = load_problem("emps")
@@ -127,34 +118,6 @@ def test_emps_identification_gives_the_authors_values(fetched: dict[str, Path]) 
         assert value[name] == pytest.approx(expected, rel=0.02)
     test = compare(estimate, load_measurements(fetched["emps"] / "pulses.csv"))[0]
     assert test.relative_error_percent < 5.0
-
-
-@pytest.mark.real_data
-def test_ur10e_identification_predicts_another_trajectory(fetched: dict[str, Path]) -> None:
-    problem = load_problem("ur10e")
-    assert "rotor_inertia" in problem.default_effects
-    train = load_measurements(fetched["ur10e"] / "ur-20_02_19_14harm50sec.csv")
-    test = load_measurements(fetched["ur10e"] / "ur-20_02_19_15harm50sec.csv")
-    sdp, ols = (identify(problem, train, method) for method in ("lmi-sdp", "ols"))
-    assert sdp.certificate.worst == 0.0
-    assert sdp.certificate.positive_mass_matrices == 1.0
-    errors = [result.relative_error_percent for result in compare([sdp, ols], test)]
-    assert errors[0] < 5.0
-    assert errors[0] < 1.06 * errors[1]
-
-
-@pytest.mark.real_data
-def test_the_coupled_wrist_of_the_tx40_explains_half_of_its_error(fetched: dict[str, Path]) -> None:
-    """Trained on the first 6 s, tested on the rest; with rotor inertia alone 20.5 %."""
-    run = load_measurements(fetched["tx40"] / "exciting.csv", joints=6)
-    train, test = run.window(0.0, 6.0), run.window(6.0, 9.0)
-    wrist = [f"transmission_friction:5+6@law={law}" for law in ("viscous", "coulomb")]
-    plain = load_problem("tx40").default_effects
-    models = [identify("tx40", train, effects=effects) for effects in (plain, (*plain, *wrist))]
-    before, after = (result.relative_error_percent for result in compare(models, test))
-    assert 15.0 < before < 21.0
-    assert after < 10.6
-    assert all(m.certificate.worst == 0.0 for m in models)
 
 
 def joint_axes(robot: Robot, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -217,22 +180,6 @@ def test_offline_is_one_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.real_data
-def test_offline_with_a_filled_cache_works(fetched: dict[str, Path]) -> None:
-    root = fetched["emps"].parents[1]
-    assert fetch("emps", root, "http://127.0.0.1:9")
-
-
-@pytest.mark.real_data
-def test_offline_with_the_data_at_hand_works(
-    data_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv(datasets.DATA_VARIABLE, str(data_folder))
-    (tracking, pulses) = fetch("emps", tmp_path, "http://127.0.0.1:9")
-    assert tracking.is_relative_to(tmp_path)
-    assert pulses.is_file()
-
-
-@pytest.mark.real_data
 def test_a_changed_file_is_refused(
     address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -249,10 +196,3 @@ def test_clean_stretch_names_the_rows_that_it_drops() -> None:
     rows, unused = clean_stretch("\n".join(lines) + "\n\n", 2)
     assert rows.tolist() == [[7.0, 1.0], [7.01, 2.0], [7.02, 3.0]]
     assert unused == "rows 1 to 2 (no running clock before row 3) and rows 6 to 7 (no running clock)"
-
-
-@given(st.text(alphabet="0123456789.,-en\n", max_size=200))
-def test_clean_stretch_takes_any_text(text: str) -> None:
-    rows, _ = clean_stretch(text, 2)
-    assert np.all(np.isfinite(rows))
-    assert np.all(np.diff(rows[:, 0]) > 0.0)

@@ -155,13 +155,6 @@ def test_the_real_pandas_log_is_read(panda_run: Measurements) -> None:
         assert np.corrcoef(by_velocity[:, j], by_position[:, j])[0, 1] > 0.999
 
 
-@pytest.mark.real_data
-def test_what_was_read_survives_our_own_format(panda_run: Measurements, tmp_path: Path) -> None:
-    part = panda_run.window(5.0, 6.0)
-    save(part, tmp_path / "part.csv")
-    assert_same(load_measurements(tmp_path / "part.csv"), part)
-
-
 @pytest.mark.parametrize("suffix", ["csv", "npz", "mat", "parquet"])
 def test_commands_are_kept_and_torque_may_be_missing(tmp_path: Path, suffix: str) -> None:
     with_torque = random_run(1, name=f"run.{suffix}")
@@ -182,9 +175,3 @@ def test_commands_are_kept_and_torque_may_be_missing(tmp_path: Path, suffix: str
         concatenate([with_torque, back])
     with pytest.raises(InputError, match="holds commands alone"):
         back.require_torque("a test")
-
-
-def test_feed_forward_torque_stands_for_a_missing_torque() -> None:
-    run = random_run(2)
-    groups = {"q": run.q, "qcmd": run.q, "tauff": run.tau}
-    np.testing.assert_array_equal(Measurements.of(run.t, groups, ("run",)).tau, run.tau)

@@ -6,7 +6,6 @@ import mmap
 import os
 import sys
 import tracemalloc
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -94,20 +93,6 @@ def test_the_same_estimate_from_disk_and_from_memory(tmp_path: Path) -> None:
     assert pattern.data_hash == on_disk.data_hash
     with pytest.raises(InputError, match="no file matches"):
         load_measurements(tmp_path / "no*.csv")
-
-
-@pytest.mark.usefixtures("small_store")
-def test_windows_of_a_mapped_run_are_no_copies() -> None:
-    run = store_away(small_run(load_problem("two_link")))
-    part = run.window(1.0, 2.0)
-    assert mapped(part.q)
-    assert part.t[0] - run.t[0] >= 1.0
-    with pytest.raises(ValueError, match="read-only"):
-        part.q[0, 0] = 1.0
-
-
-def store_away(run: Measurements) -> Measurements:
-    return replace(run, **{name: store.joined([getattr(run, name)]) for name in ("t", "q", "tau")})
 
 
 def test_no_room_for_a_temporary_file(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.problem.load import as_problem
 
 EFFECTS = "rigid_body,viscous_friction,torque_offset,coulomb_friction@v_s=0.01"

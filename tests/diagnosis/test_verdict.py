@@ -27,7 +27,9 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
     fit = SimpleNamespace(residual=(white / level).T, level=level, Q=Q)
     keep, none = np.ones((M, 2), bool), np.zeros((M, 2))
     rows = SimpleNamespace(keep=keep, still=none.copy(), slow=none.copy(), torque=10.0 * FLOOR * white)
-    noise = SimpleNamespace(worth=np.ones((M, 2)), floor=FLOOR, source=REPETITION)
+    noise = SimpleNamespace(
+        worth=np.ones((M, 2)), floor=FLOOR, source=REPETITION, degrees=np.full(2, 1000.0)
+    )
     data = SimpleNamespace(rows=rows, noise=noise, known=True)
     return data, fit, FLOOR * white, np.zeros((M, 2), bool)
 
@@ -40,6 +42,13 @@ def test_what_is_beyond_the_noise_matters(size: float, matters: tuple[int, ...])
     assert found.share[0] == pytest.approx(size**2 / 2.0, abs=0.15)
     if size > 1.0:
         assert found.beyond[0] == pytest.approx(FLOOR[0] * size / np.sqrt(2.0), rel=0.1)
+
+
+def test_a_noise_that_few_repetitions_show_may_be_larger() -> None:
+    data, fit, residual, none = left(1.4)
+    assert remainder(data, fit, residual, none).matters == (0,)
+    data.noise.degrees[:] = 20.0
+    assert remainder(data, fit, residual, none).matters == ()
 
 
 def test_what_friction_holds_at_rest_is_no_evidence() -> None:

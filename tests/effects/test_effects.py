@@ -13,25 +13,13 @@ from random_robots import uicker_torques
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.bristles import Bristles, Law, dahl, stop
 from sdp_vs_penalty.effects.curve_variable import Variable
-from sdp_vs_penalty.effects.drift_offset import DriftOffset
-from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion, Seen, follows_alone
-from sdp_vs_penalty.effects.measured_curve import corners
+from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion, Seen
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.effects.shape import Shape
-from sdp_vs_penalty.effects.torque_ripple import TorqueRipple
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
-
-
-def test_the_rigid_body_comes_first_and_the_rest_by_name() -> None:
-    names = list(effect_types())
-    assert names[0] == "rigid_body"
-    assert sorted(names[1:]) == names[1:]
 
 
 def test_rotor_inertia_is_what_a_spinning_link_on_the_axis_makes() -> None:
@@ -46,22 +34,6 @@ def test_rotor_inertia_is_what_a_spinning_link_on_the_axis_makes() -> None:
     np.testing.assert_allclose(rotor[0, :, 0], np.array(by_link)[:, 0], atol=1e-12)
     np.testing.assert_array_equal(rotor[1, :, 0], 0.0)
     np.testing.assert_array_equal(rotor[1, :, 1], state[2][:, 1])
-
-
-def test_a_model_concatenates_its_effects() -> None:
-    robot = robots()["tree"]
-    model = Model(robot, parse_effects("viscous_friction:2,rigid_body,torque_offset:1+3", robot))
-    names = [p.name for p in model.parameters]
-    assert names[0] == "f_v2"
-    assert names[-2:] == ["f_o1", "f_o3"]
-    assert [names[k] for k in model.rigid_indices[:2]] == ["m1", "mx1"]
-    motion = steady_motion(robot)
-    theta = np.random.default_rng(3).normal(size=len(names))
-    links = inertia.PSEUDO_INERTIA_BASIS.shape[0] * robot.n
-    expected = robot.regressor(motion.q, motion.dq, motion.ddq) @ theta[1 : 1 + links]
-    expected[:, 1] += theta[0] * motion.dq[:, 1]
-    expected[:, [0, 2]] += theta[-2:]
-    np.testing.assert_allclose(model.torque(theta, motion), expected, atol=1e-9)
 
 
 def harmonic(robot: Robot, t: Array) -> tuple[Array, Array, Array]:
@@ -138,21 +110,6 @@ def test_dahl_is_the_solution_of_its_differential_equation() -> None:
     )
 
 
-def test_a_shape_constant_of_a_slider_is_in_metres() -> None:
-    shape = Shape(1.0, grid=(1.0, 2.0), bounds=(0.5, 4.0), metres=0.1)
-    assert shape.on("revolute") is shape
-    slider = shape.on("prismatic")
-    assert (slider.grid, slider.bounds, slider.metres) == ((0.1, 0.2), (0.05, 0.4), 1.0)
-
-
-@pytest.mark.parametrize("knots", [1, 2, 5])
-def test_a_table_is_interpolated_inside_and_held_outside(knots: int) -> None:
-    x, values = np.linspace(-1.0, 3.0, 101), np.random.default_rng(0).normal(size=knots)
-    weights, at = corners(x, 0.5, 2.0, knots)
-    wanted = np.interp(x, np.linspace(0.5, 2.0, knots), values)
-    np.testing.assert_allclose(np.sum(weights * values[at], axis=1), wanted, atol=1e-12)
-
-
 @pytest.mark.parametrize("law", [dahl, stop])
 def test_states_advanced_step_by_step_are_those_along_the_path(law: Law) -> None:
     """What a simulation does, and what columns are made of."""
@@ -163,25 +120,6 @@ def test_states_advanced_step_by_step_are_those_along_the_path(law: Law) -> None
     for k, step in enumerate(steps, start=1):
         z = bristles.advanced(z, step[None])
         np.testing.assert_allclose(z[0], [state[k] for state in along], atol=1e-12)
-
-
-def test_dahl_at_rest_and_through_repeated_samples() -> None:
-    assert np.array_equal(dahl(np.full(5, 0.3), 0.01, 0.4), np.full(5, 0.4))
-    moved = dahl(np.array([0.0, 0.01, 0.01, 0.02]), 0.01)
-    assert moved[1] == moved[2] == pytest.approx(1 - np.exp(-1.0))
-    assert moved[3] == pytest.approx(1 - np.exp(-2.0))
-
-
-def test_dahl_is_fast_on_a_long_record() -> None:
-    import time
-
-    t = np.arange(20544) * 1e-3
-    q = 0.5 * np.sin(np.outer(t, 0.5 + 0.3 * np.arange(7)))
-    begin = time.process_time()
-    for d in (0.001, 0.002, 0.004, 0.008, 0.016):
-        for j in range(7):
-            dahl(q[:, j], d)
-    assert time.process_time() - begin < 1.0
 
 
 def test_a_model_computes_its_current_torque_from_its_own_reference(
@@ -228,36 +166,6 @@ def test_constants_are_said_with_their_units_where_they_matter(text: str, which:
     assert effect.constants == said
 
 
-@pytest.mark.parametrize(
-    ("orders", "doubted"),
-    [((3,), False), ((2, 6.03), False), ((2, 5), True), ((5, 2), True), ((1, 2, 3), True)],
-)
-def test_ripples_of_unrelated_orders_are_no_ripples(orders: tuple[float, ...], doubted: bool) -> None:
-    assert bool(TorqueRipple.doubt(4, [{"k": k} for k in orders])) == doubted
-    assert DriftOffset.doubt(4, [{"form": 1.0}] * 3) == ""
-
-
-def test_without_gravity_a_tilt_spans_what_lies_across_the_base() -> None:
-    (tilt,) = parse_effects("base_tilt", replace(robots()["arm"], gravity=(0.0, 0.0, 0.0)))
-    assert [p.name for p in tilt.parameters] == ["g_x", "g_y"]
-
-
-def test_what_is_known_of_a_kinematic_error_is_lengths_and_then_angles() -> None:
-    (effect,) = parse_effects("kinematic_error", robots()["arm"])
-    assert effect.plausible is not None
-    known = {(p.unit, float(d)) for p, d in zip(effect.parameters, effect.plausible, strict=True)}
-    assert known == {("m", 2e-3), ("rad", 4e-3)}
-
-
-@pytest.mark.parametrize(("at", "reads"), [(0, 1), (1, 0), (2, 1), (3, 2)])
-def test_a_curve_reads_the_joint_that_it_names(at: int, reads: int) -> None:
-    robot = robots()["arm"]
-    (curve,) = parse_effects(f"measured_curve:2@x=2@xj={at}@xlow=-9@xhigh=9@v1=-9@v2=9", robot)
-    motion = steady_motion(robot)
-    np.testing.assert_allclose(wide_columns(curve, motion)[1, :, 0], motion.dq[:, reads])
-    assert curve.of(1) == (f"dq{reads + 1}",)
-
-
 def test_a_curve_reads_a_combination_of_joints_and_the_phase_of_a_turn() -> None:
     robot, motion = robots()["arm"], steady_motion(robots()["arm"])
     ends = "@xlow=-9@xhigh=9@v1=-9@v2=9"
@@ -296,25 +204,6 @@ def test_what_is_no_variable_is_refused(text: str) -> None:
         Variable.parse(text)
 
 
-def test_what_follows_the_position_alone_does_so() -> None:
-    names = ("joint_spring", "torque_ripple", "viscous_friction", "position_dependent_friction")
-    effects = parse_effects(names, robots()["arm"])
-    assert [follows_alone(e, "q") for e in effects] == [True, True, False, False]
-    assert [follows_alone(e, "dq") for e in effects] == [False, False, True, False]
-
-
-def test_torques_that_come_early_may_be_friction() -> None:
-    (effect,) = parse_effects("global_delay", robots()["arm"])
-    assert "sticks" in effect.looks_like(-0.003, Seen())
-    assert effect.looks_like(0.003, Seen()) == ""
-
-
-def test_a_wave_is_doubtful_where_less_than_one_was_travelled() -> None:
-    ripple = TorqueRipple(robots()["arm"], [1], k=4.0)
-    assert "less than one wave" in ripple.looks_like(1.0, Seen(travel=1.5))
-    assert ripple.looks_like(1.0, Seen(travel=1.6)) == ""
-
-
 def test_friction_that_turns_round_within_the_encoders_steps_is_doubtful() -> None:
     robot, coarse = robots()["arm"], Seen(resolution=2e-4)
     short, long, held, slip = parse_effects(
@@ -329,11 +218,6 @@ def test_friction_that_turns_round_within_the_encoders_steps_is_doubtful() -> No
     assert "positions tell apart" in short.looks_like(1.0, coarse)
     assert [e.looks_like(1.0, coarse) for e in (long, held, slip)] == [""] * 3
     assert short.looks_like(1.0, Seen(resolution=1e-4)) == ""
-
-
-def test_a_tilt_is_told_in_degrees() -> None:
-    (tilt,) = parse_effects("base_tilt", robots()["arm"])
-    assert tilt.remark(0.1712) == "Here: 1 degrees."
 
 
 @pytest.mark.parametrize(
@@ -352,29 +236,6 @@ def test_coupling_is_with_the_joint_that_is_named(text: str, pairs: list[tuple[i
     assert list(effect.joints) == [joint for joint, _ in pairs]
     for k, (joint, other) in enumerate(pairs):
         np.testing.assert_array_equal(columns[joint, :, k], motion.dq[:, other])
-
-
-@pytest.mark.parametrize(("name", "forms"), [("drift_offset", 2), ("drift_friction", 4)])
-def test_a_search_tries_linear_drift_once_and_settling_with_every_time_constant(
-    name: str, forms: int
-) -> None:
-    kind = effect_types()[name]
-    starts = [tuple(s.values()) for s in kind.starts(robots()["arm"], 0)]
-    linear = {(form,) for form in (1.0, 3.0)[: forms // 2]}
-    settling = {(form, T) for form in (2.0, 4.0)[: forms // 2] for T in kind.shapes["T"].grid}
-    assert len(starts) == len(set(starts))
-    assert set(starts) == linear | settling
-
-
-def test_two_joints_are_coupled_both_ways(two_link: Problem) -> None:
-    (effect,) = parse_effects("joint_coupling", two_link.robot)
-    assert [p.name for p in effect.parameters] == ["f_c1_2_1", "f_c2_1_1"]
-
-
-def test_a_search_couples_neighbours() -> None:
-    coupling = effect_types()["joint_coupling"]
-    for joint, partners in ((0, {2.0}), (1, {1.0, 3.0}), (2, {2.0})):
-        assert {s["i"] for s in coupling.starts(robots()["arm"], joint)} == partners
 
 
 @pytest.mark.parametrize(
@@ -413,56 +274,6 @@ def test_models_without_effects_or_with_one_twice_are_refused() -> None:
         Model(robot, parse_effects("viscous_friction,viscous_friction:1", robot))
 
 
-#: What a text without constants means: models and commands that users keep depend on it.
-DEFAULTS = {
-    "coulomb_friction": {"v_s": 0.01},
-    "drift_friction": {"T": 300.0, "form": 1.0, "t0": 0.0},
-    "drift_offset": {"T": 300.0, "form": 1.0, "t0": 0.0},
-    "joint_coupling": {"form": 1.0, "i": 0.0},
-    "presliding_hysteresis": {"d": 0.003},
-    "sigmoid_friction": {"v0": 0.1},
-    "stribeck_friction": {"delta": 2.0, "vs": 0.1},
-    "torque_ripple": {"k": 2.0},
-}
-
-
-def test_a_text_without_constants_keeps_its_meaning() -> None:
-    found = {n: {k: s.default for k, s in t.shapes.items()} for n, t in effect_types().items()}
-    for name, shapes in DEFAULTS.items():
-        assert found[name] == {**found[name], **shapes}
-
-
-def test_what_depends_on_a_model_is_told_from_the_rest() -> None:
-    robot = robots()["tree"]
-    model = Model(robot, parse_effects("viscous_friction,load_dependent_friction,torque_offset", robot))
-    assert model.needs_reference
-    assert [e.name for e in model.reference_free.effects] == ["viscous_friction", "torque_offset"]
-    names = [p.name for p in model.parameters]
-    assert [names[k] for k in model.reference_free_indices] == [
-        p.name for p in model.reference_free.parameters
-    ]
-
-
-def test_dry_friction_of_a_model_has_one_width() -> None:
-    """Every sign of a model is smoothed over its Coulomb friction's v_s."""
-    robot = robots()["tree"]
-    model = Model(robot, parse_effects("coulomb_friction:1@v_s=0.5,drift_friction:1", robot))
-    motion = steady_motion(robot)
-    wide = np.zeros((robot.n, len(motion.t), 2))
-    for joint, c in enumerate(model.columns(motion)):
-        wide[joint][:, c.indices] = c.columns
-    t, dry = motion.t[:, None], wide[0, :, :1]
-    np.testing.assert_allclose(wide[0, :, 1:], t * dry, atol=1e-12)
-    assert 0.0 < np.abs(dry).min() < np.abs(dry).max() < 1.0
-
-
-def test_a_delay_of_all_joints_needs_more_than_one() -> None:
-    kind = effect_types()["global_delay"]
-    for n in (1, 2, 3):
-        robot = Robot.from_dh("r", [0.0] * n, [0.0] * n, [0.2] * n, "modified")
-        assert bool(list(kind.starts(robot, 0))) == (n > 1)
-
-
 def test_what_says_that_it_holds_no_sign_is_the_same_over_any_width() -> None:
     robot = robots()["tree"]
     motion = steady_motion(robot)
@@ -478,15 +289,3 @@ def test_a_filter_that_looks_both_ways_may_be_joints_that_stick() -> None:
     )
     assert "stand still" in zero.looks_like(0.005, Seen(stands=0.1))
     assert zero.looks_like(0.005, Seen()) == late.looks_like(0.005, Seen(stands=0.1)) == ""
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["drift_friction:1@form=2@T=6@t0=1077", "drift_offset:1@form=2@T=6", "warming_friction:1@by=2@T=6"],
-)
-def test_what_settles_does_not_grow_without_end_in_an_older_run(text: str) -> None:
-    """The UR10e's runs are kept with the clock of the sitting: one was logged four minutes before."""
-    (effect,) = parse_effects(text, load_problem("two_link").robot)
-    t = np.linspace(-240.0, -200.0, 50) + effect.shape["t0"]
-    motion = Motion(t, *np.ones((3, 50, 2)))
-    assert np.abs(effect.column(motion, 0)).max() <= 1.0

@@ -88,25 +88,6 @@ def test_a_block_that_is_pushed_below_its_friction_stays_and_slides_above_it(h: 
     )
 
 
-@pytest.mark.parametrize(
-    "effects",
-    [
-        "rigid_body,viscous_friction,coulomb_friction@v_s=0.002,stribeck_friction:1",
-        "rigid_body,coulomb_friction@v_s=0.01,presliding_hysteresis@d=0.003",
-        "rigid_body,viscous_friction,transmission_friction:1+2,maxwell_slip:1",
-    ],
-)
-def test_smaller_steps_change_little_and_ever_less(effects: str) -> None:
-    sizes = {"stribeck_friction": 0.2, "presliding_hysteresis": 0.3, "maxwell_slip": 0.1}
-    p = plant("two_link", effects, transmission_friction=0.2, **sizes)
-    ends = []
-    for h in (2e-3, 1e-3, 2.5e-4):
-        ends.append(run(p, at_rest(p), pushes(2, round(0.5 / h), h, 3.0), h).q[0])
-    coarse, fine = (np.abs(end - ends[-1]).max() for end in ends[:2])
-    assert fine < 0.7 * coarse + 1e-6
-    assert fine < 1e-3
-
-
 def test_as_a_stiff_solver_has_it() -> None:
     """One joint with a smooth sign, against scipy's Radau on the equation written down again."""
     p = plant("emps", "rigid_body,viscous_friction,coulomb_friction@v_s=0.001", coulomb_friction=20.0)

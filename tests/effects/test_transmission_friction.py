@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_contract import robots, steady_motion, wide_columns
+from effect_contract import robots, wide_columns
 
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect, Motion
@@ -60,15 +60,6 @@ def test_friction_takes_energy_and_a_rotor_keeps_it(law: str) -> None:
         assert power.min() >= 0.0
         assert energy > 0.1 * scale
     assert all(p.lower == 0.0 for p in made.parameters)
-
-
-def test_on_one_joint_it_is_that_joints_own_friction() -> None:
-    motion = steady_motion(ARM)
-    for law, plain in (("viscous", "viscous_friction"), ("inertia", "rotor_inertia")):
-        np.testing.assert_array_equal(
-            wide_columns(effect(f"transmission_friction:2@law={law}"), motion),
-            wide_columns(effect(f"{plain}:2"), motion),
-        )
 
 
 def test_laws_and_ratios_are_written_as_words_and_numbers() -> None:

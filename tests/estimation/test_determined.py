@@ -50,23 +50,6 @@ def test_shares_are_shares_and_free_of_units(arm: Problem) -> None:
     assert data_share(replace(task, data=scaled), np.eye(len(names))) == pytest.approx(share, abs=1e-6)
 
 
-def test_more_data_determine_more(arm: Problem) -> None:
-    """Of each parameter, where the same rows come again: information adds up."""
-    task = task_of(arm)
-    data = task.data
-    eye = np.eye(len(task.bound))
-    twice = LeastSquares(
-        np.sqrt(2.0) * data.R,
-        np.sqrt(2.0) * data.rho,
-        np.sqrt(2.0) * data.residual_norm,
-        2.0 * data.tau_squared,
-        2 * data.rows,
-    )
-    once, more = data_share(task, eye), data_share(replace(task, data=twice), eye)
-    assert np.all(more >= once - 1e-9)
-    assert more.sum() > once.sum() + 0.1
-
-
 def test_a_model_says_who_decides_and_export_what_is_implausible(arm: Problem, tmp_path: Path) -> None:
     run = run_of(arm, SCARA_FRICTION, SCARA_NOISE)
     made = identify(arm, run)

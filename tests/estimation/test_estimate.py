@@ -21,7 +21,6 @@ from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -156,37 +155,3 @@ def test_a_file_without_the_training_motion_loads_and_says_so(two_link: Problem,
     judged = compare(tmp_path / "old.json", run)[0]
     assert judged.new_motion_share is None
     assert "not recorded" in repr(judged)
-
-
-def test_spread_is_given_only_where_data_determine_a_parameter(two_link: Problem) -> None:
-    """Of the first link only combinations are seen, and nothing of m1; friction is seen."""
-    estimate = identify(two_link, noisy_run(two_link, 1), "ols")
-    known = {
-        p.name
-        for p, s in zip(estimate.model.parameters, estimate.standard_deviations, strict=True)
-        if not np.isnan(s)
-    }
-    assert {"f_v1", "f_c2", "f_o1", "my2", "Ixy2", "Iyz2"} <= known
-    assert not known & {"m1", "mx1", "Ixx1", "Izz1", "m2", "mx2", "mz2", "Ixx2", "Iyy2", "Ixz2"}
-    assert np.all(np.linalg.eigvalsh(estimate.covariance[-6:, -6:]) > 0.0)
-
-
-def test_reported_spread_is_the_observed_one(two_link: Problem) -> None:
-    """White torque noise through the filters: rows that repeat each other count as what they are.
-
-    40 experiments estimate a standard deviation to 11 %; of 9 parameters none may be 40 % off.
-    """
-    thetas, reported = [], []
-    for seed in range(40):
-        run = noisy_run(two_link, seed, noise=1.0)
-        estimate = identify(
-            two_link, run, "ols", weighting="none", preprocessing=Preprocessing(6.0, 9.0)
-        )
-        thetas.append(estimate.theta)
-        reported.append(estimate.standard_deviations)
-    known = ~np.isnan(reported[0])
-    assert known.sum() == 9
-    observed = np.std(thetas, axis=0, ddof=1)[known]
-    ratio = np.mean(reported, axis=0)[known] / observed
-    assert np.all((ratio > 0.7) & (ratio < 1.45)), ratio
-    assert 0.85 < np.exp(np.mean(np.log(ratio))) < 1.18

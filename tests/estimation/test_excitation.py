@@ -90,22 +90,6 @@ def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(
     assert found.history[0] == pytest.approx(before)
 
 
-def test_d_optimal_raises_the_information(two_link: Problem) -> None:
-    limits = Limits.of_robot(two_link.robot)
-    start = shrunk(random_trajectory(two_link.robot, 0, 8.0), limits)
-    regressor = BaseRegressor.of(two_link, "rigid_body")
-    found = excite(
-        two_link, limits=limits, start=start, effects="rigid_body", objective="d-optimal", iterations=8
-    )
-    t = np.arange(0.0, 8.0, 0.05)
-
-    def information(trajectory: FourierTrajectory) -> float:
-        w = regressor.at(t, *trajectory.states(t)).reshape(-1, len(regressor.columns))
-        return float(np.linalg.slogdet(w.T @ w)[1])
-
-    assert information(found.trajectory) > information(start) + 1.0
-
-
 @pytest.mark.parametrize(
     ("change", "match"),
     [

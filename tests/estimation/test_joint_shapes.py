@@ -11,6 +11,7 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.estimation.joint_shapes import settled
 from sdp_vs_penalty.estimation.shape_constants import free_constants, prior_deviation, with_sensitivities
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import compress
 
 RIGID = "rigid_body,viscous_friction,torque_offset"
 WANTED = [
@@ -34,7 +35,7 @@ def test_exact_data_give_exact_constants(two_link: Problem, truth: tuple, start:
     data = Measurements(motion.t, motion.q, model.torque(theta, motion))
     begin = two_link.model(texts(*start))
     settings = two_link.preprocessing.resolve(data)
-    found = settled(begin, theta, WANTED, data, settings)
+    found = settled(begin, WANTED, lambda m: compress(data, m, settings))
     shapes = [effect.shape for effect in found.model.effects[-2:]]
     assert (shapes[0]["v_s"], shapes[1]["vs"]) == pytest.approx(truth[:2], rel=1e-4)
     assert shapes[1]["delta"] == truth[2]

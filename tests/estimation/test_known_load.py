@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -95,18 +94,6 @@ def test_gains_known_to_a_per_cent_widen_the_intervals(arm: Problem, tmp_path: P
     np.testing.assert_allclose(
         np.sqrt(np.diagonal(wide.covariance)), wide.standard_deviations, rtol=1e-9
     )
-
-
-def test_what_was_kept_is_part_of_what_is_added(arm: Problem) -> None:
-    """A model from a noisy run makes the load's mass uncertain, however clean the new run is."""
-    clean = measured(arm, 3, 1.0, np.ones(3))
-    first = measured(arm, 1, 0.0, np.ones(3))
-    rough = replace(first, tau=first.tau + np.random.default_rng(9).normal(size=first.tau.shape))
-    spread = []
-    for run in (first, rough):
-        estimate = identify(arm, run, "ols")
-        spread.append(add(estimate, "payload", clean).uncertainty.standard[len(estimate.theta)].std)
-    assert spread[1] > 1.5 * spread[0]
 
 
 def test_refusals(arm: Problem) -> None:

@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.shootout.regular import measurements
+from sdp_vs_penalty.shootout.standard_instances import measurements
 from sdp_vs_penalty.simulation.experiment import experiment
 
 #: Programs that read a .dat-s file, and where they print the optimum.

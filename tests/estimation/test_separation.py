@@ -10,10 +10,11 @@ import pytest
 from scipy import special
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.excitation import Limits
 from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimation.separation import RIGHT, Hypotheses, default_excitation, separate
+from sdp_vs_penalty.estimation.separation import Hypotheses, default_excitation, separate
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot.point_trajectory import PointTrajectory, joint_trajectory, shortest_moves
 from sdp_vs_penalty.robot.self_collision import SelfCollision
@@ -92,9 +93,9 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(estimate: Estimate
         y = strength * (A @ direction) + rng.normal(size=len(A))
         squares = {k: float(y @ y - np.sum((q.T @ y) ** 2)) for k, q in Q.items()}
         right += squares["A"] + price < squares["B"]
-    spread = 3.0 * np.sqrt(RIGHT * (1.0 - RIGHT) / 300)
-    assert abs(right / 300 - RIGHT) < spread + 0.02
-    assert special.ndtr(delta / 2.0) > RIGHT
+    spread = 3.0 * np.sqrt(LEVEL * (1.0 - LEVEL) / 300)
+    assert abs(right / 300 - LEVEL) < spread + 0.02
+    assert special.ndtr(delta / 2.0) > LEVEL
 
 
 def test_one_effect_is_told_from_nothing_more_easily_than_from_its_rival(estimate: Estimate) -> None:

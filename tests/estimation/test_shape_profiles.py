@@ -12,8 +12,8 @@ from random_robots import sines
 from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare
-from sdp_vs_penalty.effects.effect import Motion, Sampling, smooth_sign
-from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
+from sdp_vs_penalty.effects.effect import Sampling, smooth_sign
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -64,14 +64,6 @@ def test_exact_data_give_exact_widths(two_link: Problem) -> None:
         found = identify(two_link, Measurements(motion.t, motion.q, tau), "ols")
         assert found.model.sign_width == pytest.approx(widths, rel=1e-5)
         assert np.linalg.norm(found.torque(motion) - tau) < 1e-7 * np.linalg.norm(tau)
-
-
-def test_a_saved_model_keeps_its_widths(estimate: Estimate, run: Measurements, tmp_path: Path) -> None:
-    estimate.save(tmp_path / "model.json")
-    again = load_estimate(tmp_path / "model.json")
-    assert again.model.sign_width == estimate.model.sign_width
-    motion = Motion(run.t, run.q, run.dq, 0.0 * run.q)
-    np.testing.assert_array_equal(again.torque(motion), estimate.torque(motion))
 
 
 def test_a_given_width_is_kept(arm: Problem, run: Measurements) -> None:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.intervals import (
     IDENTIFIABLE,
     NOT_SEEN,
@@ -20,7 +18,6 @@ from sdp_vs_penalty.estimation.intervals import (
     counts,
     coverage,
 )
-from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -67,21 +64,6 @@ def test_intervals_hold_the_truth(two_link: Problem) -> None:
     assert 0.90 <= np.mean(shares) <= 0.99
 
 
-def test_wider_with_more_noise_and_narrower_with_more_data(two_link: Problem) -> None:
-    model = two_link.model(EFFECTS)
-    theta = truth_of(two_link, model)
-
-    def width(run: Measurements) -> float:
-        known = of_regression(two_link, model, compress(run, model, two_link.preprocessing))
-        return float(np.median([i.high - i.low for i in known.base]))
-
-    short, long = (measured(two_link, theta, model, 0, seconds) for seconds in (20.0, 80.0))
-    noisy = replace(short, tau=short.tau + 0.2 * np.random.default_rng(1).normal(size=short.tau.shape)
-                    * short.tau.std(axis=0))  # fmt: skip
-    assert width(noisy) > 1.5 * width(short)
-    assert width(long) < 0.8 * width(short)
-
-
 def test_what_cannot_be_seen_is_said(two_link: Problem) -> None:
     """Link 1 of the 2R turns about a vertical axis: of its ten parameters one makes torque."""
     model = two_link.model(EFFECTS)
@@ -103,17 +85,6 @@ def test_what_cannot_be_seen_is_said(two_link: Problem) -> None:
         assert verdicts[name].low < verdicts[name].value < verdicts[name].high
     assert sum(counts(known.base).values()) == len(known.base) == 8 + 6
     assert counts(known.base)[NOT_SEEN] == 0
-
-
-def test_an_idle_joint_leaves_its_friction_in_the_dark(two_link: Problem) -> None:
-    model = two_link.model(EFFECTS)
-    run = measured(two_link, truth_of(two_link, model), model, 0, 40.0)
-    q = run.q.copy()
-    q[:, 0] = 0.3
-    known = of_regression(two_link, model, compress(replace(run, q=q), model, two_link.preprocessing))
-    verdicts = {i.name: i.verdict for i in known.standard}
-    assert verdicts["f_v1"] == verdicts["f_c1"] == NOT_SEEN
-    assert verdicts["f_v2"] != NOT_SEEN
 
 
 def test_rotors_count_with_the_inertia_that_they_cannot_be_told_from() -> None:
@@ -153,33 +124,6 @@ def test_the_band_holds_torques_of_another_motion(two_link: Problem) -> None:
     np.testing.assert_allclose(centre, model.torque(value, motion))
     noisy = true + np.random.default_rng(0).normal(size=true.shape) * known.noise
     assert np.mean(np.abs(noisy - centre) <= NORMAL_95 * np.hypot(std, known.noise)) > 0.8
-
-
-def test_an_estimate_keeps_its_intervals(two_link: Problem, tmp_path: Path) -> None:
-    estimate = identify(two_link, experiment(two_link).training_run(0), "ols")
-    known = estimate.uncertainty
-    assert [i.name for i in known.standard] == [p.name for p in estimate.model.parameters]
-    assert [i.value for i in known.standard] == estimate.theta.tolist()
-    data = estimate.to_dict()
-    assert data["parameters"][0]["lower"] is data["parameters"][0]["std"] is None
-    assert {"lower", "upper", "std", "verdict"} <= set(data["uncertainty"]["base"][0])
-    estimate.save(tmp_path / "model.json")
-    again = load_estimate(tmp_path / "model.json").uncertainty
-    assert again.standard == known.standard or np.isnan(known.standard[0].std)
-    assert str(again.standard) == str(known.standard)
-    assert str(again.base) == str(known.base)
-    np.testing.assert_array_equal(again.spread, known.spread)
-
-
-def test_runs_keep_their_share(two_link: Problem) -> None:
-    """Two runs say more than one."""
-    model = two_link.model(EFFECTS)
-    theta = truth_of(two_link, model)
-    parts = [measured(two_link, theta, model, k, 20.0) for k in range(2)]
-    both = of_regression(two_link, model, compress(concatenate(parts), model, two_link.preprocessing))
-    one = of_regression(two_link, model, compress(parts[0], model, two_link.preprocessing))
-    widths = [np.median([i.high - i.low for i in u.base]) for u in (both, one)]
-    assert widths[0] < widths[1]
 
 
 @pytest.mark.real_data

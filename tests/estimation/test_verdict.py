@@ -70,14 +70,6 @@ def test_a_joint_without_a_model_is_named() -> None:
     assert verdict(r2=np.array([0.99, -5.7])).grade == "good"
 
 
-def test_a_diagnosis_and_a_simulation_change_the_words_alone() -> None:
-    plain = judge(errors(), SOUND, MASSES, MASSES, ())
-    told = judge(errors(), SOUND, MASSES, MASSES, (), missing="Found: a spring.", forward="0.1 s ahead.")
-    assert plain.grade == told.grade
-    assert "Found: a spring." in str(told)
-    assert "0.1 s ahead." in str(told)
-
-
 def test_it_survives_json() -> None:
     found = verdict()
     assert Verdict.from_dict(found.to_dict()) == found

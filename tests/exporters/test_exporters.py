@@ -7,9 +7,7 @@ import json
 import re
 import shutil
 import subprocess
-import tempfile
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -19,9 +17,8 @@ import random_robots
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty.checks.urdf import check_urdf, massless_links, nearest_inertia
+from sdp_vs_penalty.checks.urdf import check_urdf, massless_links
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
@@ -29,10 +26,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
-from sdp_vs_penalty.exporters.content import Inertial, number
 from sdp_vs_penalty.exporters.export import export, formats
-from sdp_vs_penalty.exporters.mjcf import quaternion
-from sdp_vs_penalty.exporters.urdf import rpy_of
 from sdp_vs_penalty.page import jobs
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot import inertia
@@ -184,19 +178,6 @@ def test_urdf_made_from_a_model(name: str, tmp_path: Path) -> None:
     check_urdf_parity(out, estimate)
 
 
-@pytest.mark.real_data
-def test_urdf_of_the_ur10e(data_folder: Path, tmp_path: Path) -> None:
-    estimate = estimate_of(robots(tmp_path, data_folder)["ur10e"], FULL, 3)
-    made, edited = tmp_path / "made.urdf", tmp_path / "edited.urdf"
-    export(estimate, made)
-    check_urdf_parity(made, estimate)
-    original = data_folder / "ur10e" / "ur10e.urdf"
-    export(estimate, edited, urdf=original)
-    check_urdf_parity(edited, estimate)
-    only_numbers_of_inertials_changed(original.read_bytes(), edited.read_bytes())
-    check_mjcf_parity(estimate, tmp_path)
-
-
 def only_numbers_of_inertials_changed(before: bytes, after: bytes) -> None:
     """Cut the inertials and dynamics elements out of both: the rest is the same to the byte."""
     import re
@@ -243,19 +224,6 @@ def test_a_users_urdf_is_edited_byte_for_byte(tmp_path: Path) -> None:
     again = tmp_path / "again.urdf"
     export(estimate, again, urdf=out)
     assert again.read_bytes() == after
-
-
-def test_unchanged_values_leave_the_file_as_it_is(tmp_path: Path) -> None:
-    """A model with exactly the numbers of the file: the same bytes come back."""
-    path, out = tmp_path / "one.urdf", tmp_path / "out.urdf"
-    path.write_text(
-        "<robot name='r'><link name='b'/><link name='a'><inertial><origin rpy='0 0 0.0' xyz='0 0 0'/>"
-        "<mass value='2'/><inertia ixx='.5' ixy='0' ixz='0' iyy='5e-1' iyz='0' izz='0.50'/></inertial>"
-        "</link><joint name='j' type='continuous'><parent link='b'/><child link='a'/></joint></robot>"
-    )
-    robot, nominal = load_urdf(path)
-    export(estimate_of(robot, "rigid_body", 0, nominal), out, urdf=path)
-    assert out.read_bytes() == path.read_bytes()
 
 
 def test_a_model_from_dh_goes_into_a_urdf_with_other_frames(tmp_path: Path) -> None:
@@ -422,51 +390,6 @@ def test_other_refusals(tmp_path: Path) -> None:
         export(full, tmp_path / "out.urdf", urdf=path)
 
 
-@settings(max_examples=100, deadline=None)
-@given(
-    st.tuples(*[st.floats(-4.0, 4.0)] * 3),
-    st.sampled_from([0.0, 1e-17, 1e-12, 1e-9, 1e-6, 1e-3]),
-    st.booleans(),
-)
-def test_orientations_survive_as_angles_and_as_quaternions(
-    angles: tuple[float, float, float], near: float, vertical: bool
-) -> None:
-    from sdp_vs_penalty.robot.urdf import _rotation_rpy
-
-    roll, pitch, yaw = angles
-    rotation = _rotation_rpy(roll, np.pi / 2 - near if vertical else pitch, yaw)
-    assert np.abs(_rotation_rpy(*rpy_of(rotation)) - rotation).max() < 1e-15 * 8
-    w, x, y, z = quaternion(rotation)
-    back = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    assert np.abs(back - rotation).max() < 1e-14
-
-
-@settings(max_examples=50, deadline=None)
-@given(st.integers(0, 10_000))
-def test_nearest_inertia_is_nearest(seed: int) -> None:
-    """Consistent, and no consistent inertia of many is nearer; a consistent one stays."""
-    rng = np.random.default_rng(seed)
-    root = rng.normal(size=(3, 3))
-    given_inertia = root + root.T
-    nearest = nearest_inertia(given_inertia)
-    moments = np.linalg.eigvalsh(nearest)
-    assert moments[0] + moments[1] - moments[2] >= 0.0
-    assert moments[0] >= 0.0
-    # The projection's variational inequality, against random consistent inertias.
-    for _ in range(20):
-        half = rng.normal(size=(3, 3))
-        second = half @ half.T * rng.uniform(0.0, 2.0)
-        other = np.trace(second) * np.eye(3) - second
-        assert np.sum((given_inertia - nearest) * (other - nearest)) <= 1e-9
-    assert np.abs(nearest_inertia(nearest) - nearest).max() <= 1e-9
-
-
 def test_check_urdf_names_the_link_and_mends_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -499,47 +422,6 @@ def test_check_urdf_names_the_link_and_mends_it(
     with pytest.raises(SystemExit) as exit_code:
         cli.main(["check-urdf", str(path), "--fix", str(fixed)])
     assert exit_code.value.code == 2
-
-
-def test_check_urdf_says_what_can_exist_but_not_in_an_arm(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    inertia = 'ixx="0.3" ixy="0" ixz="0" iyy="0.3" iyz="0" izz="0.3"'
-    (tmp_path / "arm.urdf").write_text(
-        '<robot name="arm"><link name="base"/>'
-        f'<link name="light"><inertial><mass value="1e-6"/><inertia {inertia}/></inertial></link>'
-        f'<link name="usual"><inertial><mass value="5"/><inertia {inertia}/></inertial></link>'
-        '<joint name="a" type="continuous"><parent link="base"/><child link="light"/></joint>'
-        '<joint name="b" type="continuous"><parent link="light"/><child link="usual"/></joint></robot>'
-    )
-    light, usual = check_urdf(tmp_path / "arm.urdf")
-    assert light.consistent
-    assert light.unlikely
-    assert light.gyration == pytest.approx(np.sqrt(0.9 / 2e-6))
-    assert not usual.unlikely
-    with pytest.raises(SystemExit) as end:
-        main(["check-urdf", str(tmp_path / "arm.urdf")])
-    assert not end.value.code
-    said = " ".join(capsys.readouterr().out.split())
-    assert "light: consistent but implausible: radius of gyration 671 m for 1e-06 kg" in said
-
-
-def test_check_urdf_forgives_rounding_and_reads_mimic_joints(tmp_path: Path) -> None:
-    """Moments of 1e-20 beside m c^2 of 1e-3, as iCub's file has them; a gripper whose finger follows."""
-    rounded = 'ixx="0" ixy="0" ixz="1.4e-20" iyy="-5e-20" iyz="0" izz="0"'
-    solid = 'ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"'
-    body = '<inertial><origin xyz="0.01 0 0.05"/><mass value="0.3"/><inertia {1}/></inertial>'
-    link = f'<link name="{{0}}">{body}</link>'
-    joint = '<joint name="{0}" type="prismatic"><parent link="base"/><child link="{0}"/>{1}</joint>'
-    (tmp_path / "arm.urdf").write_text(
-        '<robot name="r"><link name="base"/>'
-        + link.format("a", rounded)
-        + link.format("b", solid)
-        + joint.format("a", "")
-        + joint.format("b", '<mimic joint="a" multiplier="-1"/>')
-        + "</robot>"
-    )
-    assert [check.verdict for check in check_urdf(tmp_path / "arm.urdf")] == ["consistent"] * 2
 
 
 def test_check_urdf_names_moving_links_without_inertial(
@@ -606,40 +488,6 @@ def test_any_tree_survives_being_written_and_edited(
     export(other, edited, urdf=made)
     check_urdf_parity(edited, other)
     assert all(check.consistent for check in check_urdf(edited))
-
-
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(place=st.integers(0, 10_000), noise=st.binary(min_size=1, max_size=12), cut=st.booleans())
-def test_a_damaged_urdf_is_refused_in_a_sentence(
-    tmp_path: Path, place: int, noise: bytes, cut: bool
-) -> None:
-    good = TREE.encode()
-    at = place % len(good)
-    path = tmp_path / "bad.urdf"
-    path.write_bytes(good[:at] + noise + (b"" if cut else good[at + len(noise) :]))
-    message = ""
-    try:
-        check_urdf(path)
-        export(estimate_of(robots_tree(), "rigid_body", 0), tmp_path / "out.urdf", urdf=path)
-    except InputError as error:
-        message = str(error)
-    assert message == "" or (message.startswith(str(path)) and "\n" not in message)
-
-
-@cache
-def robots_tree() -> Robot:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "tree.urdf"
-        path.write_bytes(TREE.encode())
-        return load_urdf(path)[0]
-
-
-def test_nothing_weighs_nothing_and_zero_has_no_sign() -> None:
-    body = Inertial.of(np.zeros(10))
-    assert body.mass == 0.0
-    assert body.com.shape == (3,)
-    np.testing.assert_array_equal(body.about_com, np.zeros((3, 3)))
-    assert number(-0.0) == "0.0"
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")

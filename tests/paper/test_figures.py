@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,6 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.paper import figures
 from sdp_vs_penalty.paper.figures import FIGURES, figure_8, make_figures, save
-from sdp_vs_penalty.paper.figures.style import BLACK, BLUE, GREEN, LOOKS, ORANGE, PURPLE, RED, SKY
 from sdp_vs_penalty.paper.tables import engine_runs, wrench_runs
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
 from sdp_vs_penalty.problem.load import load_problem
@@ -42,10 +40,6 @@ def studies() -> Iterator[dict[str, Study]]:
     patch.undo()
 
 
-def test_all_but_the_photograph() -> None:
-    assert set(FIGURES) == {1, 2, 3, 5, 6, 7, 8, 9, 10}
-
-
 @pytest.mark.parametrize("number", sorted(FIGURES))
 def test_axes_have_units_and_lines_are_finite(
     number: int, studies: dict[str, Study], tmp_path: Path
@@ -66,48 +60,6 @@ def test_axes_have_units_and_lines_are_finite(
     assert png.read_bytes().startswith(b"\x89PNG")
     assert pdf.read_bytes().startswith(b"%PDF")
     assert png.stat().st_size > 20_000
-
-
-def test_every_joint_is_labelled(studies: dict[str, Study]) -> None:
-    import matplotlib.pyplot as plt
-
-    figure = FIGURES[1][1](studies["panda"])
-    labels = " ".join(axis.get_ylabel() for axis in figure.axes)
-    assert all(f"joint {j}" in labels for j in range(1, 8))
-    plt.close(figure)
-
-
-def test_the_same_numbers_make_the_same_files(studies: dict[str, Study], tmp_path: Path) -> None:
-    for folder in ("a", "b"):
-        save(FIGURES[9][1](studies["two_link"]), tmp_path / folder / "figure_9")
-    for suffix in ("png", "pdf"):
-        first, second = ((tmp_path / f / f"figure_9.{suffix}").read_bytes() for f in ("a", "b"))
-        assert first == second
-
-
-#: From linear RGB to what a protanope and a deuteranope see (Machado, Oliveira, Fernandes, IEEE TVCG
-#: 2009, severity 1).
-_DEFICIENT = {
-    "protanopia": [[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]],
-    "deuteranopia": [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]],
-}
-
-
-@pytest.mark.parametrize("kind", sorted(_DEFICIENT))
-def test_colours_used_together_differ_for_the_colour_blind(kind: str) -> None:
-    from matplotlib.colors import to_rgb
-
-    together = [
-        [LOOKS[name]["color"] for name in ("measured", "ols", "lmi-sdp", "penalty")],
-        [LOOKS[name]["color"] for name in ("MuJoCo", "DART", "ODE", "Bullet", "model")],
-        [BLACK, RED, BLUE, GREEN],
-        [SKY, ORANGE, RED, BLACK],
-    ]
-    assert PURPLE in together[1]
-    for colours in together:
-        seen = [np.clip(np.array(_DEFICIENT[kind]) @ np.array(to_rgb(c)) ** 2.2, 0, 1) for c in colours]
-        for one, other in itertools.combinations(seen, 2):
-            assert np.linalg.norm(one ** (1 / 2.2) - other ** (1 / 2.2)) > 0.1
 
 
 @pytest.mark.parametrize(("number", "match"), [(4, "photograph"), (11, "choose from 1, 2, 3, 5")])

@@ -5,18 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.paper.sigmoid_friction import (
     SigmoidLinearised,
     exact_rows,
     fit_sigmoid,
-    residual_rms,
 )
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.experiment import Experiment, experiment
 from sdp_vs_penalty.simulation.simulate import sigmoid_friction
 
@@ -78,33 +75,7 @@ def test_intervals_cover_the_truth_at_their_nominal_rate(panda: Problem, x: Expe
     assert np.all(np.abs(np.mean(narrow, axis=0) - 0.5) < 0.17)
 
 
-def test_the_shift_is_what_is_hardly_identifiable(panda: Problem, x: Experiment) -> None:
-    motion, torque = sampled(x, 0.05)
-    noise = np.random.default_rng(0).normal(size=torque.shape) * x.sensor.torque_std
-    fit = fit_sigmoid(panda, exact_rows(motion, torque + noise))
-    relative = np.median(fit.std / np.abs(fit.phi), axis=0)
-    assert relative[2] > 3.0 * max(relative[0], relative[1])
-
-
-def test_held_out_error_of_an_exact_fit_is_zero(panda: Problem, x: Experiment) -> None:
-    rows = exact_rows(*sampled(x, 0.05))
-    fit = fit_sigmoid(panda, rows)
-    assert residual_rms(panda, [rows, rows], fit).max() < 1e-9
-
-
 def test_too_few_samples_are_refused(panda: Problem, x: Experiment) -> None:
     motion, torque = sampled(x, 1.0)
     with pytest.raises(InputError, match="Too few samples"):
         fit_sigmoid(panda, exact_rows(motion, torque))
-
-
-@pytest.mark.real_data
-def test_the_real_arms_friction_is_of_the_published_size(
-    panda: Problem, panda_run: Measurements
-) -> None:
-    settings = panda.preprocessing.resolve(panda_run)
-    fit = fit_sigmoid(panda, lambda model: filtered_torque(panda_run, model, settings), 2.0)
-    published = experiment(panda).friction
-    assert published is not None
-    ratio = fit.phi[:, 0] / published[:, 0]
-    assert np.all((ratio > 0.4) & (ratio < 2.0))

@@ -16,12 +16,9 @@ import pytest
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpEntropic
-from sdp_vs_penalty.estimators.ols import Ols, condition_number, standard_deviations
+from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
-from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables
 from sdp_vs_penalty.paper.tables import study as study_module
 from sdp_vs_penalty.paper.tables.data import training_windows
@@ -87,15 +84,6 @@ def test_published_cells_come_first_and_as_printed(
         assert len(ours) == len(printed)
 
 
-def test_ours_follow_under_the_names_of_the_methods(tables: dict[tuple[str, str], Table]) -> None:
-    for name in ("III", "VIII", "IX"):
-        columns = [c.name for c in tables["panda", name].columns]
-        assert [f"{m}_simulated" for m in METHODS] == [c for c in columns if c[:-10] in METHODS]
-        assert not [c for c in columns if c.endswith("_measured")]
-    estimates = [row["estimate"] for row in rows(tables["panda", "IV"])]
-    assert [f"{m}_simulated" for m in METHODS] == [e for e in estimates if e[:-10] in METHODS]
-
-
 def test_a_missing_dataset_is_said(tables: dict[tuple[str, str], Table]) -> None:
     for (_, name), table in tables.items():
         if name in (*DEFAULT_TABLES, "VII"):
@@ -118,62 +106,6 @@ def test_tables_three_eight_and_nine_are_one_robot(
         np.testing.assert_allclose(got, expected, atol=2e-3)
 
 
-@pytest.mark.parametrize("problem", ["panda", "two_link"])
-def test_links_read_back_from_csv_satisfy_what_they_satisfied(
-    tables: dict[tuple[str, str], Table], problem: str, without_data: None
-) -> None:
-    """With all digits of the files; with the four that are shown they do not."""
-    study = Study(load_problem(problem))
-    task = study.task(study.simulated)
-    both = [tables[problem, name] for name in ("VIII", "IX")]
-    columns = [c.name for c in both[0].columns]
-    for column, method in (
-        ("lmi_sdp_plain_simulated", "lmi-sdp-plain"),
-        ("lmi_sdp_simulated", "lmi-sdp"),
-    ):
-        own = study.result(method, study.simulated).theta
-        parts = [dict(zip(columns, row, strict=True)) for t in both for row in t.cells()]
-        violations = []
-        for read in ([row for t in both for row in rows(t)], parts):
-            value = {row["parameter"]: float(row[column]) for row in read}
-            links = range(1, study.problem.robot.n + 1)
-            barycentric = [[value[name] for name in barycentric_names(k)] for k in links]
-            theta = own.copy()
-            theta[task.links] = inertia.standard_from_barycentric(barycentric)
-            violations.append(max(task.constraints.worst(theta).values()))
-        assert violations[0] < max(task.constraints.worst(own).values()) + 1e-12
-        if method == "lmi-sdp-plain":  # whose links lie on the boundary
-            assert violations[1] > 1e-7
-
-
-def test_judged_by_the_noise_that_is_left(tables: dict[tuple[str, str], Table]) -> None:
-    by_name = {row["estimate"]: row for row in rows(tables["panda", "IV"])}
-    truth = float(by_name["p_hat_table_I_simulated"]["relative_error_percent"])
-    for method in set(METHODS) - {"penalty_paper"}:  # which is cut short here
-        assert truth < float(by_name[f"{method}_simulated"]["relative_error_percent"]) < 5.0 * truth
-    # delta is another robot than the simulated one, and it shows.
-    assert float(by_name["delta_simulated"]["relative_error_percent"]) > 5.0 * truth
-
-
-def test_both_methods_reproduce_the_toy_robot(tables: dict[tuple[str, str], Table]) -> None:
-    for row in rows(tables["two_link", "III"])[:8]:
-        for method in ("penalty", "lmi_sdp"):
-            assert float(row[f"{method}_simulated"]) == pytest.approx(float(row["pi_p_real"]), abs=0.01)
-    by_name = {row["estimate"]: row for row in rows(tables["two_link", "IV"])}
-    floor = float(by_name["p_real_simulated"]["relative_error_percent"])
-    for method in ("penalty", "lmi_sdp"):
-        assert float(by_name[f"{method}_simulated"]["relative_error_percent"]) < 1.05 * floor
-
-
-def test_penalty_and_sdp_agree_but_for_the_prior(tables: dict[tuple[str, str], Table]) -> None:
-    """Given the same they meet within 0.01 % (tests/estimators/test_penalty.py)."""
-    by_name = {row["estimate"]: row for row in rows(tables["panda", "IV"])}
-    one, other = (
-        float(by_name[f"{m}_simulated"]["relative_error_percent"]) for m in ("penalty", "lmi_sdp")
-    )
-    assert one == pytest.approx(other, rel=0.01)
-
-
 def test_all_three_forms_hold_the_same_cells(tables: dict[tuple[str, str], Table]) -> None:
     for table in tables.values():
         cells = table.cells()
@@ -189,17 +121,6 @@ def test_all_three_forms_hold_the_same_cells(tables: dict[tuple[str, str], Table
         assert plain == [[c.replace("|", "\\|") for c in row] for row in cells]
         lines = [line for line in table.latex().splitlines() if line.endswith(r" \\")][1:]
         assert [line.count(" & ") for line in lines] == [len(table.columns) - 1] * len(cells)
-
-
-def test_latex_has_no_bare_special_characters(tables: dict[tuple[str, str], Table]) -> None:
-    for table in tables.values():
-        source = table.latex()
-        assert source.isascii()
-        for line in source.splitlines():
-            if line.startswith("%"):
-                continue
-            unescaped = re.sub(r"\\[_%&#$]", "", line.split(r"\label")[0])
-            assert not re.search(r"[_#]", unescaped.replace("{!}{%", "")), line
 
 
 def test_escaping_and_number_columns() -> None:
@@ -323,81 +244,6 @@ def test_standard_deviations_are_those_of_repeated_experiments(two_link: Problem
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(predicted), axis=0)), spread, rtol=0.12)
 
 
-def test_what_is_not_excited_has_no_standard_deviation(two_link: Problem) -> None:
-    study = Study(two_link)
-    task = study.task(study.simulated)
-    w = task.data.R @ np.linalg.pinv(task.base)
-    w[:, 2] = 0.0
-    hidden = replace(task.data, R=w @ task.base)
-    _, std = standard_deviations(replace(task, data=hidden), 2.0)
-    assert np.isinf(std[2])
-    assert np.all(np.isfinite(np.delete(std, 2)))
-    assert condition_number(replace(task, data=hidden)) > 1e12
-
-
-def test_a_prior_adds_its_quadratic_and_nothing_else(two_link: Problem) -> None:
-    study = Study(two_link)
-    data = study.task(study.simulated).data
-    rng = np.random.default_rng(1)
-    scale = np.where(rng.random(20) < 0.5, np.inf, rng.uniform(0.1, 3.0, 20))
-    for theta in rng.normal(size=(5, 20)):
-        expected = data.loss(theta) + 2.5 * np.sum((theta / scale) ** 2)
-        assert data.with_prior(scale, 2.5).loss(theta) == pytest.approx(expected, rel=1e-12)
-
-
-def test_a_second_of_motion_needs_a_prior_on_friction(panda: Problem) -> None:
-    """Where a joint does not reverse, Coulomb friction and offset have the same column."""
-    study = Study(panda)
-    data = study.simulated
-    blocks = compress(data.train, data.model, data.preprocessing, blocks_per_run=21)
-    task = make_task(panda, data.model, blocks.select([4]))
-    assert task.joint_scale is not None
-    rigid = data.model.rigid_indices
-    assert np.all(np.isinf(task.joint_scale[rigid]))
-    names = [p.name for p in data.model.parameters]
-    offset, torque = names.index("f_o1"), blocks.select([4]).per_joint[0].triangle[:, -1]
-    root_mean_square = np.linalg.norm(torque) / np.sqrt(blocks.select([4]).joint_rows()[0])
-    assert task.joint_scale[offset] == pytest.approx(root_mean_square, rel=1e-6)
-    pulled = LmiSdpEntropic().fit(task).theta
-    _, error = data.errors(pulled)
-    assert error < 30.0
-    friction = np.delete(np.abs(pulled) / task.joint_scale, rigid)
-    assert friction.max() < 3.0
-
-
-def test_every_method_has_its_row_in_the_method_table(tables: dict[tuple[str, str], Table]) -> None:
-    by_name = {row["method"]: row for row in rows(tables["two_link", "methods"])}
-    assert set(by_name) == set(estimator_types())
-    assert float(by_name["lmi-sdp-plain"]["excess_loss_percent"]) < 1e-4  # its bound is its optimum
-    assert float(by_name["penalty"]["excess_loss_percent"]) < 0.1
-    assert by_name["penalty"]["feasible_runs"] == by_name["penalty"]["runs"]
-    assert float(by_name["lmi-sdp-thickness"]["smallest_thickness_mm"]) > 19.9
-    assert by_name["penalty-paper"]["runs"] == "2"
-    # The SDP gets a consequence of the bounds on inertias only, and the table says what came of it.
-    assert by_name["lmi-sdp-plain"]["violated_family"] == "barycentric inertia"
-    assert by_name["penalty"]["violated_family"] == ""
-    for row in by_name.values():
-        low, high = (float(row[f"run_excess_loss_percent_{k}"] or 0.0) for k in ("min", "max"))
-        assert low <= high
-        assert 0.0 <= float(row["positive_definite_percent"]) <= 100.0
-
-
-def test_errata_are_listed_with_the_numbers_that_show_them(
-    tables: dict[tuple[str, str], Table],
-) -> None:
-    by_number = {row["number"]: row["what_shows_it"] for row in rows(tables["panda", "errata"])}
-    assert list(by_number) == [str(k) for k in range(1, 9)]
-    assert "0.0271 from the printed value, 0.0276 from the corrected one" in by_number["1"]
-    assert by_number["2"].endswith("0.0247 - 0.0322 = -0.0075")
-    assert "Izz2 - 0.64 m2" in by_number["3"]
-    assert "0.750 m > r1" in by_number["4"]
-    assert "(0.9896); with it, 1.3341" in by_number["5"]
-    assert "-2.2e-05" in by_number["6"]
-    assert "-1.9e-05" in by_number["6"]
-    assert "not checked in this run" in by_number["7"]
-    assert by_number["8"] == "row 8: -0.0001 and row 24: 0.0008"
-
-
 @pytest.mark.real_data
 def test_the_authors_own_bound_contradicts_table_eight(panda: Problem) -> None:
     (table,) = build_tables(["errata"], Study(panda))
@@ -429,18 +275,6 @@ def test_measured_tables_are_not_replaced_by_others(tmp_path: Path, without_data
     (tmp_path / "table_VI.csv").write_text("i,a\n1,0.1\n")
     ((_, paths),) = make_tables(["VI"], "two_link", out=tmp_path)
     assert {path.parent for path in paths} == {tmp_path}
-
-
-@pytest.mark.real_data
-def test_folds_of_the_real_run_are_unseen_motion(panda: Problem, data_folder: Path) -> None:
-    """Five folds by phase; what repeats is judged far better than what does not."""
-    study = SmallStudy(panda)
-    assert len(study.folds) == 5
-    unseen = study.unseen(lambda fold: study.result("ols", fold).theta)
-    assert study.repeated is not None
-    repeated = study.repeated.errors(study.result("ols", study.repeated).theta)[1]
-    assert unseen.relative > 1.5 * repeated
-    assert max(unseen.folds) > unseen.relative > min(unseen.folds)
 
 
 def test_the_cart_of_the_benchmark_sticks_and_slides() -> None:

@@ -13,7 +13,6 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot.trajectory import random_trajectory
-from sdp_vs_penalty.simulation.experiment import experiment
 
 
 def test_the_tool_turns_about_the_remote_centre_and_slides_through_it() -> None:
@@ -27,15 +26,6 @@ def test_the_tool_turns_about_the_remote_centre_and_slides_through_it() -> None:
         # The bars stay parallel: bottom and pitch differ by a turn that the pose does not change.
         relative = pitch[:3, :3].T @ poses[names.index("bottom_joint")][:3, :3]
         np.testing.assert_allclose(relative, np.diag([-1.0, -1.0, 1.0]), atol=1e-9)
-
-
-def test_motors_of_the_tool_have_no_weight_and_couplings_are_known() -> None:
-    problem = load_problem("dvrk_psm")
-    robot = problem.robot
-    assert (robot.n, robot.links) == (7, 6)
-    assert [set(links) for links in robot.subtree][3:] == [set()] * 4
-    ratios = [row[np.flatnonzero(row)].tolist() for row in robot.couplings]
-    np.testing.assert_allclose(ratios, [[1.0, -1.2178 / 0.8306]] * 2)
 
 
 def test_a_simulated_arm_is_identified() -> None:
@@ -52,13 +42,6 @@ def test_a_simulated_arm_is_identified() -> None:
     left = model.torque(estimate.theta, motion) - tau
     assert estimate.certificate.worst == 0.0
     assert np.all(np.linalg.norm(left, axis=0) < 0.03 * np.linalg.norm(tau, axis=0))
-
-
-def test_a_simulated_tool_without_weight_rubs_and_is_measured_with_noise() -> None:
-    setup = experiment(load_problem("dvrk_psm"))
-    assert setup.friction is not None
-    assert np.all(setup.friction[:, 0] > 0.0)
-    assert np.all(setup.sensor.torque_std > 0.0)
 
 
 def test_tables_without_header_are_read_at_their_rate(tmp_path: Path) -> None:

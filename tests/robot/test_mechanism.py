@@ -122,13 +122,6 @@ def test_regressor_mass_matrix_and_derivatives_agree_with_the_dynamics(urdf: Pat
             np.testing.assert_allclose(derivative[:, :, j], (ends[0] - ends[1]) / 2e-6, atol=1e-5)
 
 
-def test_the_subtree_of_a_joint_is_what_makes_torque_on_it(urdf: Path) -> None:
-    robot, _ = load_urdf(urdf)
-    columns = np.abs(robot.regressor(*states(robot))).max(axis=0).reshape(robot.n, robot.links, 10)
-    for joint, links in enumerate(robot.subtree):
-        assert set(np.flatnonzero(columns[joint].max(axis=1) > 1e-12)) <= set(links)
-
-
 def test_a_robot_with_followers_is_identified_and_written_back(urdf: Path) -> None:
     problem = load_problem(urdf)
     robot = problem.robot

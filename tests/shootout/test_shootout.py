@@ -7,28 +7,26 @@ import os
 import signal
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.shootout import hostile, pages, profile, regular, summary
+from sdp_vs_penalty.shootout import ill_conditioned, profile, standard_instances, summary
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.shootout.instances import catalogue, instance, selected
 from sdp_vs_penalty.shootout.judge import (
     CLASSES,
     Answer,
-    Judgement,
     dimacs_error,
     judge,
     relative_violation,
 )
-from sdp_vs_penalty.shootout.nursery import in_child
+from sdp_vs_penalty.shootout.process_runner import in_child
 from sdp_vs_penalty.shootout.reference import Reference, reference
-from sdp_vs_penalty.shootout.results import Results, table_text
-from sdp_vs_penalty.solvers import clarabel, verified
+from sdp_vs_penalty.shootout.results import table_text
+from sdp_vs_penalty.solvers import clarabel
 
 CONTESTANTS = contestants()
 SMALL = ("two_link one-step gyration", "two_link two-step gyration", "chain of 2 links")
@@ -53,7 +51,7 @@ def test_instances_are_deterministic_and_differ() -> None:
     names = [n for n, e in catalogue().items() if e.quick and e.group != "chains"]
     first = {n: instance(n).hash for n in names}
     instance.cache_clear()
-    regular._simulated_task.cache_clear()
+    standard_instances._simulated_task.cache_clear()
     assert {n: instance(n).hash for n in names[::3]} == {n: first[n] for n in names[::3]}
     assert len(set(first.values())) == len(first)
 
@@ -62,8 +60,8 @@ def test_the_hash_sees_every_number(two_link: Instance) -> None:
     data = two_link.data
     rho = data.rho.copy()
     rho[0] *= 1.0 + 1e-3
-    other = hostile._with_data(two_link, replace(data, rho=rho))
-    tighter = hostile._with_constraints(
+    other = ill_conditioned._with_data(two_link, replace(data, rho=rho))
+    tighter = ill_conditioned._with_constraints(
         two_link,
         tuple(
             replace(c, constant=c.constant * 0.99) if c.family == "total mass" else c
@@ -113,7 +111,7 @@ def test_units_change_numbers_only(two_link: Instance, mass: float) -> None:
     assert theirs.lower / torque**2 == pytest.approx(ours.lower, rel=1e-6)
 
 
-@pytest.mark.parametrize("name", ["hostile infeasible 1e-3", "hostile infeasible 1e-6"])
+@pytest.mark.parametrize("name", ["ill-conditioned infeasible 1e-3", "ill-conditioned infeasible 1e-6"])
 def test_infeasible_instances_are_proved_infeasible(name: str) -> None:
     made = instance(name)
     assert made.interior is None
@@ -157,18 +155,6 @@ def test_planted_wrong_answers_are_found(two_link: Instance, proved: Reference, 
     assert judge(two_link, proved, suboptimal, 0.5).kind == "right"
 
 
-def test_lying_multipliers_never_raise_the_lower_bound_above_the_optimum(
-    two_link: Instance, proved: Reference, best: Answer
-) -> None:
-    rng = np.random.default_rng(0)
-    assert best.multipliers is not None
-    for factor in (1.0, 10.0, 1e6):
-        lies = [factor * (m + rng.normal(size=m.shape)) for m in best.multipliers]
-        verdict = judge(two_link, proved, replace(best, multipliers=lies), 1e-8)
-        assert verdict.own_lower <= proved.upper
-        assert verdict.kind == "right"
-
-
 def test_what_our_interval_cannot_decide_is_not_called_wrong(
     two_link: Instance, proved: Reference, best: Answer
 ) -> None:
@@ -185,7 +171,7 @@ def test_every_contestant_on_every_small_instance(name: str, problem: str) -> No
     if contestant.absent:
         pytest.skip(contestant.absent)
     made = instance(problem)
-    assert contestant.applies(made) is None
+    assert contestant.refuses(made) is None
     if name == "cvxpy" and problem.startswith("chain"):
         pytest.skip("100 000 iterations of SCS; the shootout shows how they end")
     answer = contestant.solve(made, 1e-6)
@@ -226,13 +212,6 @@ def test_conic_errors_see_each_kind_of_mistake(two_link: Instance) -> None:
             replace(answer, x=shifted),
         ):
             assert dimacs_error(conic, wrong.x, wrong.z) > 1e-4
-
-
-def test_repair_goes_towards_a_point_near_the_optimum(two_link: Instance, proved: Reference) -> None:
-    assert verified.certainly_feasible(two_link.constraints.convex, two_link.near)
-    assert two_link.interior is not None
-    far = two_link.objective.value(two_link.interior) - proved.upper
-    assert two_link.objective.value(two_link.near) - proved.upper < 0.1 * far
 
 
 def _sleep() -> bytes:
@@ -310,23 +289,20 @@ def test_summary_of_known_runs(tmp_path) -> None:  # type: ignore[no-untyped-def
     assert np.isnan(table["liar"]["median_own_gap"])
     expected = np.exp(np.mean(np.log([0.11, 0.41]))) - 0.01
     assert table["good"]["mean_seconds"] == pytest.approx(expected)
-    first, second, third = summary.sentences(rows, 10.0)
+    first, second = summary.sentences(rows, 10.0)
     assert "good at 1e-06: 2 of 2 runs" in first
-    assert "good at 1e-06" in second
-    assert "liar" in third
-    assert "2 of 2 runs" in third
+    assert "liar at 1e-06: it claimed success wrongly in 2 of 2 runs" in second
     curves = profile.profile(rows, 1e-6)
     np.testing.assert_allclose(curves["good"][0], [1.0, 2.0])
     np.testing.assert_allclose(curves["good"][1], [0.5, 1.0])
     np.testing.assert_allclose(curves["fast"][0], [1.0])
     assert len(curves["liar"][0]) == 0
-    paths = summary.write_summary(tmp_path, rows, 10.0, {"mosek": "no licence"}, [("a", "x", "no cone")])
+    left_out = {"mosek": "no licence"}, [("a", "x", "no cone")]
+    paths = summary.write_summary(tmp_path, rows, 10.0, *left_out, CONTESTANTS)
     text = paths[0].read_text()
     assert "**WRONG** 3e-01" in text
     assert "mosek: no licence" in text
-    assert r"silently wrong & " in paths[1].read_text()
     assert (tmp_path / "profile.svg").read_text().startswith("<?xml")
-    assert "**silently wrong** 10" in (tmp_path / "g.md").read_text()
     with (tmp_path / "profile.csv").open() as file:
         shares = {(r["class"], r["solver"], r["ratio"]): float(r["share"]) for r in csv.DictReader(file)}
     assert shares["g", "good", "2"] == shares["all", "good", "2"] == 1.0
@@ -341,49 +317,22 @@ def _run(problem: str, solver: str, **changes: object) -> dict[str, object]:
     return row | changes
 
 
-def test_a_run_counts_by_its_figures_at_any_accuracy() -> None:
-    assert profile.reached(_run("a", "x"), 1e-6)
-    assert not profile.reached(_run("a", "x"), 1e-8)
-    assert not profile.reached(_run("a", "x", violation=1e-4), 1e-6)
-    assert not profile.reached(_run("a", "x", claimed="inaccurate"), 1e-6)
-    assert not profile.reached(_run("a", "x", lower=np.inf), 1e-6)
-    infeasible = {"claimed": "infeasible", "objective_error": np.inf}
-    assert profile.reached(_run("a", "x", **infeasible), 1e-8)
-    assert not profile.reached(_run("a", "x", **{**infeasible, "class": "silently_wrong"}), 1e-8)
-
-
 def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time() -> None:
     rows = [
         _run("a", "slow"), _run("b", "slow", seconds=0.3),
         _run("a", "quick", seconds=0.001),
         _run("b", "quick", **{"seconds": 0.001, "objective_error": 1.0, "class": "silently_wrong"}),
         _run("chain of 14 links", "other", group="chains"),
-        _run("hostile a", "other", group="hostile"),
+        _run("ill-conditioned a", "other", group="ill-conditioned"),
     ]  # fmt: skip
-    table = pages.ranking(rows)
+    table = summary.ranking(rows)
     assert [(r["solver"], r["right"], r["silently wrong"]) for r in table] == [
         ("slow", 2, 0),
         ("quick", 1, 1),
     ]
     assert table[0]["seconds"] == pytest.approx(0.2)
-    assert "Take **slow**: right on 2 of 2" in pages.answer(rows)
-    assert pages.answer(rows[-2:]) == ""
-
-
-@pytest.mark.real_data
-def test_measured_instances_are_proved() -> None:
-    made = instance("panda measured 14 s one-step gyration")
-    known = reference(made)
-    assert known.verdict == "feasible"
-    assert known.gap <= 1e-8
-    verdict = judge(made, known, CONTESTANTS["lmi-sdp"].solve(made, 1e-8), 1e-8)
-    assert verdict.kind == "right"
-    assert isinstance(verdict, Judgement)
-
-
-def test_the_interior_point_is_feasible_beyond_doubt(two_link: Instance) -> None:
-    assert two_link.interior is not None
-    assert verified.certainly_feasible(two_link.constraints.convex, two_link.interior)
+    assert "Take **slow**: right on 2 of 2" in summary.answer(rows)
+    assert summary.answer(rows[-2:]) == ""
 
 
 def test_written_intervals_contain_what_was_proved() -> None:
@@ -396,17 +345,3 @@ def test_written_intervals_contain_what_was_proved() -> None:
         assert low <= value <= high
         assert gap >= abs(value)
         assert high - low <= 3e-9 * abs(value)
-
-
-def test_the_sentence_on_solvers_is_what_the_runs_say() -> None:
-    """results/README.md names figures of results/shootout/runs.csv; who changes one changes both."""
-    results = Path(__file__).parents[2] / "results"
-    rows = Results(results / "shootout").rows
-    table = {row["solver"]: row for row in pages.ranking(rows)}
-    text = " ".join((results / "README.md").read_text().split())
-    default, first = table["lmi-sdp"], table["clarabel"]
-    right = [r for r in rows if r["solver"] == "lmi-sdp" and r["class"] == "right"]
-    assert f"right on all {first['right']} problems" in text
-    assert f"in {1e3 * first['seconds']:.0f} ms each" in text
-    assert f"{1e3 * default['seconds']:.0f} ms (median of these {default['problems']})" in text
-    assert f"right on all {len(right)} problems" in text

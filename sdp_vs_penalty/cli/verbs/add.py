@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sdp_vs_penalty.cli import options
-from sdp_vs_penalty.cli.runs import consented, runs_for, words
+from sdp_vs_penalty.cli.runs import runs_for, words
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ def verb(
     The effects are named, or come from a diagnosis: --from findings.json.
     Example: sdp-vs-penalty add model.json joint_spring:4 --data run.csv --out model2.json
     """
+    from sdp_vs_penalty.checked import consented
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from sdp_vs_penalty.cli import options
-from sdp_vs_penalty.cli.runs import consented, refuse_meaningless, runs_for
+from sdp_vs_penalty.cli.runs import runs_for, warn_or_refuse
 
 
 def verb(
@@ -28,6 +28,7 @@ def verb(
     The fast part of `check` runs first; its errors stop the diagnosis (exit code 2).
     Example: sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv
     """
+    from sdp_vs_penalty.checked import consented
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.diagnosis.diagnose import diagnose as run
     from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -40,7 +41,7 @@ def verb(
             console.warn("data check skipped: the model comes from these runs with --no-check")
         elif not no_check:
             progress("checking the measurements")
-            refuse_meaningless(estimate.problem, given.train, "diagnose")
+            warn_or_refuse(estimate.problem, given.train, "diagnose")
         result = run(
             estimate,
             given.train,

@@ -129,9 +129,10 @@ def _separate(
 ) -> None:
     """The run that would tell: trajectory as CSV and, beside it, as ROS text."""
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.estimation.constants import LEVEL
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.excitation import save_trajectory
-    from sdp_vs_penalty.estimation.separation import RIGHT, separate
+    from sdp_vs_penalty.estimation.separation import separate
     from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.robot.point_trajectory import joint_trajectory
     from sdp_vs_penalty.robot.self_collision import SelfCollision
@@ -149,7 +150,7 @@ def _separate(
         style="bold",
     )
     needed = [f"{t:.3g} s" if t < 1e7 else "never" for t in (found.default_seconds, found.seconds)]
-    console.say(f"seconds for {100 * RIGHT:.0f} % right decisions: {needed[0]} and {needed[1]}")
+    console.say(f"seconds for {100 * LEVEL:.0f} % right decisions: {needed[0]} and {needed[1]}")
     squares = [f"{d:.3g}" for d in (found.default_delta2, found.delta2)]
     console.say(f"squared distance of the two, in noise variances: {squares[0]} and {squares[1]}")
     console.explain(

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from sdp_vs_penalty.cli import options
-from sdp_vs_penalty.cli.runs import as_told, next_diagnosis, refuse_meaningless, runs_as_told, words
+from sdp_vs_penalty.cli.runs import as_told, next_diagnosis, runs_as_told, warn_or_refuse, words
 from sdp_vs_penalty.errors import Infeasible
 
 
@@ -72,7 +72,7 @@ def verb(
         whole, given = runs_as_told(robot, data, window)
         if isinstance(given, Measurements) and not no_check:
             progress("checking the measurements")
-            refuse_meaningless(robot, given, gains=bool(known_load))
+            warn_or_refuse(robot, given, "identify", gains=bool(known_load))
         begin = time.perf_counter()
         try:
             estimate, fit = identified(

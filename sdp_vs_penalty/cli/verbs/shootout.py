@@ -51,6 +51,7 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.shootout import runner, summary
+    from sdp_vs_penalty.shootout.contestants import contestants
     from sdp_vs_penalty.shootout.instances import GROUPS
 
     if show:
@@ -76,10 +77,9 @@ def verb(
         outcome = runner.run(setup, lambda what, done, total: say(f"{done} of {total}: {what}"))
     for note in outcome.notes:
         console.warn(note)
-    written = summary.write_summary(
-        out, outcome.results.rows, limit, outcome.absent, outcome.not_applicable
-    )
-    for sentence in summary.sentences(outcome.results.rows, limit):
+    rows, left_out = outcome.results.rows, outcome.not_applicable
+    written = summary.write_summary(out, rows, limit, outcome.absent, left_out, contestants())
+    for sentence in summary.sentences(rows, limit):
         console.say(sentence)
     for path in (outcome.results.path, *written):
         console.written(path)

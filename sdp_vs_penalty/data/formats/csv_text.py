@@ -18,8 +18,6 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Characters of a line above which a file is no table.
 _LONGEST = 1_000_000
-#: Bytes that are read at once: more would not fit the processor's cache.
-_PART = 1 << 18
 #: What plain numbers, their separators and ends of lines are made of.
 _PLAIN = b"0123456789.-+eE,\n"
 _FORMATS = "give measurements as CSV text or .npz"
@@ -150,7 +148,8 @@ def _fast(path: Path, width: int, first: int) -> Generator[Array, None, int | No
         with path.open("rb") as file:
             for _ in range(first - 1):
                 file.readline(_LONGEST)
-            while text := file.read(_PART):
+            # Bytes that are read at once: more would not fit the processor's cache.
+            while text := file.read(1 << 18):
                 rest = file.readline(_LONGEST)
                 if len(rest) == _LONGEST:
                     return row

@@ -99,7 +99,7 @@ def measured_curves(
     for joint in dict.fromkeys([*left, *parts]):
         for _ in range(_MOST):
             own = [t for t in terms if t.joints == {joint} and not _is_curve(t)]
-            rest = [t for t in terms if all(t is not o for o in own)]
+            rest = [t for t in terms if t not in own]
             beside = _best(search, terms, joint, variables) if joint in left else None
             alone = _best(search, rest, joint, variables) if own else None
             if alone is not None and _instead(own, alone, beside):

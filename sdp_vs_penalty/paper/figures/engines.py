@@ -14,11 +14,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
 from sdp_vs_penalty.simulation.engines.comparison import EngineRun
 
-#: Left out of the torque errors at the start [s], where the acceleration jumps from rest.
-_START = 0.05
-#: Errors of position and angle below this are rounding and are drawn here [m, rad].
-_ROUNDING = 1e-16
-
 
 def present(results: Sequence[EngineResult]) -> list[EngineRun]:
     """The runs of the engines at hand, the noisiest first so that it is drawn below the others."""
@@ -80,7 +75,8 @@ def engine_torque_errors(study: Study) -> Any:
     draw_engines(axes, study, results, lambda run, j: run.error[:, j], "torque error")
     for j in range(n):
         runs = present(results)
-        largest = max((float(np.abs(run.error[run.t > _START, j]).max()) for run in runs), default=1.0)
+        # Left out of the torque errors at the start [s], where the acceleration jumps from rest.
+        largest = max((float(np.abs(run.error[run.t > 0.05, j]).max()) for run in runs), default=1.0)
         # Linear around zero, logarithmic beyond: one engine's errors are far above the others'.
         axes.flat[j].set_yscale(
             "symlog", linthresh=max(1e-3 * 10 ** np.floor(np.log10(largest / 1e-2)), 1e-5)
@@ -98,9 +94,10 @@ def engine_poses(study: Study) -> Any:
     for k, (name, results) in enumerate(groups.items()):
         for run in present(results):
             for axis, values, unit in ((axes[0, k], run.position, 1e3), (axes[1, k], run.angle, 1e3)):
+                # Errors of position and angle below this are rounding and are drawn here [m, rad].
                 axis.semilogy(
                     run.t + 0.5 * run.followed.step,
-                    unit * (values + _ROUNDING),
+                    unit * (values + 1e-16),
                     label=run.engine,
                     **LOOKS[run.engine],
                 )

@@ -14,11 +14,8 @@ from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Pose that is drawn [rad].
-_POSE = (0.6, 0.7)
 #: Corners of a drawn circle, slices along a shape.
 _CORNERS, _SLICES = 40, 60
-_FRAME = 0.25  # m, length of a drawn axis
 #: x, y, z as everywhere in robotics: red, green, blue; here from the same palette, and labelled.
 _AXES = ((RED, "x"), (GREEN, "y"), (BLUE, "z"))
 
@@ -90,7 +87,8 @@ def _surface(problem: Problem, link: int) -> Array:
 
 def _robot(axis: Any, problem: Problem) -> None:
     _frame(axis, np.eye(4), "0")
-    (poses,) = problem.robot.poses(np.array([_POSE]))
+    # Pose that is drawn [rad].
+    (poses,) = problem.robot.poses(np.array([(0.6, 0.7)]))
     for k, (joint, pose) in enumerate(zip(problem.robot.joints, poses, strict=True)):
         link_pose = pose @ joint.link_frame
         points = _surface(problem, k) @ link_pose[:3, :3].T + link_pose[:3, 3]
@@ -105,7 +103,7 @@ def _robot(axis: Any, problem: Problem) -> None:
 
 def _frame(axis: Any, pose: Array, name: str) -> None:
     for k, (color, letter) in enumerate(_AXES):
-        end = pose[:3, 3] + _FRAME * pose[:3, k]
+        end = pose[:3, 3] + 0.25 * pose[:3, k]
         axis.plot(*np.column_stack([pose[:3, 3], end]), color=color, linewidth=1.2)
         axis.text(*end, f"${letter}_{name}$", fontsize=7, color=color)
 

@@ -8,9 +8,6 @@ from typing import Any
 
 from sdp_vs_penalty.show import plain_unit
 
-#: Full width of a two-column page [inch].
-WIDTH = 7.16
-
 #: Okabe, Ito, "Color universal design" (2008).
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, RED, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#999999"
@@ -52,7 +49,8 @@ def new_figure(rows: int, columns: int, height: float, **options: Any) -> tuple[
             "figure.constrained_layout.use": True,
         }
     )
-    figure, axes = plt.subplots(rows, columns, figsize=(WIDTH, height), squeeze=False, **options)
+    # Full width of a two-column page [inch].
+    figure, axes = plt.subplots(rows, columns, figsize=(7.16, height), squeeze=False, **options)
     return figure, axes
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from sdp_vs_penalty.estimation.constants import DATA_SHARE
 from sdp_vs_penalty.estimation.determined import DATA, data_share
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import METHODS, Data, Study, sentence
@@ -16,7 +17,6 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Of a parameter's size, or of the mass, for numerical derivatives.
 _STEP = 1e-4
-_UNITS = ("kg", "m", "m", "m", *("kg*m^2",) * 6)
 
 
 def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool]) -> Table:
@@ -83,7 +83,7 @@ def sources(study: Study, data: Data) -> dict[str, str]:
         wide[:, indices] = _gradient(theta[indices])
         names += barycentric_names(link)
         gradients.append(wide)
-    own = data_share(task, np.vstack(gradients)) > 0.5
+    own = data_share(task, np.vstack(gradients)) > DATA_SHARE
     return {name: "data" if seen else "prior" for name, seen in zip(names, own, strict=True)}
 
 
@@ -142,8 +142,9 @@ def _published_rows(
 def _bound_rows(study: Study, chosen: Callable[[str], bool]) -> tuple[list[Column], list[list[Cell]]]:
     """For robots without published parameters."""
     rows: list[list[Cell]] = []
+    units = "kg", "m", "m", "m", *("kg*m^2",) * 6
     for link, box in enumerate(study.problem.box, start=1):
-        for name, (lower, upper), unit in zip(barycentric_names(link), box, _UNITS, strict=True):
+        for name, (lower, upper), unit in zip(barycentric_names(link), box, units, strict=True):
             if chosen(name):
                 rows.append([name, float(lower), float(upper), unit])
     return [Column(name) for name in ("parameter", "lower", "upper", "unit")], rows

@@ -42,8 +42,6 @@ METHODS: Mapping[str, str] = {k.name.replace("-", "_"): k.name for k in _PLACED.
 TRAIN_STOP, TEST_START = 14.0, 14.2
 #: Folds by phase in which it is judged on motion that an estimate has not seen.
 FOLDS = 5
-#: Configurations of the black box where the authors' file is absent: as many as theirs.
-_CONFIGURATIONS = 1010
 
 
 @dataclass(frozen=True)
@@ -265,7 +263,8 @@ class Study:
         """The true links' answers, and whether at the authors' configurations."""
         x, file = self.experiment, real_file(self.problem.name, "good_configurations_1010.txt")
         if file is None:
-            q = self.problem.robot.random_configurations(_CONFIGURATIONS, self.seed)
+            # Configurations of the black box where the authors' file is absent: as many as theirs.
+            q = self.problem.robot.random_configurations(1010, self.seed)
         else:
             q = load_configurations(file, self.problem.robot.n)
         return BlackBox.of_links(self.problem.robot, x.links, q), file is not None

@@ -24,8 +24,6 @@ NAME = "I"
 PROBLEMS = ("panda",)
 
 _UNITS = ("N*m", "s/rad", "rad/s")
-#: Simulated runs with different noise from which the coverage of the intervals is counted.
-_REPLICATES = {"quick": 4, "paper": 40}
 _LINEAR = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
 
@@ -86,7 +84,8 @@ def _exact(study: Study) -> SigmoidFit:
 
 
 def _replicates(study: Study) -> list[SigmoidFit]:
-    fits, count = [], _REPLICATES[study.budget]
+    # Simulated runs with different noise from which the coverage of the intervals is counted.
+    fits, count = [], {"quick": 4, "paper": 40}[study.budget]
     for k in range(count):
         study.progress(f"sigmoid friction: simulated run {k + 1} of {count}")
         run = study.simulated.train if k == 0 else study.experiment.training_run(study.seed + k)

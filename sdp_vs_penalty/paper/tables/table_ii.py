@@ -16,8 +16,6 @@ from sdp_vs_penalty.robot.trajectory import FourierTrajectory
 NAME = "II"
 PROBLEMS = ("panda",)
 
-_ITERATIONS = {"quick": 25, "paper": 150}
-
 
 def build(study: Study) -> Table:
     """Rows: coefficients and condition numbers of the published and of optimised trajectories."""
@@ -68,7 +66,7 @@ def optimised(study: Study) -> dict[str, Excitation]:
             problem,
             limits=limit,
             start=paper,
-            iterations=_ITERATIONS[study.budget],
+            iterations={"quick": 25, "paper": 150}[study.budget],
             progress=study.progress,
         )
         for name, limit in limits.items()

@@ -30,8 +30,6 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.extremes import Slice
 
-#: A retrieval counts as reproducing the torques below this error relative to the largest symbol.
-REPRODUCED = 1e-8
 #: Where the search for a parameter without bounds starts: within so many metres or kg m^2 of zero.
 _OPEN_START = 1.0
 
@@ -86,7 +84,9 @@ def unfeasible_retrievals(problem: Problem, pi: Array, count: int, boxed: bool) 
     found = 0
     for k in range(20 * count):
         retrieval = relaxed_retrieval(problem, pi, k, boxed)
-        if retrieval.error > REPRODUCED or inertia.consistency_margin(retrieval.links).min() >= 0.0:
+        # A retrieval counts as reproducing the torques below this error relative to the largest
+        # symbol.
+        if retrieval.error > 1e-8 or inertia.consistency_margin(retrieval.links).min() >= 0.0:
             continue
         yield retrieval
         found += 1
@@ -94,13 +94,8 @@ def unfeasible_retrievals(problem: Problem, pi: Array, count: int, boxed: bool) 
             return
 
 
-#: Instants of the intervals, and relaxed retrievals of each kind.
-INSTANTS = {"quick": 81, "paper": 201}
-RETRIEVALS = {"quick": 10, "paper": 50}
 #: Starts of the penalty method whose wrenches are compared: as many as the paper's runs.
 PENALTY_RUNS = 10
-#: How far towards the boundary such a start lies, from the interior point.
-_TOWARDS = 0.9
 
 
 @dataclass(frozen=True)
@@ -128,7 +123,8 @@ class WrenchStudy:
 @lru_cache(maxsize=4)
 def wrench_study(study: Study) -> WrenchStudy:
     problem, x = study.problem, study.experiment
-    t = np.linspace(0.0, x.trajectory.duration, INSTANTS[study.budget] + 2)[1:-1]
+    # Instants of the intervals, and relaxed retrievals of each kind.
+    t = np.linspace(0.0, x.trajectory.duration, {"quick": 81, "paper": 201}[study.budget] + 2)[1:-1]
     states = x.trajectory.states(t)
     model = problem.model("rigid_body")
     feasible = equal_torques(
@@ -136,7 +132,7 @@ def wrench_study(study: Study) -> WrenchStudy:
     )
     intervals = wrench_intervals(problem.robot, feasible, t, *states, progress=study.progress)
     pi = study.base @ x.links.ravel()
-    count = RETRIEVALS[study.budget]
+    count = {"quick": 10, "paper": 50}[study.budget]
     study.progress("relaxed retrievals")
     estimates = {"published p_hat": published_links(problem, "p_hat")}
     for name, method in METHODS.items():
@@ -168,6 +164,7 @@ def penalty_links(study: Study) -> list[Array]:
     for k in range(PENALTY_RUNS):
         study.progress(f"penalty run {k + 1} of {PENALTY_RUNS}")
         edge = everywhere.minimum(rng.normal(size=p) / task.bound).theta
-        start = everywhere.interior + _TOWARDS * (edge - everywhere.interior)
+        # How far towards the boundary such a start lies, from the interior point.
+        start = everywhere.interior + 0.9 * (edge - everywhere.interior)
         found.append(estimator.fit(replace(task, nominal=start)).theta[task.links])
     return found

@@ -16,17 +16,18 @@ from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.shootout import regular
+from sdp_vs_penalty.shootout import standard_instances
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.signals.preprocessing import filtered_rows
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers.objective import Objective
 
 Change = Callable[[Instance], Instance]
+GROUP = "ill-conditioned"
 
 
 def _panda(name: str = "", stop: float = 14.0) -> Instance:
-    return regular.simulated(name, "panda", "one-step", "gyration", stop)
+    return standard_instances.simulated(name, "panda", "one-step", "gyration", stop)
 
 
 def _with_data(instance: Instance, data: LeastSquares) -> Instance:
@@ -133,7 +134,7 @@ def raw_rows(name: str) -> Instance:
     return replace(made, formulation="rows", raw=uncompressed)
 
 
-#: One thing that users do, or data do to them, to a regular instance, and how it is told in the library.
+#: One thing that users do, or data do to them, and how it is told in the library.
 CHANGES: dict[str, tuple[Change, str]] = {
     "gram kg m": (gram(1.0, 1.0), "as the bare quadratic form of the Gram matrix"),
     "gram g mm": (gram(1e-3, 1e-3), "as the bare quadratic form, in grams and millimetres"),
@@ -166,9 +167,14 @@ def changed(name: str, change: str, build: Callable[[], Instance]) -> Instance:
 
 
 BUILDERS: dict[str, Callable[[str], Instance]] = {
-    f"hostile {change}": partial(
+    f"{GROUP} {change}": partial(
         changed, change=change, build=partial(_panda, stop=1.0 if change == "rank-deficient" else 14.0)
     )
     for change in CHANGES
-} | {"hostile raw rows": raw_rows}
-QUICK = ("hostile gram g mm", "hostile float32 gram", "hostile infeasible 1e-3", "hostile noise-free")
+} | {f"{GROUP} raw rows": raw_rows}
+QUICK = (
+    "ill-conditioned gram g mm",
+    "ill-conditioned float32 gram",
+    "ill-conditioned infeasible 1e-3",
+    "ill-conditioned noise-free",
+)

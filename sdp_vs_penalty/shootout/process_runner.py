@@ -1,12 +1,12 @@
 """Runs each solver in a process of its own, cheaply: a parent that has imported everything forks.
 
-    python -m sdp_vs_penalty.shootout.nursery
+    python -m sdp_vs_penalty.shootout.process_runner
 
 reads one request a line on standard input (JSON) and answers each with one line on standard output.
 A request names an instance, which is built here and kept, and a contestant; the forked child solves,
 sends its numbers through a pipe and ends. A child that takes too long is killed with all that it
 started, one that asks for too much memory or dies by a signal is told apart; the parent lives on,
-judges the numbers, and answers. Whoever holds the other end of the pipe may die: the nursery ends.
+judges the numbers, and answers. Whoever holds the other end of the pipe may die: it ends.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ import math
 import multiprocessing
 import os
 import resource
+import select
 import signal
 import sys
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, replace
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.shootout.contestant import Contestant, no_answer
-from sdp_vs_penalty.shootout.contestants import contestants
+from sdp_vs_penalty.shootout.contestants import Contestant, contestants
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import instance
-from sdp_vs_penalty.shootout.judge import Judgement, judge
+from sdp_vs_penalty.shootout.judge import Judgement, judge, no_answer
 from sdp_vs_penalty.shootout.reference import Reference, reference
 
 #: Seconds that the proof of a reference may take.
 REFERENCE_LIMIT = 900.0
-_PREPARED: set[str] = set()
 _FORK = multiprocessing.get_context("fork")
 #: By the clock a run may take so many times its limit.
 _PATIENCE = 4.0
@@ -49,18 +49,40 @@ def main() -> None:
     silence = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silence, 1)
     os.dup2(silence, 2)
-    everyone = contestants()
+    threading.Thread(target=_end_with_asker, args=(sys.stdin.fileno(),), daemon=True).start()
+    everyone, warm = contestants(), set()
     for line in _lines(sys.stdin.fileno()):
         request = json.loads(line)
         try:
             if request["do"] == "reference":
                 reply = _reference(request)
             else:
-                reply = _run(request, everyone[request["solver"]])
+                contestant = everyone[request["solver"]]
+                if contestant.name not in warm:  # what a first use pays for, before children are forked
+                    warm.add(contestant.name)
+                    contestant.warm_up()
+                reply = _run(request, contestant)
         except Exception as error:  # an answer must come: the other side waits for it
             reply = {"error": f"{type(error).__name__}: {error}"}
         answers.write(json.dumps(reply) + "\n")
         answers.flush()
+
+
+def _end_with_asker(handle: int) -> None:
+    """End this process and its children, whatever they do, when nobody writes to the pipe any more."""
+    asker = select.poll()
+    asker.register(handle, 0)  # a hang-up alone: requests are read elsewhere
+    asker.poll()
+    for child in multiprocessing.active_children():
+        _kill(child)
+    os._exit(0)
+
+
+def _kill(child: Any) -> None:
+    """A child with whatever it has started."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, signal.SIGKILL)
+    child.kill()
 
 
 def _lines(handle: int) -> Any:
@@ -90,7 +112,7 @@ def _checked(request: dict[str, Any]) -> Instance:
 def _reference(request: dict[str, Any]) -> dict[str, Any]:
     made = _checked(request)
     _prepare(made)
-    kind, payload, _ = in_child(lambda: reference(made), REFERENCE_LIMIT, request["memory"], [0])
+    kind, payload, _ = in_child(lambda: reference(made), REFERENCE_LIMIT, request["memory"])
     if kind != "ended":
         found = asdict(Reference("unknown", -np.inf, np.inf, 1.0))
         return {"hash": made.hash, "reference": found, "remark": f"{kind} {payload}".strip()}
@@ -106,13 +128,10 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
     made = _checked(request)
     _prepare(made)
     _ = made.sdp if made.sent is not None else None
-    if contestant.name not in _PREPARED:  # what a first use pays for, before its children are forked
-        _PREPARED.add(contestant.name)
-        contestant.warm_up()
     known = Reference(**request["reference"])
     asked = float(request["accuracy"])
     kind, payload, seconds = in_child(
-        lambda: contestant.solve(made, asked), request["time_limit"], request["memory"], [0]
+        lambda: contestant.solve(made, asked), request["time_limit"], request["memory"]
     )
     if kind == "ended":
         answer = payload
@@ -138,31 +157,24 @@ def _verdict(verdict: Judgement, known: Reference) -> dict[str, Any]:
     return row
 
 
-def in_child(
-    work: Callable[[], Any], limit: float, memory: float, watch: Sequence[int] = ()
-) -> tuple[str, Any, float]:
+def in_child(work: Callable[[], Any], limit: float, memory: float) -> tuple[str, Any, float]:
     """Fork and work: ("ended", result, seconds), or "failed", "timeout" or "crash" with words.
 
     limit : seconds of processor time, and ``_PATIENCE`` times as many by the clock, because machines are
-    shared; memory : GB beyond what the parent already has; watch : file descriptors at whose end nobody
-    waits for the answer any more: child and parent then end.
+    shared; memory : GB beyond what the parent already has.
     """
     reader, writer = _FORK.Pipe(duplex=False)
     start = time.monotonic()
     child = _FORK.Process(target=_child, args=(work, writer, limit, memory))
     child.start()
     writer.close()
-    ready = wait([reader, *watch], _PATIENCE * limit)
+    ready = reader.poll(_PATIENCE * limit)
     told = None
-    if reader in ready:
+    if ready:
         with contextlib.suppress(EOFError):  # it has died
             told = reader.recv()
     else:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(child.pid or 0, signal.SIGKILL)
-        child.kill()
-        if ready:  # standard input: requests come one at a time, so this is its end
-            os._exit(0)
+        _kill(child)
     child.join()
     reader.close()
     seconds = time.monotonic() - start

@@ -1,0 +1,132 @@
+"""What the verbs do beyond their functions: `check` first (Python's ``check=False`` leaves it out), and
+a misspelt keyword is named."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import inspect
+import warnings
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from sdp_vs_penalty import show
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.diagnosis.findings import Diagnosis
+    from sdp_vs_penalty.estimation.estimate import Estimate
+    from sdp_vs_penalty.problem.problem import Problem
+
+    identify: Callable[..., Estimate]
+    diagnose: Callable[..., Diagnosis]
+
+_DOC = """
+    check : whether the fast part of :func:`~sdp_vs_penalty.checks.check` runs on the measurements first:
+        its errors raise InputError, its warnings are issued as UserWarning.
+    """
+
+
+def refuse_meaningless(
+    problem: Problem,
+    measurements: Measurements,
+    verb: str = "identify",
+    otherwise: str = "pass check=False to",
+    gains: bool = False,
+) -> list[str]:
+    """The warnings of the fast part of the check, a sentence each.
+
+    otherwise : how to do ``verb`` all the same, in words; gains : whether its work determines the
+    torque channels' gains, so that the check need not.
+    Raises InputError where that work would be meaningless.
+    """
+    from sdp_vs_penalty.checks import check
+
+    if not measurements.torque_logged:
+        return []
+    reports = check(problem, measurements, thorough=False)
+    found = [(r.run, f) for r in reports for f in r.problems if not (gains and f.kind == "torque gain")]
+    errors = [(run, f) for run, f in found if f.severity == "error"]
+    if errors:
+        run, f = errors[0]
+        more = f"; {show.count(len(errors) - 1, 'more error')}" if len(errors) > 1 else ""
+        raise InputError(
+            f"{f.what.rstrip('.')}: {f.remedy}{more} (details: `check`)",
+            f"fix the data (`check --fix`), or {otherwise} {verb} anyway",
+            run,
+        )
+    return [f"{f.severity}: {run}: {f.what} (details: `check`)" for run, f in found]
+
+
+def consented(estimate: Estimate, measurements: Measurements) -> bool:
+    """Whether a model was identified from the same runs without the check."""
+    same = estimate.provenance["data_hash"] == measurements.data_hash
+    return same and estimate.provenance.get("checked") is False
+
+
+def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """`identify` or `diagnose` with one more argument, ``check``."""
+    from sdp_vs_penalty.data.sources import as_measurements
+    from sdp_vs_penalty.estimation.pose import readable
+    from sdp_vs_penalty.estimation.sources import as_estimate
+    from sdp_vs_penalty.problem.load import as_problem
+
+    @functools.wraps(verb)
+    def checked(first: Any, measurements: Any, *more: Any, check: bool = True, **settings: Any) -> Any:
+        name = verb.__name__
+        if name == "identify":
+            first = problem = as_problem(first, "identify(problem=...)")
+            measurements = readable(problem, measurements, "identify(measurements=...)")
+            ask = check and isinstance(measurements, Measurements)
+        else:
+            first = as_estimate(first, "diagnose(estimate=...)")
+            problem, names = first.problem, first.robot.joint_names
+            measurements = as_measurements(measurements, names=names, what="diagnose(measurements=...)")
+            first.require_joints(measurements, "measurements")
+            ask = check and not consented(first, measurements)
+        if ask:
+            gains = bool(settings.get("known_loads"))
+            for text in refuse_meaningless(problem, measurements, name, gains=gains):
+                warnings.warn(text, stacklevel=2)
+        made = verb(first, measurements, *more, **settings)
+        if name == "identify":
+            made.provenance["checked"] = check
+        return made
+
+    given = inspect.signature(verb)
+    asked = inspect.Parameter("check", inspect.Parameter.KEYWORD_ONLY, default=True, annotation="bool")
+    checked.__signature__ = given.replace(parameters=[*given.parameters.values(), asked])  # type: ignore[attr-defined]
+    checked.__doc__ = f"{(verb.__doc__ or '').rstrip()}{_DOC}"
+    return checked
+
+
+class _Shown:
+    """A default value as help() shows it: by its name, not its address."""
+
+    def __init__(self, value: Any) -> None:
+        self.name = getattr(value, "__name__", type(value).__name__)
+
+    def __repr__(self) -> str:
+        return str(self.name)
+
+
+def with_suggestions(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function, whose TypeError for an unknown keyword names the nearest one, and whose
+    signature shows defaults by their names."""
+    known = inspect.signature(verb)
+
+    @functools.wraps(verb)
+    def call(*given: Any, **named: Any) -> Any:
+        for word in named.keys() - known.parameters.keys():
+            near = difflib.get_close_matches(word, known.parameters, 1, 0.5)
+            there = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known.parameters)}"
+            raise TypeError(f"{verb.__name__}() has no argument {word!r}: {there}")
+        return verb(*given, **named)
+
+    shown = (
+        p.replace(default=_Shown(p.default)) if " at 0x" in repr(p.default) else p
+        for p in known.parameters.values()
+    )
+    call.__signature__ = known.replace(parameters=list(shown))  # type: ignore[attr-defined]
+    return call

@@ -1,0 +1,519 @@
+"""The open shape constants of a model, estimated from measurements by variable projection.
+
+A constant u (the velocity over which Coulomb friction turns round) is no coefficient, but for every u
+the coefficients theta(u) are those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a
+function of the constants alone (Golub, Pereyra, SIAM J. Numerical Analysis 1973), which
+``scipy.optimize.least_squares`` minimises with the Jacobian of Kaufman (BIT 1975). The columns are
+computed on a grid of u once; between its values they are cubic splines of ln u, so that everything is
+small algebra on compressed data. Where these tell a constant more finely than the grid does, columns
+at the value itself follow (:mod:`~sdp_vs_penalty.estimation.joint_shapes`): exact data give exact
+constants.
+
+In-sample, slow noise and what the model lacks look like evidence. So every fold of the motion is left
+out once, all constants are found anew from the rest, and the fold is predicted with a constant as found
+there and as the model has it. With r what the former leaves of the torque and d the difference of the
+two predictions, sum_k |d_k|^2 + 2 r_k'd_k is what it takes from the squared error of all folds k. A
+constant is confirmed where that exceeds Student's 95 % quantile times its own deviation: the larger of
+sqrt(sum_k (2 r_k'd_k)^2), which holds for noise of any colour, and what white noise would make of it.
+Else the model's own value stays: the simpler model unless another is significantly better (Breiman et
+al., Classification and Regression Trees, 1984, sec. 3.4.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, lru_cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+from scipy.special import stdtrit
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS, SHAPE_GAIN, TOLD_FINELY
+from sdp_vs_penalty.estimation.joint_shapes import settled
+from sdp_vs_penalty.estimators.task import joint_weights
+from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.regression.partial import partialled, visible
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress_cells, triangular
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+#: Which rows take part: of a run's number and instants (N,), (N,) true or false.
+Chosen = Callable[[int, Array], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class ShapeEstimate:
+    """A shape constant as estimated: ``before`` is what the model had; std : its standard deviation,
+    from the curvature of the squared error; gain : what the change takes from that error, in units of
+    its variance; at_end : it lies at the end of the range in which it was looked for."""
+
+    effect: str
+    joint: int
+    shape: str
+    before: float
+    after: float
+    std: float
+    gain: float
+    at_end: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """joint counts from 1; std is null where the data do not bound the constant on both sides."""
+        std = self.std if np.isfinite(self.std) else None
+        return {**asdict(self), "joint": self.joint + 1, "std": std}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> ShapeEstimate:
+        """What :meth:`to_dict` wrote."""
+        before, after, gain = (float(data[key]) for key in ("before", "after", "gain"))
+        std = np.inf if data["std"] is None else float(data["std"])
+        effect, joint, shape = str(data["effect"]), int(data["joint"]) - 1, str(data["shape"])
+        return cls(effect, joint, shape, before, after, std, gain, bool(data["at_end"]))
+
+
+def open_shapes(effects: Sequence[Effect]) -> list[tuple[Effect, int, str]]:
+    """The constants that `identify` estimates: of their kind and not given, joint by joint."""
+    return [
+        (effect, joint, key)
+        for effect in effects
+        for key, shape in effect.shapes.items()
+        if shape.role == "estimated" and key not in effect.given
+        for joint in effect.joints
+    ]
+
+
+def estimate_shapes(
+    model: Model,
+    measurements: Measurements,
+    settings: Preprocessing,
+    weighting: str,
+    chosen: Chosen | None = None,
+    workers: Workers = ALONE,
+) -> list[ShapeEstimate]:
+    """The open shape constants of a model, each at its best value if that explains significantly more
+    than the one the model has, of motion left out as well, else at that.
+
+    settings : resolved; weighting : of the joints' rows, "noise" or "none"; chosen : the rows that take
+    part, default all; workers : who compresses the runs.
+    """
+    wanted = open_shapes(model.effects)
+    if not wanted:
+        return []
+    model = model.reference_free
+
+    def compressed(part: Model, count: int = 1) -> Regression:
+        return _compressed(part, measurements, settings, count, chosen, workers)
+
+    wide, base, banks = _with_banks(model, wanted)
+    folds = compressed(wide, SHAPE_FOLDS)
+    weights = np.ones(model.robot.n)
+    if weighting == "noise":
+        whole = folds.least_squares()
+        theta = np.linalg.lstsq(whole.R, whole.rho, rcond=1e-10)[0]
+        weights = joint_weights(folds, theta)
+    profile = _Profile.of(folds, weights, base, banks)
+    found = _confirmed(profile, profile.estimates(), folds, weights)
+    fine = {
+        (s.effect, s.joint, s.shape)
+        for s in found
+        if s.after != s.before and not s.at_end and s.std < TOLD_FINELY * s.after
+    }
+    if not fine:
+        return found
+    near = replace(model, effects=with_shapes(model.effects, found))
+    best = settled(near, fine, compressed, weighting).model
+    return [
+        replace(s, after=value)
+        for s in found
+        for e in best.effects
+        if e.name == s.effect and s.joint in e.joints
+        for value in (e.shape[s.shape],)
+    ]
+
+
+class _SomeRows:
+    """Cells of which the last one holds the rows that take no part."""
+
+    def __init__(self, folds: PhaseFolds, chosen: Chosen | None) -> None:
+        self.folds, self.chosen = folds, chosen
+        self.places = [(0, 0.0, 0.0)] * (folds.count + 1)
+
+    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
+        fold = self.folds.fold(run, t) if self.folds.count > 1 else np.zeros(len(t), np.intp)
+        return fold if self.chosen is None else np.where(self.chosen(run, t), fold, self.folds.count)
+
+
+def _compressed(
+    model: Model,
+    measurements: Measurements,
+    settings: Preprocessing,
+    count: int,
+    chosen: Chosen | None,
+    workers: Workers,
+) -> Regression:
+    """The chosen rows in the columns of a model, a block a fold of the motion that has some."""
+    clocks = motion_clocks(tracks_of(measurements)) if count > 1 else ()
+    cells = _SomeRows(PhaseFolds(clocks, count), chosen)
+    one = partial(_run_compressed, model=model, settings=settings, cells=cells)
+    runs = workers.map(one, list(enumerate(measurements.runs())))
+    factors = [f for run in runs for f in run.factors if f.block < count]
+    rows = [sum(f.rows for f in run.factors if f.joint == 0) for run in runs]
+    samples = sum(n / run.oversampling for n, run in zip(rows, runs, strict=True))
+    found = replace(runs[0], factors=tuple(factors), oversampling=sum(rows) / samples)
+    return found.select(sorted({f.block for f in factors}))
+
+
+def _run_compressed(
+    numbered: tuple[int, Measurements], model: Model, settings: Preprocessing, cells: _SomeRows
+) -> Regression:
+    index, run = numbered
+    return compress_cells(run, model, settings, _OneRun(cells, index))
+
+
+@dataclass(frozen=True)
+class _OneRun:
+    """The cells of one of several runs, given alone."""
+
+    cells: _SomeRows
+    index: int
+
+    @property
+    def places(self) -> list[tuple[int, float, float]]:
+        return self.cells.places
+
+    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
+        return self.cells.cell(self.index, t)
+
+
+@dataclass(frozen=True)
+class _Bank:
+    """One shape constant of one effect on one joint: the value that the model has, the values (K,) whose
+    columns are known, where these (K, k) stand among all others, and the ends of its range."""
+
+    effect: Effect
+    joint: int
+    key: str
+    now: float
+    values: Array
+    columns: NDArray[np.intp]
+    ends: tuple[float, float]
+
+    @cached_property
+    def weights(self) -> Any:
+        """From ln u to weights (K,) of the columns that are known."""
+        from scipy.interpolate import CubicSpline
+
+        return CubicSpline(np.log(self.values), np.eye(len(self.values)))
+
+    @property
+    def start(self) -> float:
+        """ln u of the value that the model has, or of the nearest that is known."""
+        return float(np.log(np.clip(self.now, self.values[0], self.values[-1])))
+
+
+def _with_banks(
+    model: Model, wanted: Sequence[tuple[Effect, int, str]]
+) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
+    """The model with the columns of each open constant at all values of its grid, where all other
+    columns stand, and where those of the grids do."""
+    own = [effect for effect, _, _ in wanted]
+    fixed = [e for e in model.effects if not any(e is effect for effect in own)]
+    first = sum(len(e.parameters) for e in fixed)
+    base, banks, parts = np.arange(first), list[_Bank](), list[_Grid]()
+    for effect, joint, key in wanted:
+        grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
+        now = effect.shape[key]
+        values = _with(now, grid)
+        part = _Grid([alone(effect, joint, **{key: float(value)}) for value in values])
+        columns = first + np.arange(len(part.parameters)).reshape(len(values), -1)
+        first += len(part.parameters)
+        parts.append(part)
+        banks.append(_Bank(alone(effect, joint), joint, key, now, values, columns, (grid[0], grid[-1])))
+    return Model(model.robot, (*fixed, *parts), gains=model.gains, known=model.known), base, banks
+
+
+def _with(value: float, grid: Sequence[float]) -> Array:
+    """The grid with one more value, where the columns are then exact as well, in place of those within
+    a tenth of it."""
+    if not grid[0] <= value <= grid[-1]:
+        return np.array(grid)
+    kept = [g for g in grid if g in (grid[0], grid[-1]) or abs(np.log(g / value)) > 0.1]
+    return np.array(sorted({*kept, value}))
+
+
+class _Grid(Effect):
+    """An effect on one joint with several values of one shape constant, as columns of a regression."""
+
+    name = "shape_grid"
+    equation = explanation = reference = ""
+
+    def __init__(self, effects: Sequence[Effect]) -> None:
+        super().__init__(effects[0].robot, effects[0].joints)
+        self.effects = effects
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        return tuple(
+            Parameter(f"{p.name}_{m}", p.unit, self.name, p.joint)
+            for m, effect in enumerate(self.effects)
+            for p in effect.parameters
+        )
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        out, first = [], 0
+        for effect in self.effects:
+            out += [Block(b.joint, b.parameters + first, b.columns) for b in effect.blocks(motion)]
+            first += len(effect.parameters)
+        return out
+
+
+@dataclass(frozen=True)
+class _Profile:
+    """What least squares in all other columns leave of the banks' (r, P) and of the torque (r,).
+
+    variance : of a row times how often rows repeat each other; base (b,), pool (P,) : where the other
+    columns and the banks' stand in the data; explained (b, P + 1) : coefficients of the former in the
+    latter."""
+
+    columns: Array
+    torque: Array
+    banks: list[_Bank]
+    variance: float
+    base: NDArray[np.intp]
+    pool: NDArray[np.intp]
+    explained: Array
+
+    @classmethod
+    def of(
+        cls, folds: Regression, weights: Array, base: NDArray[np.intp], banks: list[_Bank]
+    ) -> _Profile:
+        """Of all blocks; base : where the other columns stand."""
+        data = folds.least_squares(weights)
+        pool = np.concatenate([bank.columns.ravel() for bank in banks])
+        both = np.column_stack([data.R[:, pool], data.rho])
+        shown, V = visible(data.R[:, base])
+        explained = V @ (shown.T @ both)
+        left = triangular([both - shown @ (shown.T @ both)])
+        U, _ = visible(left[:, :-1])
+        error = float(np.sum(partialled(left[:, :-1], left[:, -1]) ** 2)) + data.residual_norm**2
+        # Exact data have no variance; their constants still have a best value.
+        error = max(error, 1e-12 * data.tau_squared, 1e-300)
+        free = max(data.rows - folds.oversampling * (U.shape[1] + shown.shape[1]), 1.0)
+        variance = folds.oversampling * error / free
+        return cls(left[:, :-1], left[:, -1], banks, variance, base, pool, explained)
+
+    @cached_property
+    def now(self) -> Array:
+        """(B,) ln u as the model has them."""
+        return np.array([bank.start for bank in self.banks])
+
+    def at(self, u: Array) -> tuple[Array, Array, Array]:
+        """What is left of the torque (r,) at constants ln u (B,), its slopes (r, B), and the
+        coefficients (M,). Columns of an effect that would push instead of brake are left out."""
+        A, D, _ = self._columns(u)
+        used, theta = np.ones(A.shape[1], bool), np.zeros(A.shape[1])
+        while True:
+            U, V = visible(A[:, used])
+            theta[used], theta[~used] = V @ (U.T @ self.torque), 0.0
+            pushes = self._brakes & (theta < 0.0)
+            if not pushes.any():
+                break
+            used &= ~pushes
+        slopes = np.add.reduceat(D * theta, self._first, axis=1)
+        return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes, theta
+
+    def _columns(self, u: Array) -> tuple[Array, Array, Array]:
+        """(r, M) columns at constants ln u (B,), their derivatives, and (P, M) what they are made of."""
+        C, D = (np.zeros((self.columns.shape[1], len(self._brakes))) for _ in range(2))
+        row = column = 0
+        for bank, x in zip(self.banks, u, strict=True):
+            k = bank.columns.shape[1]
+            for c in range(column, column + k):
+                C[row + c - column : row + bank.columns.size : k, c] = bank.weights(x)
+                D[row + c - column : row + bank.columns.size : k, c] = bank.weights(x, 1)
+            row, column = row + bank.columns.size, column + k
+        return self.columns @ C, self.columns @ D, C
+
+    @cached_property
+    def _first(self) -> NDArray[np.intp]:
+        """Of each bank the first of its columns."""
+        return np.cumsum([0, *self._sizes[:-1]])
+
+    @cached_property
+    def _sizes(self) -> list[int]:
+        """Of each bank how many columns there are at one value."""
+        return [bank.columns.shape[1] for bank in self.banks]
+
+    @cached_property
+    def _brakes(self) -> NDArray[np.bool_]:
+        """(M,) columns whose coefficients are not negative."""
+        return np.concatenate([[p.lower == 0.0 for p in b.effect.parameters] for b in self.banks])
+
+    def loss(self, u: Array) -> float:
+        """Squared error at constants ln u (B,)."""
+        return float(np.sum(self.at(u)[0] ** 2))
+
+    def from_grid(self) -> Array:
+        """(B,) ln u, each in turn at the value of its grid that leaves least."""
+        u, owner = self.now.copy(), np.repeat(np.arange(len(self.banks)), self._sizes)
+        ends = np.cumsum([bank.columns.size for bank in self.banks])
+        for _ in range(2):
+            for k, (bank, stop) in enumerate(zip(self.banks, ends, strict=True)):
+                own, others = slice(stop - bank.columns.size, stop), owner != k
+                A = np.column_stack([self.columns[:, own], self.torque])
+                left = partialled(self._columns(u)[0][:, others], A)
+                each, brakes = left[:, :-1].reshape(-1, *bank.columns.shape), self._brakes[~others]
+                gram = np.einsum("rKa,rKb->Kab", each, each)
+                pull = np.einsum("rKa,r->Ka", each, left[:, -1])
+                theta = np.einsum("Kab,Kb->Ka", np.linalg.pinv(gram, hermitian=True), pull)
+                taken = np.sum(np.where(brakes & (theta < 0.0), 0.0, theta * pull), axis=1)
+                u[k] = np.log(bank.values[int(np.argmax(taken))])
+        return u
+
+    def best(self, start: Array, free: NDArray[np.intp]) -> Array:
+        """(B,) ln u with the least squared error, of which only those of the ``free`` banks move."""
+        if not len(free):
+            return start
+
+        def all_of(x: Array) -> Array:
+            out = start.copy()
+            out[free] = x
+            return out
+
+        low, high = np.log([[self.banks[k].values[0], self.banks[k].values[-1]] for k in free]).T
+        at = lru_cache(maxsize=1)(lambda x: self.at(all_of(np.frombuffer(x))))
+        found = optimize.least_squares(
+            lambda x: at(x.tobytes())[0],
+            np.clip(start[free], low + 1e-6, high - 1e-6),
+            lambda x: at(x.tobytes())[1][:, free],
+            bounds=(low, high),
+            xtol=1e-4,
+            ftol=1e-6,
+            max_nfev=50,
+        )
+        return all_of(found.x)
+
+    def estimates(self) -> list[ShapeEstimate]:
+        """The constants that together explain most; one that the data do not tell stays what it is."""
+        every = np.arange(len(self.banks))
+        u = self.best(self.from_grid(), every)
+        moves = self._gains(u) > SHAPE_GAIN
+        u = self.best(np.where(moves, u, self.now), np.flatnonzero(moves))
+        gains = self._gains(u)
+        moves &= gains > SHAPE_GAIN
+        u = np.where(moves, u, self.now)
+        slopes = self.at(u)[1]
+        out = []
+        for k, bank in enumerate(self.banks):
+            low, high = np.log(bank.ends)
+            own = float(np.linalg.norm(partialled(np.delete(slopes, k, axis=1), slopes[:, k])))
+            std = np.sqrt(self.variance) / own if own > 0.0 else np.inf
+            # As many digits as a written effect has.
+            after = float(f"{np.exp(u[k]):.6g}") if moves[k] else bank.now
+            near = AT_END * (high - low)
+            out.append(
+                ShapeEstimate(
+                    bank.effect.name,
+                    bank.joint,
+                    bank.key,
+                    bank.now,
+                    after,
+                    # Wider than the range itself: not bounded by the data.
+                    after * std if std < (high - low) / np.sqrt(12.0) else np.inf,
+                    float(gains[k]) if moves[k] else 0.0,
+                    bool(moves[k] and not low + near <= u[k] <= high - near),
+                )
+            )
+        return out
+
+    def _gains(self, u: Array) -> Array:
+        """(B,) what each constant takes from the squared error beside the others, in variances."""
+        least = self.loss(u)
+        each = np.where(np.eye(len(u), dtype=bool), self.now, u)
+        return np.array([self.loss(other) - least for other in each]) / self.variance
+
+    def errors(self, data: LeastSquares, u: Array) -> Array:
+        """(r,) what this profile's parameters at constants ln u (B,) leave of other data's torque."""
+        _, _, theta = self.at(u)
+        both = np.append(self._columns(u)[2] @ theta, -1.0)
+        both = (
+            data.R[:, self.pool] @ both[:-1] - data.rho - data.R[:, self.base] @ (self.explained @ both)
+        )
+        return np.asarray(-both)
+
+
+def _confirmed(
+    profile: _Profile, found: list[ShapeEstimate], folds: Regression, weights: Array
+) -> list[ShapeEstimate]:
+    """What was found, where folds that are left out confirm it; elsewhere as it was."""
+    moved = np.array([k for k, s in enumerate(found) if s.after != s.before], int)
+    count = len(folds.blocks)
+    if not len(moved) or count < 2:
+        return found
+    u, now, base, banks = np.log([s.after for s in found]), profile.now, profile.base, profile.banks
+    gains, changes = np.zeros((2, len(moved), count))
+    for b in range(count):
+        rest = folds.select([k for k in range(count) if k != b])
+        tested, own = folds.select([b]).least_squares(weights), _Profile.of(rest, weights, base, banks)
+        there = own.best(np.where(np.isin(np.arange(len(u)), moved), u, now), moved)
+        plain = own.errors(tested, now)
+        for m, k in enumerate(moved):
+            one = own.errors(tested, np.where(np.arange(len(u)) == k, there, now))
+            gains[m, b], changes[m, b] = plain @ plain - one @ one, np.sum((one - plain) ** 2)
+    out = list(found)
+    for m, k in enumerate(moved):
+        white = 4.0 * profile.variance * changes[m].sum()
+        noise = np.sqrt(max(np.sum((gains[m] - changes[m]) ** 2), white))
+        if not gains[m].sum() > stdtrit(count - 1, 0.975) * noise:
+            out[k] = replace(out[k], after=out[k].before, std=np.inf, gain=0.0, at_end=False)
+    return out
+
+
+def alone(effect: Effect, joint: int, **shape: float) -> Effect:
+    """The effect on one of its joints, with some shape constants changed."""
+    return type(effect)(effect.robot, [joint], **{**effect.shape, **shape})
+
+
+def with_shapes(effects: Sequence[Effect], found: Sequence[ShapeEstimate]) -> tuple[Effect, ...]:
+    """The effects with estimated constants: those that were estimated stand alone, a joint each, in
+    the same order, so that the parameters keep their places."""
+    values = {(s.effect, s.joint, s.shape): s.after for s in found}
+    out: list[Effect] = []
+    for effect in effects:
+        keys = [(j, k) for j in effect.joints for k in effect.shapes if (effect.name, j, k) in values]
+        if not keys:
+            out.append(effect)
+            continue
+        for joint in effect.joints:
+            own = {k: values[effect.name, j, k] for j, k in keys if j == joint}
+            out.append(alone(effect, joint, **own))
+    return tuple(out)
+
+
+def asked_effects(effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]) -> list[str]:
+    """How effects are written so that `identify` estimates again what it has estimated: ``shapes`` as
+    an estimate's details hold them."""
+    estimated = {(s["effect"], s["joint"] - 1) for s in shapes}
+    joints: dict[str, list[int]] = {}
+    out: list[str] = []
+    for effect in effects:
+        if not all((effect.name, j) in estimated for j in effect.joints):
+            out.append(effect.text)
+        elif effect.name in joints:
+            joints[effect.name] += effect.joints
+        else:
+            joints[effect.name] = list(effect.joints)
+            out.append(effect.name)
+    every = effects[0].robot.n if effects else 0
+    return [
+        f"{name}:{'+'.join(str(j + 1) for j in joints[name])}"
+        if name in joints and len(joints[name]) < every
+        else name
+        for name in out
+    ]
