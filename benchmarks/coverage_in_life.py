@@ -1,6 +1,6 @@
 """How often 95 % intervals hold the truth where everything varies that varies in life.
 
-    python benchmarks/coverage_in_life.py [--draws 150] [--seed 0] [--out results/coverage_in_life.md]
+    python benchmarks/coverage_in_life.py [--draws 160] [--seed 0] [--out results/coverage_in_life.md]
 
 Each draw has a robot of its own (2 to 4 joints), links that are not the prior's centre, friction, a
 random trajectory of 14 s, torque noise (white or slow, 0.5 to 5 %), and an encoder (quantised, white
@@ -121,7 +121,7 @@ def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--draws", type=int, default=150, help="of each situation")
+    parser.add_argument("--draws", type=int, default=160, help="of each situation")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--minutes", type=float, default=60.0, help="begin no draw after so many")
     parser.add_argument("--out", type=Path, default=Path("results/coverage_in_life.md"))
@@ -144,7 +144,12 @@ def main() -> None:
             )
     head = (__doc__ or "").split("\n\n")
     text = ["# Coverage of 95 % intervals, in life", "", *head[2].splitlines(), ""]
-    text += [f"    python benchmarks/coverage_in_life.py --seed {chosen.seed}", "", *lines, ""]
+    text += [
+        f"    python benchmarks/coverage_in_life.py --draws {chosen.draws} --seed {chosen.seed}",
+        "",
+        *lines,
+        "",
+    ]
     write_text(chosen.out, "\n".join(text))
     print("\n".join(lines))
 

@@ -104,6 +104,8 @@ class Estimate(Shown):
             f"the data do not determine the mass of link{numbers}, only sums with others; the value "
             f"comes from the {self.sources[first[links[0]]]}"
         )
+        if np.any(self.problem.guessed_links[links]):
+            said += ", drawn to lengths, sizes and torque, not measured: no file states it"
         each = [f"{masses[i]:.3g} kg for {nominal[i]:.3g} (link {i + 1})" for i in far]
         return f"{said}; far from nominal: {show.words(each)}." if far else f"{said}."
 

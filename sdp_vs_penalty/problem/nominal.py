@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sdp_vs_penalty.problem.bodies import GEOMETRY_MARGIN, LAYER
-from sdp_vs_penalty.problem.constants import DEFAULT_DENSITY, DEFAULT_LINEAR_DENSITY
+from sdp_vs_penalty.problem.constants import ACTUATOR, DEFAULT_DENSITY, HOLDING, LARGEST, POWER, TUBE
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
@@ -27,10 +27,10 @@ def plausible_links(
     """Strictly consistent nominal links (n, 10), and where each comes from.
 
     Those given where they are possible ("inertial"); a given mass whose moments are not keeps its
-    weight; else the link's geometry filled with :data:`DEFAULT_DENSITY` ("geometry"), else a slender
-    ball of :data:`DEFAULT_LINEAR_DENSITY` times its reach ("kinematics").
+    weight; else the link's geometry filled with :data:`DEFAULT_DENSITY` ("geometry"), else a tube with
+    half of each actuator at its ends ("kinematics"). The last two are drawn, not measured.
     """
-    out, sources = np.array(given, float), []
+    out, sources, actuators = np.array(given, float), [], _actuators(robot)
     for i, reach in enumerate(robot.link_reach()):
         scale = np.array([reach, reach, reach, 1.0])
         scaled = inertia.pseudo_inertia(out[i]) / np.outer(scale, scale)
@@ -39,30 +39,58 @@ def plausible_links(
             sources.append("inertial")
             continue
         body = None if bodies is None else bodies[i]
-        if body is not None and body.source == "geometry":
+        seen = body is not None and body.source == "geometry"
+        if body is not None and seen:
             second = (body.axes * _bare(body) ** 2 / 7.0) @ body.axes.T  # 5 for a ball, 9 for a box
             volume = body.volume
             if volume is None:  # the surface is open
                 volume = 0.5 * (4.0 / 3.0 * np.pi * float(np.prod(_bare(body))))
-            centre, guess = body.centre, DEFAULT_DENSITY * volume
+            drawn = _lump(DEFAULT_DENSITY * volume, body.centre, second)
         else:
-            carrier = robot.link_joints[i]
-            children = [j.placement[:3, 3] for j in robot.tree if j.parent == carrier]
-            middle = np.mean(children, axis=0) / 2.0 if children else np.zeros(3)
-            centre = (np.linalg.inv(robot.tree[carrier].link_frame) @ np.append(middle, 1.0))[:3]
-            second = 0.2 * (0.25 * reach) ** 2 * np.eye(3)
-            guess = DEFAULT_LINEAR_DENSITY * reach
+            drawn = _tube(robot, i, reach, actuators)
         known = bool(0.0 < mass < np.inf)
-        sources.append(
-            "inertial" if known else "geometry" if body and body.source == "geometry" else "kinematics"
-        )
-        mass = mass if known else guess
-        pseudo = np.empty((4, 4))
-        pseudo[:3, :3] = mass * (second + np.outer(centre, centre))
-        pseudo[:3, 3] = pseudo[3, :3] = mass * centre
-        pseudo[3, 3] = mass
-        out[i] = inertia.from_pseudo_inertia(pseudo)
+        sources.append("inertial" if known else "geometry" if seen else "kinematics")
+        out[i] = inertia.from_pseudo_inertia(drawn * (mass / drawn[3, 3] if known else 1.0))
     return out, tuple(sources)
+
+
+def _lump(mass: float, centre: Array, second: Array) -> Array:
+    """(4, 4) pseudo-inertia of a mass [kg] about its centre [m] with second moments per mass [m^2]."""
+    pseudo = np.empty((4, 4))
+    pseudo[:3, :3] = second + np.outer(centre, centre)
+    pseudo[:3, 3] = pseudo[3, :3] = centre
+    pseudo[3, 3] = 1.0
+    return mass * pseudo
+
+
+def _actuators(robot: Robot) -> Array:
+    """Mass of each joint's actuator [kg], from its torque limit, or from the arm that it has to hold
+    where limits are missing or all the same (a placeholder); none for a sliding joint."""
+    beyond = np.zeros(len(robot.tree))
+    reach = dict(zip(robot.link_joints, robot.link_reach(), strict=True))
+    for k in reversed(range(len(robot.tree))):
+        ahead = [beyond[c] for c, joint in enumerate(robot.tree) if joint.parent == k]
+        beyond[k] = reach.get(k, 0.0) + max(ahead, default=0.0)
+    torque, limits = HOLDING * beyond**2, np.array([joint.effort for joint in robot.tree])
+    turning = np.array([joint.kind != "prismatic" for joint in robot.tree])
+    if np.all(np.isfinite(limits[turning])) and len(set(limits[turning].tolist())) > 1:
+        torque = np.where(turning, limits, 0.0)
+    return np.where(turning, ACTUATOR * np.minimum(torque, LARGEST) ** POWER, 0.0)
+
+
+def _tube(robot: Robot, link: int, reach: float, actuators: Array) -> Array:
+    """(4, 4) pseudo-inertia of a tube between a link's joints with half of their actuators."""
+    carrier = robot.link_joints[link]
+    children = [k for k, joint in enumerate(robot.tree) if joint.parent == carrier]
+    places = [np.zeros(3), *(robot.tree[k].placement[:3, 3] for k in children)]
+    into = np.linalg.inv(robot.tree[carrier].link_frame)
+    ends = np.array(places) @ into[:3, :3].T + into[:3, 3]
+    middle = 0.5 * (ends[0] + ends[1:].mean(axis=0)) if children else ends[0]
+    second = 0.2 * (0.25 * reach) ** 2 * np.eye(3)
+    lumps = [_lump(TUBE * reach, middle, second)]
+    for k, end in zip((carrier, *children), ends, strict=True):
+        lumps.append(_lump(0.5 * actuators[k], end, second))
+    return np.sum(lumps, axis=0)
 
 
 def _bare(body: Body) -> Array:

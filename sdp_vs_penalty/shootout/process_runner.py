@@ -32,7 +32,7 @@ import numpy as np
 from sdp_vs_penalty.shootout.contestants import Contestant, contestants
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import instance
-from sdp_vs_penalty.shootout.judge import Judgement, judge, no_answer
+from sdp_vs_penalty.shootout.judge import Answer, Judgement, judge, no_answer
 from sdp_vs_penalty.shootout.reference import Reference, reference
 
 #: Seconds that the proof of a reference may take.
@@ -146,6 +146,24 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
         **{name: getattr(answer, name) for name in told},
         **_verdict(verdict, known),
     }
+
+
+def _timed(contestant: Contestant, made: Instance, asked: float) -> Answer:
+    """The answer, its seconds in processor time: the machine is shared."""
+    clock, used = time.perf_counter(), _processor()
+    answer = contestant.solve(made, asked)
+    share = min(1.0, (_processor() - used) / max(time.perf_counter() - clock, 1e-9))
+    return replace(
+        answer,
+        setup_seconds=share * answer.setup_seconds,
+        solve_seconds=share * answer.solve_seconds,
+    )
+
+
+def _processor() -> float:
+    """Processor time of this process and of the programs that it ran [s]."""
+    own, others = (resource.getrusage(x) for x in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return own.ru_utime + own.ru_stime + others.ru_utime + others.ru_stime
 
 
 def _verdict(verdict: Judgement, known: Reference) -> dict[str, Any]:

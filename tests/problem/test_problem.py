@@ -180,3 +180,24 @@ def test_bounds_by_a_word() -> None:
     for wrong in ("m9=1:2", "m1=5:1", "m1=a:b", "m1", "m1=nan:2", "mass=1:2"):
         with pytest.raises(InputError):
             with_bounds(problem, wrong)
+
+
+@pytest.mark.parametrize("name", ["ur10", "ur5", "panda"])
+def test_an_arm_of_unknown_masses_weighs_about_what_its_maker_says(name: str) -> None:
+    """Reaches [m], torque limits [N m] and the total mass [kg] of the makers' URDFs."""
+    reaches, limits, total = {
+        "ur10": ([0.0, 0.22, 0.612, 0.572, 0.115, 0.115], [330, 330, 150, 54, 54, 54], 28.7),
+        "ur5": ([0.0, 0.136, 0.425, 0.392, 0.093, 0.095], [150, 150, 150, 28, 28, 28], 17.0),
+        "panda": ([0.0, 0.0, 0.316, 0.083, 0.393, 0.0, 0.088], [87] * 4 + [12] * 3, 16.1),
+    }[name]
+    here, out = np.eye(4), np.array([0.0, 1.0, 0.0])
+    joints = []
+    for k, (reach, limit) in enumerate(zip(reaches, limits, strict=True)):
+        place = np.eye(4)
+        place[0, 3] = reach
+        joints.append(Joint(f"j{k}", "revolute", k - 1, place, out, here, effort=float(limit)))
+    for known in (True, False):
+        own = joints if known else [replace(j, effort=500.0) for j in joints]
+        problem = bare(Robot(name, tuple(own)))
+        assert problem.guessed_links.all()
+        assert total / 1.5 < problem.nominal_links[:, 0].sum() < 1.5 * total, known
