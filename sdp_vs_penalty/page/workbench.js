@@ -97,6 +97,7 @@ class Arm {
   load(moves) {
     this.moves = moves;
     this.turned = false;
+    this.tries = 0;
     this.at(0);
     this.settle();
   }
@@ -118,7 +119,10 @@ class Arm {
         last = hidden ? "" : state;
       };
     }
-    for (const later of [300, 1500]) setTimeout(() => this.at(this.time), later); // objects arrive one by one
+    this.at(this.time);
+    const whole = this.moves.groups.every((group) => scene.objects.get(group)?.mesh);
+    if (!whole && this.tries++ < 300) setTimeout(() => this.settle(), 200); // objects arrive one by one
+    else setTimeout(() => this.at(this.time), 1000); // and what hangs on them
   }
   at(time) {
     const { t, poses, errors, groups } = this.moves;
