@@ -161,6 +161,7 @@ def test_a_urdf_with_an_impossible_link_is_named_and_mended(sessions: Sessions, 
     assert all(c.consistent for c in check_urdf(s.folder / "fixed.urdf"))
 
 
+@pytest.mark.slow
 def test_the_story_without_a_browser(
     sessions: Sessions, two_link: Problem, hidden: HiddenRuns, tmp_path: Path
 ) -> None:
@@ -215,6 +216,7 @@ def test_the_story_without_a_browser(
     assert len(s.history) == 1
 
 
+@pytest.mark.slow
 def test_bounds_of_the_page_hold_and_are_on_the_command_line(
     sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
 ) -> None:
@@ -843,6 +845,7 @@ def test_measured_curves_are_drawn_where_the_recording_lies() -> None:
     assert json.dumps(missing_chart(pair, units, read))
 
 
+@pytest.mark.slow
 def test_workers_start_where_temporary_names_are_long(tmp_path: Path) -> None:
     """A forking server listens at a path, which a system limits to a hundred characters or so."""
     long = tmp_path / ("long" * 30)
