@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from sdp_vs_penalty import add, diagnose, identify
-from sdp_vs_penalty.data.headless import read_headless
+from sdp_vs_penalty.data.headerless_tables import read_headerless
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -56,7 +56,7 @@ def main() -> None:
     parser.add_argument("--effects", help="effects instead of the problem's")
     parser.add_argument("--diagnose", action="store_true", help="and with what TRAIN shows missing")
     given = parser.parse_args()
-    train, test = (read_headless(path, RATE) for path in (given.train, given.test))
+    train, test = (read_headerless(path, RATE) for path in (given.train, given.test))
     estimate = identify("dvrk_psm", train, effects=given.effects)
     table(estimate, test)
     if given.diagnose:

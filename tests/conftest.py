@@ -12,10 +12,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 
-from sdp_vs_penalty.data.files import load_measurements
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty import Measurements, Problem, load_measurements, load_problem
 
 if TYPE_CHECKING:
     from page_driver import Server

@@ -33,9 +33,8 @@ from sdp_vs_penalty import (
     simulate,
     where_it_fails,
 )
-from sdp_vs_penalty.data.formats.columns import columns_of
-from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.data import columns_of
+from sdp_vs_penalty.effects import Motion, effect_types
 
 ARRAYS = ("t", "q", "dq", "tau")
 

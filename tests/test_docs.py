@@ -19,12 +19,10 @@ from printed_pages import check_printed
 from small_runs import small_run, write_run
 
 import sdp_vs_penalty
+from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.cli.main import app, expand_many, main
-from sdp_vs_penalty.data.datasets import DATASETS
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.data import DATASETS, save
+from sdp_vs_penalty.simulation import experiment
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from challenge import cases
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty import InputError
 from sdp_vs_penalty.files import alone
 from sdp_vs_penalty.paper.tables.table import Column, Table
 from sdp_vs_penalty.shootout.results import COLUMNS, Results

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from small_runs import write_run
 
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty import Problem
 
 #: Every package that only an extra brings, as it is imported.
 EXTRAS = (

@@ -11,11 +11,10 @@ from pathlib import Path
 import pytest
 from small_runs import write_run
 
+from sdp_vs_penalty import InputError, load_problem
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import protecting, write_text, writing
+from sdp_vs_penalty.files import alone, protecting, write_text, writing
 from sdp_vs_penalty.files.inputs import opened
-from sdp_vs_penalty.problem.load import load_problem
 
 
 def run(*arguments: str | Path) -> int:
@@ -210,6 +209,12 @@ def test_a_writer_killed_at_any_step_leaves_the_file_whole(
     write_text(path, "next")
     assert path.read_text() == "next"
     assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
+
+
+def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"), alone(tmp_path / "file" / "out"):
+        pass
 
 
 def test_two_writers_leave_one_whole_file(tmp_path: Path) -> None:

@@ -20,17 +20,12 @@ import pytest
 from peak_memory import peak_memory
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty.checks import check
+from sdp_vs_penalty import InputError, Measurements, check, diagnose, export, identify, load_estimate
 from sdp_vs_penalty.checks.urdf import check_urdf, massless_links
-from sdp_vs_penalty.data.files import load_measurements, save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
-from sdp_vs_penalty.diagnosis.findings import load_diagnosis
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimation.verify import verify_proof_file
-from sdp_vs_penalty.exporters.export import export
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.diagnosis import load_diagnosis
+from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.problem.load import load_problem, problems_folder
 
 CORPUS = Path(__file__).parent / "data" / "corpus"

@@ -22,7 +22,7 @@ import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty import identify, load_problem
-from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data import save
 
 psutil = pytest.importorskip("psutil", reason="it counts the processes: install the extra [test]")
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are killed as on Unix")

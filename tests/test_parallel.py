@@ -12,15 +12,12 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty.data.files import load_measurements, save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.cross_validation import cross_validate
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty import InputError, Measurements, cross_validate, identify, load_problem
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.parallel import ALONE, Workers, spread
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.regression import compress
 
 
 @pytest.fixture(scope="module")

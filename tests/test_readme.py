@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from small_runs import write_run
 
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.problem.load import load_problem
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()

@@ -12,17 +12,14 @@ import pytest
 
 import sdp_vs_penalty.estimators
 import sdp_vs_penalty.solvers
+from sdp_vs_penalty import InputError, identify, load_problem
 from sdp_vs_penalty.cli.verbs.list import listing
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.estimators import LmiSdp, estimator_types
 from sdp_vs_penalty.paper.tables.methods import build
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.registration import by_word, written
+from sdp_vs_penalty.plugins import by_word, written
 from sdp_vs_penalty.shootout.contestants import contestants
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.solvers import solver_modules
 
 ESTIMATOR = '''"""Least squares with a pull of every parameter to the nominal one."""

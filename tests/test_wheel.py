@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from small_runs import write_run
 
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty import Problem
 
 ROOT = Path(__file__).parents[1]
 

@@ -89,6 +89,7 @@ class Report(Shown):
         return "\n".join(lines) + "\n"
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
         return {
             "run": self.run,
             "meaningless": self.meaningless,

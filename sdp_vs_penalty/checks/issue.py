@@ -40,6 +40,7 @@ class Issue:
         return self.repair is not None and self.certainty.startswith("certain")
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON; joints count from 1."""
         return {
             "kind": self.kind,
             "severity": self.severity,

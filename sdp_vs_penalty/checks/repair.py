@@ -50,12 +50,14 @@ class Repair:
 
     @classmethod
     def none(cls, n: int, gravity: tuple[float, ...]) -> Repair:
+        """The repair that changes nothing of n joints under a gravity [m/s^2]."""
         same, one, zero = tuple(range(n)), (1.0,) * n, (0.0,) * n
         x, y, z = gravity
         return cls(same, one, zero, same, one, zero, zero, (x, y, z), one)
 
     @property
     def n(self) -> int:
+        """How many joints."""
         return len(self.order)
 
     def with_entry(self, name: str, joint: int, value: Any) -> Repair:

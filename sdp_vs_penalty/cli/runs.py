@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.data.texts import numbers, time_windows
+from sdp_vs_penalty.data.cli_parsing import numbers, time_windows
 from sdp_vs_penalty.errors import InputError, other_robot
 
 if TYPE_CHECKING:

@@ -1,1 +1,17 @@
 """Measurements: the type, its files (one file a format in formats/), public data sets."""
+
+from __future__ import annotations
+
+from sdp_vs_penalty.plugins import surface
+
+__getattr__ = surface(
+    __name__,
+    {
+        "DATASETS": "datasets",
+        "check_plausible": "plausibility",
+        "columns_of": "formats.columns",
+        "concatenate": "measurements",
+        "read_run": "files",
+        "save": "files",
+    },
+)

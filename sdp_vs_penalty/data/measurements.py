@@ -60,10 +60,12 @@ class Measurements(Shown):
 
     @property
     def n(self) -> int:
+        """How many joints, or channels."""
         return int(self.q.shape[1])
 
     @property
     def samples(self) -> int:
+        """How many samples in all runs."""
         return len(self.t)
 
     def _summary(self) -> Summary:

@@ -1,1 +1,15 @@
 """Which physical effect a model misses: `diagnose.diagnose` finds it, `adding.add` adds it."""
+
+from __future__ import annotations
+
+from sdp_vs_penalty.plugins import surface
+
+__getattr__ = surface(
+    __name__,
+    {
+        "Curve": "curves.curve",
+        "Diagnosis": "findings",
+        "diagnosis_rows": "rows",
+        "load_diagnosis": "findings",
+    },
+)

@@ -141,6 +141,7 @@ class Comparison(Shown):
         ]
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
         return {
             "model": self.name,
             "verdict": self.verdict.to_dict(),

@@ -52,10 +52,12 @@ class Event:
     frequency: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON; the joint counts from 1."""
         return {**vars(self), "joint": self.joint + 1}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Event:
+        """What :meth:`to_dict` wrote."""
         frequency = data["frequency"]
         return cls(
             int(data["joint"]) - 1,

@@ -83,6 +83,7 @@ class Finding:
         )
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON; joints count from 1."""
         return {
             k: x.tolist() if isinstance(x, np.ndarray) else list(x) if isinstance(x, tuple) else x
             for k, x in vars(self).items()
@@ -90,6 +91,7 @@ class Finding:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Finding:
+        """What :meth:`to_dict` wrote."""
         return cls(
             str(data["effect"]),
             tuple(int(j) for j in data["joints"]),
@@ -120,10 +122,12 @@ class Invisible:
     absorbed_share: float
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
         return {**vars(self), "joints": list(self.joints)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Invisible:
+        """What :meth:`to_dict` wrote."""
         joints = tuple(int(j) for j in data["joints"])
         return cls(str(data["effect"]), joints, float(data["absorbed_share"]))
 

@@ -41,6 +41,7 @@ class Retune:
 
     @property
     def effect(self) -> str:
+        """The name of the effect."""
         return self.estimate.effect
 
     @property
@@ -62,6 +63,7 @@ class Retune:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Retune:
+        """What :meth:`to_dict` wrote."""
         errors = float(data["rmse_before"]), float(data["rmse_after"])
         estimate = ShapeEstimate.from_dict({"at_end": False, **data})
         remarks = tuple(map(str, data["remarks"]))

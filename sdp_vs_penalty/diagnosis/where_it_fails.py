@@ -77,6 +77,7 @@ class JointFailure:
     stretches: tuple[Stretch, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON; the joint counts from 1."""
         return {
             "joint": self.joint,
             "rmse": self.rmse,

@@ -8,9 +8,10 @@ from typing import Any, cast
 
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError, unknown
-from sdp_vs_penalty.registration import classes, named
+from sdp_vs_penalty.plugins import classes, named, surface
 from sdp_vs_penalty.robot.robot import Robot
 
+_PARTS = {"Motion": "motion", "CurrentModel": "motion", "Seen": "effect", "Model": "model"}
 DEFAULT_EFFECTS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
 
 
@@ -75,7 +76,9 @@ def _lookup(name: str) -> type[Effect]:
 
 
 def __getattr__(name: str) -> Any:
-    """The effects' classes, such as ``effects.PreslidingHysteresis``."""
+    """The effects' classes, such as ``effects.PreslidingHysteresis``, and what they are made of."""
+    if name in _PARTS:
+        return surface(__name__, _PARTS)(name)
     found = {kind.__name__: kind for kind in effect_types().values()}
     if name not in found:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

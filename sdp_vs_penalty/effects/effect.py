@@ -310,6 +310,7 @@ class Effect(ABC):
         return self.shapes[key].unit_on(self.robot.joints[joint].kind)
 
     def to_dict(self) -> dict[str, object]:
+        """Plain JSON: name, joints from 1 and shape constants, as model.json holds them."""
         joints = None if self.asked_joints is None else [j + 1 for j in self.asked_joints]
         return {"effect": self.name, "joints": joints, "shape": dict(self.shape)}
 
@@ -344,6 +345,7 @@ class OneAJoint(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
+        """One a joint, in the order of the joints."""
         return tuple(
             Parameter(
                 self.parameter_name(j),
@@ -356,6 +358,7 @@ class OneAJoint(Effect):
         )
 
     def parameter_name(self, joint: int) -> str:
+        """The name of the parameter on a joint (from 0)."""
         return f"{self.symbol}{joint + 1}"
 
     def unit_on(self, joint: int) -> str:

@@ -66,6 +66,7 @@ class Model:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
+        """(p,) the parameters of all effects, in the order of theta."""
         return tuple(p for effect in self.effects for p in effect.parameters)
 
     @property

@@ -1,1 +1,16 @@
 """From measurements to a certified estimate, and how well the data determine it."""
+
+from __future__ import annotations
+
+from sdp_vs_penalty.plugins import surface
+
+__getattr__ = surface(
+    __name__,
+    {
+        "Certificate": "certificate",
+        "Limits": "excitation",
+        "free_constants": "shape_constants",
+        "prior_deviation": "shape_constants",
+        "verify_proof_file": "verify",
+    },
+)

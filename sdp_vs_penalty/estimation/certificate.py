@@ -41,10 +41,12 @@ class Certificate(Shown):
     at_every_pose: bool = False
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON, as model.json holds it."""
         return asdict(self)
 
     @property
     def worst(self) -> float:
+        """The largest violation of all families, each in its own unit."""
         return max(self.violations.values(), default=0.0)
 
     @property

@@ -20,7 +20,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import FAR_MASS
-from sdp_vs_penalty.estimation.show import parameter_rows, plot_parameters
+from sdp_vs_penalty.estimation.parameter_tables import parameter_rows, plot_parameters
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import make_estimator
@@ -66,6 +66,7 @@ class Estimate(Shown):
 
     @property
     def robot(self) -> Robot:
+        """The robot of the model."""
         return self.model.robot
 
     @property

@@ -50,6 +50,7 @@ class Interval:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Interval:
+        """What :meth:`to_dict` wrote."""
         ends = (("std", np.nan), ("lower", -np.inf), ("upper", np.inf))
         std, low, high = (none if data[k] is None else float(data[k]) for k, none in ends)
         return cls(

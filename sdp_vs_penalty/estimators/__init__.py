@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.registration import classes, named
+from sdp_vs_penalty.plugins import classes, named, surface
 from sdp_vs_penalty.solvers import solver
 
 DEFAULT_METHOD = "lmi-sdp"
@@ -38,3 +38,18 @@ def with_solver(method: str, solver_name: str | None) -> Estimator | str:
         raise InputError(f"--solver {solver_name}: method {method} solves no SDP", "leave --solver out")
     solver(solver_name)
     return cast(Estimator, replace(estimator, solver=solver_name))
+
+
+__getattr__ = surface(
+    __name__,
+    {
+        "Fit": "estimator",
+        "LmiSdp": "lmi_sdp",
+        "LmiSdpEntropic": "lmi_sdp",
+        "PenaltyPaper": "penalty_paper",
+        "Task": "estimator",
+        "interior_point": "lmi_sdp",
+        "make_task": "task",
+        "solve_sdp": "lmi_sdp",
+    },
+)

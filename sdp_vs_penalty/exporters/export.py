@@ -13,7 +13,7 @@ from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.exporters.content import Options
 from sdp_vs_penalty.exporters.header import with_verdict
 from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.registration import marked
+from sdp_vs_penalty.plugins import marked
 
 
 @cache

@@ -44,10 +44,12 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        what = error.strerror if isinstance(error, OSError) else error
-        raise InputError(
-            f"cannot be written ({what})", "choose another place, or free this one", path
-        ) from error
+        raise _unwritable(error, path) from error
+
+
+def _unwritable(error: Exception, path: Path) -> InputError:
+    what = error.strerror if isinstance(error, OSError) else error
+    return InputError(f"cannot be written ({what})", "choose another place, or free this one", path)
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
@@ -131,15 +133,18 @@ def _sync_folder(folder: Path) -> None:
 def alone(folder: Path) -> Iterator[None]:
     """While this runs, no other command adds its results to this folder; the lock ends with the process.
 
-    Raises InputError where another command does so already.
+    Raises InputError where another command does so already, and where the folder cannot be made.
     """
     try:
         import fcntl
     except ImportError:  # no such locks on this system
         yield
         return
-    folder.mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder, os.O_RDONLY)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise _unwritable(error, folder) from error
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

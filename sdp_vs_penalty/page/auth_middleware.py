@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hmac
+import sys
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 from urllib.parse import urlencode
@@ -88,7 +89,11 @@ class AuthMiddleware:
                 message["headers"] = [*message.get("headers", ()), *self.headers]
             await send(message)
 
-        await (self.app if known else self._welcome(asked))(scope, receive, with_headers)
+        try:
+            await (self.app if known else self._welcome(asked))(scope, receive, with_headers)
+        except Exception as error:  # a tab that asks for what has ended, too; 500 is answered already
+            what = (str(error).splitlines() or [""])[0][:200]
+            print(f"sdp-vs-penalty: page: {type(error).__name__}: {what}", file=sys.stderr)
 
     def _same(self, given: str) -> bool:
         return hmac.compare_digest(given.encode(), self.key.encode())

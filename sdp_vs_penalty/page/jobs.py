@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.cli_parsing import numbers, time_windows
 from sdp_vs_penalty.data.datasets import DATASETS
 from sdp_vs_penalty.data.files import load_measurements, save, windowed
-from sdp_vs_penalty.data.texts import numbers, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis

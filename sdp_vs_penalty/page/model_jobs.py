@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.checks import urdf
+from sdp_vs_penalty.data.cli_parsing import time_windows
 from sdp_vs_penalty.data.files import windowed
-from sdp_vs_penalty.data.texts import time_windows
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.pose import PoseOptions

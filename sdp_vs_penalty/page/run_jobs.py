@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.checks import check
+from sdp_vs_penalty.data.cli_parsing import pairs
 from sdp_vs_penalty.data.datasets import DATASETS, cache_folder
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
-from sdp_vs_penalty.data.texts import pairs
 from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.page.options import number

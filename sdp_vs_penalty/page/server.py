@@ -6,6 +6,7 @@ import asyncio
 import atexit
 import contextlib
 import errno
+import logging
 import os
 import secrets
 import signal
@@ -44,7 +45,7 @@ _COOKIE = "sdp-vs-penalty-page"
 _HERE = Path(__file__).parent
 #: Seconds for which a tab may draw, sleep or wait for a busy computer and go on where it was; the work
 #: of one that was closed ends after them.
-WAITS = 8.0
+WAITS = 20.0
 
 
 class Page:
@@ -144,6 +145,7 @@ def serve(
         signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
     if browser:
         nicegui_app.on_startup(lambda: asyncio.to_thread(webbrowser.open, address))
+    logging.getLogger("engineio").setLevel(logging.CRITICAL)  # that a tab has lost its connection
     config = uvicorn.Config(
         guarded(make_app(page), chosen, key, at.host, at.tls),
         ssl_certfile=at.certificate,

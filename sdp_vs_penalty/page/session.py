@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.data.files import for_testing
-from sdp_vs_penalty.data.texts import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page import uploads

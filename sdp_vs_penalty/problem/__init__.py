@@ -1,1 +1,15 @@
 """What is known of a robot before anything is measured: bounds, nominal links, published values."""
+
+from __future__ import annotations
+
+from sdp_vs_penalty.plugins import surface
+
+__getattr__ = surface(
+    __name__,
+    {
+        "as_problem": "load",
+        "plausible_links": "nominal",
+        "published_links": "published",
+        "with_bounds": "load",
+    },
+)

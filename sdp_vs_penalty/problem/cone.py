@@ -36,6 +36,7 @@ class CentreOfMassCone:
         )
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON, as :meth:`from_dict` reads it: link from 1, axis by its letter."""
         return {**asdict(self), "link": self.link + 1, "axis": "xyz"[self.axis]}
 
     @classmethod

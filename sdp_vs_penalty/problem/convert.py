@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sdp_vs_penalty.data.files import read_run, save
 from sdp_vs_penalty.data.formats.recognition import scaled
-from sdp_vs_penalty.data.headless import read_headless
+from sdp_vs_penalty.data.headerless_tables import read_headerless
 from sdp_vs_penalty.data.joint_side import to_joints
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
@@ -48,7 +48,7 @@ def convert(
         joints = as_problem(problem, "convert(problem=...)").robot.joint_names
     transmission = _transmission(motors, problem)
     run = (
-        read_headless(source, rate)
+        read_headerless(source, rate)
         if rate is not None
         else read_run(source, None, joints, topic, rename)
     )

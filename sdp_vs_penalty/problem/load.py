@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.texts import numbers, pairs
+from sdp_vs_penalty.data.cli_parsing import numbers, pairs
 from sdp_vs_penalty.errors import InputError, given
 from sdp_vs_penalty.files import problems_folder, read_table, read_toml
 from sdp_vs_penalty.files.inputs import nameable

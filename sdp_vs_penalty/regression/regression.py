@@ -81,6 +81,7 @@ class LeastSquares:
         return cls(R, rho, rest, tau_squared, rows)
 
     def loss(self, theta: ArrayLike) -> float:
+        """|R theta - rho|^2 + residual_norm^2 [(N m)^2], weighted."""
         residual = self.R @ np.asarray(theta, float) - self.rho
         return float(residual @ residual) + self.residual_norm**2
 
@@ -94,6 +95,7 @@ class LeastSquares:
         return (upper - lower) / scale if scale > 0.0 else 0.0
 
     def gradient(self, theta: ArrayLike) -> Array:
+        """(p,) of :meth:`loss`: 2 R' (R theta - rho)."""
         return 2.0 * self.R.T @ (self.R @ np.asarray(theta, float) - self.rho)
 
     def with_prior(self, scale: ArrayLike, weight: float) -> LeastSquares:

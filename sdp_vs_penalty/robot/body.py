@@ -63,6 +63,7 @@ class Body:
         return float(self.half_axes.max())
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON, lengths in m."""
         return {
             "centre": self.centre.tolist(),
             "half_axes": self.half_axes.tolist(),
@@ -73,6 +74,7 @@ class Body:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Body:
+        """What :meth:`to_dict` wrote."""
         centre, half_axes, axes = (np.array(data[k], float) for k in ("centre", "half_axes", "axes"))
         volume = None if data["volume"] is None else float(data["volume"])
         return cls(centre, half_axes, axes, data["source"], volume)

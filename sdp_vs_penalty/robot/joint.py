@@ -57,6 +57,7 @@ class Joint:
             )
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON; infinite limits are left out."""
         return {
             key: value.tolist() if isinstance(value, np.ndarray) else value
             for key, value in asdict(self).items()
@@ -65,6 +66,7 @@ class Joint:
 
     @classmethod
     def from_dict(cls, given: Mapping[str, Any]) -> Joint:
+        """What :meth:`to_dict` wrote."""
         arrays = ("placement", "axis", "link_frame")
         return cls(**{**given, **{key: np.array(given[key], float) for key in arrays}})
 

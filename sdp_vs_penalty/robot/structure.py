@@ -66,6 +66,7 @@ class Structure:
 
     @property
     def n(self) -> int:
+        """How many joints move and are driven."""
         return len(self.joints)
 
     @property
@@ -133,14 +134,17 @@ class Structure:
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
+        """(n,) the names of the driven joints."""
         return tuple(joint.name for joint in self.joints)
 
     @cached_property
     def position_units(self) -> tuple[str, ...]:
+        """(n,) "rad" or "m" of each joint."""
         return tuple("m" if j.kind == "prismatic" else "rad" for j in self.joints)
 
     @cached_property
     def torque_units(self) -> tuple[str, ...]:
+        """(n,) "N*m" or "N" of each joint."""
         return tuple("N" if j.kind == "prismatic" else "N*m" for j in self.joints)
 
     @cached_property
@@ -201,6 +205,7 @@ class Structure:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What :meth:`to_dict` wrote; KeyError, TypeError or InputError for anything else."""
         joints = tuple(map(Joint.from_dict, data["joints"]))
         given, moved = data.get("transmission"), data.get("mechanism")
         transmission = None if given is None else Transmission.from_dict(given)

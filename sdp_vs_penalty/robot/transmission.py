@@ -59,6 +59,7 @@ class Transmission:
 
     @property
     def n(self) -> int:
+        """How many joints, and channels."""
         return len(self.matrix)
 
     @property
@@ -86,6 +87,7 @@ class Transmission:
         return np.asarray((self.matrix.T @ motors).T)
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON, as problem.toml writes it."""
         return {
             "matrix": self.matrix.tolist(),
             "offset": self.offset.tolist(),
@@ -95,6 +97,7 @@ class Transmission:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Transmission:
+        """What :meth:`to_dict` wrote."""
         return cls(
             np.array(data["matrix"], float),
             np.array(data["offset"], float),

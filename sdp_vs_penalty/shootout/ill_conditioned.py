@@ -19,7 +19,7 @@ from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.shootout import standard_instances
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.signals.preprocessing import filtered_rows
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation.experiments import experiment
 from sdp_vs_penalty.solvers.objective import Objective
 
 Change = Callable[[Instance], Instance]

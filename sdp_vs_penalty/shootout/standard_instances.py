@@ -25,7 +25,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.shootout.instance import Instance
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation.experiments import experiment
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 #: Weight of the entropic regulariser in units of the mean squared residual.

@@ -1,1 +1,17 @@
 """Filters, derivatives, noise: from samples to rows that every column passes like the torque."""
+
+from __future__ import annotations
+
+from sdp_vs_penalty.plugins import surface
+
+__getattr__ = surface(
+    __name__,
+    {
+        "Kernel": "kernels",
+        "Preprocessing": "preprocessing",
+        "filtered_torque": "preprocessing",
+        "noise_of": "noise",
+        "repeat_period": "repetition",
+        "segmented": "segments",
+    },
+)

@@ -56,6 +56,7 @@ class MotionRecord:
 
     @property
     def points(self) -> int:
+        """How many states are kept."""
         return sum(len(line) for line in self.lines)
 
     def is_new(self, q: Array, dq: Array) -> NDArray[np.bool_]:
@@ -87,6 +88,7 @@ class MotionRecord:
         return _record(self.centre, self.scale, [*self.lines, *there], distance)
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON, as model.json holds it."""
         return {
             "distance": self.distance,
             "centre": self.centre.tolist(),

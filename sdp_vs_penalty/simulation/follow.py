@@ -53,10 +53,12 @@ class Ahead:
 
     @classmethod
     def of(cls, seconds: float, error: Array, naive: Array) -> Self:
+        """From errors (K, n) of K windows so many seconds ahead, and those of standing still."""
         band = np.quantile(np.abs(error), [0.05, 0.95], axis=0)
         return cls(seconds, _rms(error), band, _rms(naive))
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
         names = ("rms", "band", "naive")
         return {"seconds": self.seconds} | {name: getattr(self, name).tolist() for name in names}
 
@@ -80,6 +82,7 @@ class FreeRun:
     cut: bool
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
         out: dict[str, Any] = {
             "run": self.simulated.names[0],
             "seconds": self.seconds,
@@ -173,6 +176,7 @@ class Following(Shown):
         return said + ("; loop: what the control loop had to add." if free.loop is not None else ".")
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
         return {
             "verdict": self.verdict,
             "drive": self.drive,

@@ -25,7 +25,7 @@ from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, random_trajectory
-from sdp_vs_penalty.simulation.experiment import Experiment, experiment
+from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 from sdp_vs_penalty.simulation.worlds.arm import Arm
 from sdp_vs_penalty.simulation.worlds.conditions import Conditions
 from sdp_vs_penalty.simulation.worlds.friction import DryFriction

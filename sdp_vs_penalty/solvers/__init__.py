@@ -20,7 +20,7 @@ from importlib import metadata
 from types import ModuleType
 
 from sdp_vs_penalty.errors import InputError, unknown
-from sdp_vs_penalty.registration import marked
+from sdp_vs_penalty.plugins import marked, surface
 
 
 @cache
@@ -86,3 +86,19 @@ def version(module: ModuleType) -> str:
     except OSError:
         return ""
     return done.stdout.strip() if done.returncode == 0 else ""
+
+
+__getattr__ = surface(
+    __name__,
+    {
+        "Cone": "conic",
+        "ConicProblem": "conic",
+        "Entropy": "objective",
+        "Objective": "objective",
+        "Solution": "conic",
+        "largest_margin": "identification",
+        "least_squares_sdp": "identification",
+        "lower_bound": "certificate",
+        "repair": "certificate",
+    },
+)

@@ -34,6 +34,7 @@ class Entropy:
 
     @cached_property
     def entries(self) -> Entries:
+        """The links' pseudo-inertias as functions of theta."""
         return Entries.of(alike(self.links))
 
     @cached_property
@@ -43,6 +44,7 @@ class Entropy:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(self.nominal[order])))
 
     def value(self, theta: Array) -> float:
+        """At theta (p,); infinite outside of its domain."""
         matrices = self.entries.at(theta).reshape(-1, 4, 4)
         ratios = np.linalg.eigvalsh(self._roots @ matrices @ np.swapaxes(self._roots, 1, 2))
         if ratios.min() <= 0.0:  # not the determinant's sign: two negative eigenvalues hide in it
@@ -50,6 +52,7 @@ class Entropy:
         return self.weight * float(np.sum(ratios - np.log(ratios) - 1.0))
 
     def gradient(self, theta: Array) -> Array:
+        """(p,) at theta (p,)."""
         out = np.zeros(len(theta))
         for link, p0 in zip(self.links, self.nominal, strict=True):
             slope = np.linalg.inv(p0) - np.linalg.inv(link.value(theta))
@@ -65,9 +68,11 @@ class Objective:
     entropy: Entropy | None = None
 
     def value(self, theta: Array) -> float:
+        """At theta (p,)."""
         extra = 0.0 if self.entropy is None else self.entropy.value(theta)
         return self.least_squares.loss(theta) + extra
 
     def gradient(self, theta: Array) -> Array:
+        """(p,) at theta (p,)."""
         gradient = self.least_squares.gradient(theta)
         return gradient if self.entropy is None else gradient + self.entropy.gradient(theta)

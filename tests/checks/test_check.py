@@ -13,18 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdp_vs_penalty import InputError, Measurements, Problem, load_estimate, load_problem
 from sdp_vs_penalty.checked import consented
-from sdp_vs_penalty.checks import Issue, Report, check, of_one_arm
-from sdp_vs_penalty.checks.rules import mended
+from sdp_vs_penalty.checks import Issue, Report, check, mended, of_one_arm
 from sdp_vs_penalty.cli import main as cli
+from sdp_vs_penalty.data import read_run, save
 from sdp_vs_penalty.data.datasets import _emps_runs, _ur10e_runs
-from sdp_vs_penalty.data.files import load_measurements, read_run, save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.simulation import experiment
 
 Spoil = Callable[[Measurements], Measurements]
 

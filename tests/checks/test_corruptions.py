@@ -7,7 +7,7 @@ import pytest
 from corruptions.arms import FIVE, Arm, simulated
 from corruptions.bench import HARMFUL, run_case
 
-from sdp_vs_penalty.checks import check
+from sdp_vs_penalty import check
 
 
 @pytest.fixture(scope="module")

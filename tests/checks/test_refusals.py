@@ -10,11 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_runs import small_run
 
-from sdp_vs_penalty import compare, identify
-from sdp_vs_penalty.checks import check
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty import InputError, Measurements, check, compare, identify, load_problem
 
 PROBLEM, RUN = load_problem("two_link"), small_run(load_problem("two_link"), seconds=4.0)
 

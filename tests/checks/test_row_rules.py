@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sdp_vs_penalty import Measurements, load_problem
+from sdp_vs_penalty.checks import Issue, mended
 from sdp_vs_penalty.checks.glance import Glance
-from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.row_rules import frozen_torque, repeated_run
-from sdp_vs_penalty.checks.rules import mended
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.problem.load import load_problem
 
 ROBOT, RATE, PERIOD, STANDSTILL = load_problem("two_link").robot, 250, 8.0, 0.02
 

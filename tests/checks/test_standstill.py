@@ -7,10 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.checks import check
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty import Measurements, Problem, check, load_problem
 from tests.helpers.arms import THREE, write_urdf
 
 RATE, SECONDS, MOVES = 250, 40.0, 12

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty.checks import check
+from sdp_vs_penalty import check, load_problem
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS, Scene
-from sdp_vs_penalty.problem.load import load_problem
 
 PROBLEM = load_problem("two_link")
 RUN = replace(small_run(PROBLEM, seconds=8.0), dq=None)
@@ -69,7 +68,7 @@ def test_two_mistakes_are_never_told_against_each_other(seed: int) -> None:
 
 def test_a_load_in_one_of_two_runs_is_named_with_the_run() -> None:
     first, second = small_run(PROBLEM, seconds=8.0), small_run(PROBLEM, seconds=8.0)
-    from sdp_vs_penalty.data.measurements import concatenate
+    from sdp_vs_penalty.data import concatenate
 
     reports = check(PROBLEM, concatenate([first.named("a"), second.named("b")]), thorough=False)
     assert not [f for r in reports for f in r.problems]

@@ -17,13 +17,11 @@ import typer.main
 from small_runs import write_run
 
 import sdp_vs_penalty
-from sdp_vs_penalty import __version__
+from sdp_vs_penalty import Problem, __version__, load_estimate
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.main import app, expand_many, main
 from sdp_vs_penalty.cli.verbs.list import listing
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.problem.problem import Problem
 
 #: Whatever copy these tests have imported, also from another folder.
 HERE = {**os.environ, "PYTHONPATH": str(Path(sdp_vs_penalty.__file__).parents[1])}

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 from sdp_readers import read_cbf, read_sdpa
 
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.solvers import solver
 
 

@@ -12,9 +12,9 @@ import typer.main
 from small_runs import small_run, write_bag, write_run
 
 import sdp_vs_penalty
+from sdp_vs_penalty import Problem
 from sdp_vs_penalty.cli.main import app, expand_many, main
 from sdp_vs_penalty.data.formats import formats
-from sdp_vs_penalty.problem.problem import Problem
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
 COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]

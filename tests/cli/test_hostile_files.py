@@ -20,10 +20,9 @@ from peak_memory import peak_memory
 from scipy.io import savemat
 from small_runs import small_run
 
-from sdp_vs_penalty import identify
+from sdp_vs_penalty import identify, load_problem
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.data import save
 
 #: Seconds and bytes that a refusal may take.
 SECONDS, MEMORY = 10, 650e6

@@ -8,12 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters
 
+from sdp_vs_penalty import Problem
+from sdp_vs_penalty.constraints import ConstraintSet, cone_margin, project
 from sdp_vs_penalty.constraints import constraint as build
-from sdp_vs_penalty.constraints.cones import cone_margin, project, smallest_eigenvalue
-from sdp_vs_penalty.constraints.constraint import ConstraintSet
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.body import Body
+from sdp_vs_penalty.constraints.cones import smallest_eigenvalue
+from sdp_vs_penalty.robot import Body, inertia
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=40, deadline=None, derandomize=True)
@@ -182,7 +181,7 @@ def test_convex_constraints_follow_from_the_published_bounds(
 @given(seeds)
 def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed: int) -> None:
     """The certificate's lower bound multiplies by these numbers: they must follow."""
-    from sdp_vs_penalty.robot.robot import Robot
+    from sdp_vs_penalty.robot import Robot
 
     rng = np.random.default_rng(seed)
     robot = Robot.from_dh("r", [0.0, 0.4, 0.3], [0.0, 1.2, 0.0], [0.2, 0.0, 0.1], "modified")
@@ -204,8 +203,7 @@ def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed: int) -> 
 
 def extreme_point(demands: ConstraintSet, rng: np.random.Generator, p: int) -> np.ndarray:
     """The feasible point farthest in a random direction among the parameters' axes."""
-    from sdp_vs_penalty.solvers import solver
-    from sdp_vs_penalty.solvers.conic import ConicProblem
+    from sdp_vs_penalty.solvers import ConicProblem, solver
     from sdp_vs_penalty.solvers.identification import _RowBuilder
 
     pieces = _RowBuilder(p)

@@ -19,16 +19,21 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_runs import small_run
 
-from sdp_vs_penalty import compare, files, load_estimate, load_measurements, load_problem
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import parse_effects
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty import (
+    Measurements,
+    Problem,
+    compare,
+    files,
+    identify,
+    load_estimate,
+    load_measurements,
+    load_problem,
+)
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.effects import Motion, parse_effects
 from sdp_vs_penalty.errors import InputError, Remark
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.black_box import load_answers
-from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.regression import load_answers
+from sdp_vs_penalty.robot import load_urdf
 
 FUZZ = settings(
     max_examples=150,
@@ -204,7 +209,7 @@ def test_degrees_are_refused_by_the_derivative(two_link: Problem, q: bool, dq: b
 def test_one_turn_outside_the_range_and_a_turning_shaft_are_accepted(
     two_link: Problem, panda: Problem
 ) -> None:
-    from sdp_vs_penalty.data.plausibility import check_plausible
+    from sdp_vs_penalty.data import check_plausible
 
     run = small_run(panda)
     centre = 0.5 * (np.array([j.lower + j.upper for j in panda.robot.joints]))

@@ -17,13 +17,10 @@ import pytest
 from peak_memory import peak_memory
 from small_runs import small_run
 
-from sdp_vs_penalty import identify
-from sdp_vs_penalty.checks import check
+from sdp_vs_penalty import InputError, Measurements, Problem, check, identify
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.data.files import load_measurements, save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.data.files import load_measurements
 
 CORPUS = Path(__file__).parent / "corpus"
 FILES = sorted(CORPUS.iterdir())

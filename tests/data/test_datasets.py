@@ -12,14 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import compare, identify, load_measurements, load_problem
+from sdp_vs_penalty import InputError, compare, identify, load_measurements, load_problem
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.data import datasets
-from sdp_vs_penalty.data.datasets import DATASETS, clean_stretch, fetch
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.data import DATASETS, datasets
+from sdp_vs_penalty.data.datasets import clean_stretch, fetch
 from sdp_vs_penalty.problem.load import problem_names
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.robot import Robot, load_urdf
 
 
 @pytest.fixture(scope="module")

@@ -16,16 +16,13 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
+from sdp_vs_penalty import InputError, Measurements, load_estimate, load_problem
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.data.files import load_measurements, read_run, save
+from sdp_vs_penalty.data import columns_of, read_run, save
+from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.formats import suffixes
-from sdp_vs_penalty.data.formats.columns import columns_of
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.exporters.sdp import write_posed
-from sdp_vs_penalty.problem.load import load_problem
 
 SUFFIXES = suffixes("write")
 

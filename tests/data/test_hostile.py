@@ -14,15 +14,13 @@ from peak_memory import peak_memory
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty.checks import check
-from sdp_vs_penalty.data.files import load_measurements, read_run, save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty import InputError, Measurements, Problem, check, load_problem
+from sdp_vs_penalty.data import read_run, save
+from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.files import inputs
 from sdp_vs_penalty.page.uploads import too_large
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
+from sdp_vs_penalty.signals import Preprocessing
+from sdp_vs_penalty.signals.preprocessing import RunFilter
 from sdp_vs_penalty.signals.runs import sample_rate, stretches
 
 

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty.data.files import load_measurements, save
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty import InputError
+from sdp_vs_penalty.data import concatenate, save
+from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.data.measurements import Measurements
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=25, deadline=None, derandomize=True)

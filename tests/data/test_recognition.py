@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import convert, load_measurements
+from sdp_vs_penalty import InputError, convert, load_measurements
 from sdp_vs_penalty.data.formats.recognition import recognised
-from sdp_vs_penalty.errors import InputError
 
 UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
 

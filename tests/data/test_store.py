@@ -12,14 +12,9 @@ import numpy as np
 import pytest
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty.checks import check
-from sdp_vs_penalty.data import store
-from sdp_vs_penalty.data.files import load_measurements, save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.comparison import compare
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty import InputError, Measurements, check, compare, identify, load_problem
+from sdp_vs_penalty.data import save, store
+from sdp_vs_penalty.data.files import load_measurements
 
 
 @pytest.fixture

@@ -10,17 +10,14 @@ import pytest
 from arms import HEAVY, THREE, write_folder, write_urdf
 from small_runs import small_run
 
-from sdp_vs_penalty.constraints.constraint import ConstraintSet
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.comparison import compare
-from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty import Estimate, Problem, add, compare, identify, load_estimate, load_problem
+from sdp_vs_penalty.constraints import ConstraintSet
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.reports import evidence
-from sdp_vs_penalty.robot.trajectory import random_trajectory
-from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
+from sdp_vs_penalty.robot import random_trajectory
+from sdp_vs_penalty.simulation import HiddenRuns
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 
 def springy(problem: Problem) -> tuple[HiddenRuns, Measurements]:

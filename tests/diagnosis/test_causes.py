@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 from random_robots import repeating_run
 
+from sdp_vs_penalty import Problem, identify, where_it_fails
 from sdp_vs_penalty.diagnosis.causes import REVERSAL
-from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.problem import Problem
 
 
 def test_an_error_after_reversals_is_seen_there(two_link: Problem) -> None:

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from random_robots import repeating_run as run_of
 
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty import Estimate, InputError, Problem, identify
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
+from sdp_vs_penalty.signals import Preprocessing, filtered_torque
 
 FIELDS = {
     "by_tables",

@@ -10,20 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty import Estimate, add, compare, diagnose, identify, load_problem
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.diagnosis.curves.laws import dictionary
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.effects import effect_from_dict, parse_effects
+from sdp_vs_penalty.effects import Motion, effect_from_dict, parse_effects
 from sdp_vs_penalty.effects.curve_variable import Variable
-from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.simulation.worlds.conditions import Conditions
 from sdp_vs_penalty.simulation.worlds.hidden import at_joint

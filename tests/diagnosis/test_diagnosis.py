@@ -8,19 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.diagnosis.adding import add
+from sdp_vs_penalty import Estimate, InputError, Problem, add, diagnose, identify, load_estimate
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis import Diagnosis, diagnosis_rows
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.signals.noise import noise_of
-from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
+from sdp_vs_penalty.signals import noise_of
+from sdp_vs_penalty.simulation import HiddenRuns
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.simulation.worlds.hidden import at_joint
 
 
@@ -255,7 +251,7 @@ def test_a_joint_that_does_not_move(panda: Problem) -> None:
 
 
 def test_one_joint() -> None:
-    from sdp_vs_penalty.problem.load import load_problem
+    from sdp_vs_penalty import load_problem
 
     problem = load_problem("emps")
     made = hidden_runs(problem, [("asymmetric_viscous_friction", [0])], "strong", seed=23)
@@ -289,7 +285,7 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found: Diagnosis)
 def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) -> None:
     from pathlib import Path
 
-    from sdp_vs_penalty.diagnosis.comparison import compare
+    from sdp_vs_penalty import compare
 
     made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
     data = concatenate(made.runs[:3])
@@ -309,7 +305,7 @@ def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) 
 
 
 def test_the_ladder_ends_at_the_error_of_what_add_returns(two_link: Problem) -> None:
-    from sdp_vs_penalty.diagnosis.comparison import compare
+    from sdp_vs_penalty import compare
 
     made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
     data = concatenate(made.runs[:3])

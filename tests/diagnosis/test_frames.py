@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from small_runs import small_run
 
-from sdp_vs_penalty import compare, identify
+from sdp_vs_penalty import Problem, compare, identify
 from sdp_vs_penalty.paper.tables.table import Column, Table
-from sdp_vs_penalty.problem.problem import Problem
 
 
 def test_frames_hold_the_same_numbers(two_link: Problem) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from sdp_vs_penalty.diagnosis.held_out import Errors, HeldOut, raises
 from sdp_vs_penalty.diagnosis.reasons import REASONS, Evidence, legend, reasons
-from sdp_vs_penalty.effects.effect import Seen
+from sdp_vs_penalty.effects import Seen
 
 
 class Told(HeldOut):

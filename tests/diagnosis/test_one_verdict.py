@@ -9,17 +9,13 @@ import numpy as np
 import pytest
 from random_robots import repeating_run as run_of
 
-from sdp_vs_penalty import identify
+from sdp_vs_penalty import Problem, compare, export, identify, load_estimate, report
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.measurements import Runs
-from sdp_vs_penalty.diagnosis.comparison import compare
-from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
-from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.page.summary import summary
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.reports import report
 
 #: Method, effects, and the run it is judged on; the usual effects where there are none.
 MODELS = [

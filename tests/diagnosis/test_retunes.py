@@ -9,20 +9,14 @@ import numpy as np
 import pytest
 from random_arms import SCARA_FRICTION, run_of, scara
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty import Estimate, InputError, Measurements, add, diagnose, identify
+from sdp_vs_penalty.diagnosis import Diagnosis, diagnosis_rows
 from sdp_vs_penalty.diagnosis.library import own_forms
 from sdp_vs_penalty.diagnosis.retunes import retunes
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.whitening import prepare
-from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.effects import Model
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
-from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem import as_problem
 
 EFFECTS = "rigid_body,viscous_friction,torque_offset,coulomb_friction@v_s=0.01"
 #: Truth: one in the middle of the usual range, a sharp one, the given one, one beyond the range.

@@ -22,12 +22,17 @@ from hidden_contract import (
 )
 from random_robots import link_parameters, sines
 
-from sdp_vs_penalty.effects import effect_from_dict, effect_types, parse_effects
-from sdp_vs_penalty.effects.effect import CurrentModel, Motion
-from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.simulation.hidden_runs import MAKERS
+from sdp_vs_penalty import InputError
+from sdp_vs_penalty.effects import (
+    CurrentModel,
+    Model,
+    Motion,
+    effect_from_dict,
+    effect_types,
+    parse_effects,
+)
+from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.simulation import MAKERS
 
 NAMES = list(effect_types())
 EVERY_EFFECT = pytest.mark.parametrize("name", NAMES)

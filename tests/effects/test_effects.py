@@ -10,14 +10,11 @@ from effect_contract import robots, steady_motion, wide_columns
 from numpy.typing import NDArray
 from random_robots import uicker_torques
 
-from sdp_vs_penalty.effects import effect_types, parse_effects
+from sdp_vs_penalty import InputError, Problem
+from sdp_vs_penalty.effects import CurrentModel, Effect, Model, Motion, Seen, effect_types, parse_effects
 from sdp_vs_penalty.effects.bristles import Bristles, Law, dahl, stop
 from sdp_vs_penalty.effects.curve_variable import Variable
-from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion, Seen
-from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot import Robot
 
 Array = NDArray[np.float64]
 

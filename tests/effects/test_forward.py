@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sdp_vs_penalty.effects import effect_types, parse_effects
+from sdp_vs_penalty import load_problem
+from sdp_vs_penalty.effects import Model, effect_types, parse_effects
 from sdp_vs_penalty.effects.dry_friction import Contacts, dry_step
 from sdp_vs_penalty.effects.effect import Array
 from sdp_vs_penalty.effects.forward import Plant, State, advance
-from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.exporters.content import Content
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
-from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot import inertia
 
 SIZES = {"viscous_friction": 0.3, "coulomb_friction": 0.4, "torque_offset": 0.1, "rotor_inertia": 0.1}

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from effect_contract import robots, steady_motion, wide_columns
 
-from sdp_vs_penalty.effects import parse_effects
-from sdp_vs_penalty.effects.effect import Effect, Motion
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty import InputError, load_problem
+from sdp_vs_penalty.effects import Effect, Motion, parse_effects
 
 ARM = robots()["arm"]
 

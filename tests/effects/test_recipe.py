@@ -17,16 +17,12 @@ from hidden_contract import (
 from numpy.typing import NDArray
 
 import sdp_vs_penalty.effects as folder
+from sdp_vs_penalty import Problem, add, compare, diagnose, identify, load_estimate
 from sdp_vs_penalty.cli.verbs.list import details
-from sdp_vs_penalty.data.measurements import concatenate
-from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.comparison import compare
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
+from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import effect_types, parse_effects
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.simulation.hidden_runs import MAKERS, hidden_runs
+from sdp_vs_penalty.simulation import MAKERS
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.simulation.worlds.conditions import log_uniform
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion

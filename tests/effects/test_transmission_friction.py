@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from effect_contract import robots, wide_columns
 
-from sdp_vs_penalty.effects import parse_effects
-from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty import InputError
+from sdp_vs_penalty.effects import Effect, Motion, parse_effects
 from sdp_vs_penalty.effects.transmission_friction import LAWS
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.transmission import parse_transmission
+from sdp_vs_penalty.robot import Robot, parse_transmission
 
 ARM = robots()["arm"]
 EVERY_LAW = pytest.mark.parametrize("law", LAWS)

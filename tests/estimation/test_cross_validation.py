@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 from random_robots import sines
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.cross_validation import cross_validate
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty import InputError, Measurements, Problem, cross_validate
+from sdp_vs_penalty.signals import Preprocessing
 
 
 def run_of(problem: Problem, seconds: float = 24.0, noise: float = 0.02, seed: int = 1) -> Measurements:

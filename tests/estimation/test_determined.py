@@ -9,17 +9,11 @@ import numpy as np
 import pytest
 from random_arms import SCARA_FRICTION, SCARA_NOISE, run_of, scara
 
+from sdp_vs_penalty import InputError, Problem, export, identify, load_estimate, load_problem
 from sdp_vs_penalty.cli import printing
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.determined import data_share
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.exporters.export import export
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import LeastSquares, compress
+from sdp_vs_penalty.estimators import Task, make_task
+from sdp_vs_penalty.regression import LeastSquares, compress
 
 
 @pytest.fixture(scope="module")

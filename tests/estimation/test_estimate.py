@@ -13,14 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.comparison import compare
-from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty import Estimate, Measurements, Problem, compare, identify, load_estimate
+from sdp_vs_penalty.effects import Motion, effect_types
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY
-from sdp_vs_penalty.problem.problem import Problem
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -10,19 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.excitation import (
-    Limits,
-    _Search,
-    excite,
-    save_trajectory,
-    shrunk,
-)
+from sdp_vs_penalty import InputError, Problem, load_problem
+from sdp_vs_penalty.estimation import Limits
+from sdp_vs_penalty.estimation.excitation import _Search, excite, save_trajectory, shrunk
 from sdp_vs_penalty.estimation.motion_regressor import BaseRegressor
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.robot import FourierTrajectory, random_trajectory
+from sdp_vs_penalty.simulation import experiment
 
 
 @pytest.fixture(scope="module")

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from random_robots import sines
 
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.estimation import free_constants, prior_deviation
 from sdp_vs_penalty.estimation.joint_shapes import settled
-from sdp_vs_penalty.estimation.shape_constants import free_constants, prior_deviation, with_sensitivities
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
+from sdp_vs_penalty.regression import compress
 
 RIGID = "rigid_body,viscous_friction,torque_offset"
 WANTED = [

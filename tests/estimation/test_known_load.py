@@ -7,20 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdp_vs_penalty import (
+    InputError,
+    Measurements,
+    Problem,
+    add,
+    diagnose,
+    identify,
+    load_estimate,
+    load_problem,
+)
 from sdp_vs_penalty.cli import main as cli
+from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.datasets import _ur10e_runs
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.known_load import parsed_known_load
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.trajectory import random_trajectory
+from sdp_vs_penalty.robot import inertia, random_trajectory
 
 ARM = Path(__file__).parents[2] / "docs" / "my_arm.urdf"
 GAIN = np.array([0.92, 1.07, 0.9])

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.regression.black_box import BlackBox
-from sdp_vs_penalty.robot.trajectory import random_trajectory
-from sdp_vs_penalty.simulation.simulate import Sensor, simulate
+from sdp_vs_penalty import InputError, identify, load_problem
+from sdp_vs_penalty.regression import BlackBox
+from sdp_vs_penalty.robot import random_trajectory
+from sdp_vs_penalty.simulation import Sensor
+from sdp_vs_penalty.simulation.simulate import simulate
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.001,torque_offset"
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.excitation import Limits
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty import Estimate, InputError, Problem, identify
+from sdp_vs_penalty.estimation import Limits
 from sdp_vs_penalty.estimation.payload_run import PayloadRun, payload_run
 from sdp_vs_penalty.estimation.separation import independent_rate
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.simulation import experiment
 
 
 @pytest.fixture(scope="module")

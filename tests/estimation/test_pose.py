@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.files import load_measurements
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty import Measurements, Problem, identify, load_measurements
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
-from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem import with_bounds
+from sdp_vs_penalty.problem.load import load_problem, with_filters
 from sdp_vs_penalty.shootout.standard_instances import measurements
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 
 #: Programs that read a .dat-s file, and where they print the optimum.
 _PROGRAMS = {

@@ -9,16 +9,13 @@ import numpy as np
 import pytest
 from scipy import special
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty import Estimate, InputError, identify, load_problem
+from sdp_vs_penalty.estimation import Limits
 from sdp_vs_penalty.estimation.constants import LEVEL
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.excitation import Limits
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.separation import Hypotheses, default_excitation, separate
-from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot.point_trajectory import PointTrajectory, joint_trajectory, shortest_moves
 from sdp_vs_penalty.robot.self_collision import SelfCollision
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 
 PAIR = "torque_ripple:2@k=2,joint_spring:2"
 

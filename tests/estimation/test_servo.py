@@ -12,16 +12,19 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.comparison import compare
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.cross_validation import cross_validate
+from sdp_vs_penalty import (
+    Estimate,
+    InputError,
+    Measurements,
+    compare,
+    cross_validate,
+    export,
+    follow,
+    identify,
+    load_estimate,
+)
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.exporters.export import export
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.simulation.follow import follow
+from sdp_vs_penalty.signals import Preprocessing
 
 URDF = """<robot name="slide"><link name="base"/><link name="cart"><inertial><mass value="2"/>
 <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>

@@ -5,15 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
-from sdp_vs_penalty.estimation.shape_constants import (
-    ShapeSensitivity,
-    free_constants,
-    prior_deviation,
-)
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.trajectory import random_trajectory
+from sdp_vs_penalty import Problem
+from sdp_vs_penalty.effects import CurrentModel, Effect, Motion, effect_types
+from sdp_vs_penalty.estimation import free_constants, prior_deviation
+from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity
+from sdp_vs_penalty.robot import random_trajectory
 
 
 def motion_of(problem: Problem) -> Motion:

@@ -9,14 +9,10 @@ import pytest
 from random_arms import SCARA_FRICTION, run_of, scara
 from random_robots import sines
 
+from sdp_vs_penalty import Estimate, Measurements, Problem, compare, identify
 from sdp_vs_penalty.data.datasets import converted
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.effects.effect import Sampling, smooth_sign
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.load import as_problem
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem import as_problem
 
 #: Truth, in the units of each joint; the third axis slides.
 WIDTHS = (0.02, 0.003, 0.001, 0.008)

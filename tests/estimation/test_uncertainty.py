@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty import Measurements, Problem, load_problem
+from sdp_vs_penalty.effects import Model, Motion
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.intervals import (
     IDENTIFIABLE,
@@ -19,14 +18,11 @@ from sdp_vs_penalty.estimation.intervals import (
     coverage,
 )
 from sdp_vs_penalty.estimation.uncertainty import of_regression
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.regression.base_parameters import base_rows
-from sdp_vs_penalty.regression.regression import compress
-from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.trajectory import random_trajectory
-from sdp_vs_penalty.simulation.experiment import experiment
-from sdp_vs_penalty.simulation.simulate import Sensor, simulate
+from sdp_vs_penalty.robot import inertia, random_trajectory
+from sdp_vs_penalty.simulation import Sensor, experiment
+from sdp_vs_penalty.simulation.simulate import simulate
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation import Certificate
 from sdp_vs_penalty.estimation.verdict import GRADES, MISSING, Errors, Verdict, changes, judge
 
 RMSE, R2 = np.array([0.1, 0.2]), np.array([0.99, 0.98])

@@ -10,17 +10,22 @@ import numpy as np
 import pytest
 from random_robots import sines
 
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty import InputError, Measurements, Problem, identify
 from sdp_vs_penalty.effects.effect import Parameter
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certify import certify
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimators import estimator_types, make_estimator
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS, LmiSdp, LmiSdpPlain
-from sdp_vs_penalty.estimators.task import joint_weights, make_task
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import Factor, Regression, compress
+from sdp_vs_penalty.estimators import (
+    Estimator,
+    Fit,
+    LmiSdp,
+    Task,
+    estimator_types,
+    make_estimator,
+    make_task,
+)
+from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS, LmiSdpPlain
+from sdp_vs_penalty.estimators.task import joint_weights
+from sdp_vs_penalty.regression import Regression, compress
+from sdp_vs_penalty.regression.regression import Factor
 from sdp_vs_penalty.robot import inertia
 
 NAMES = list(estimator_types())

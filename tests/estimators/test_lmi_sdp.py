@@ -13,28 +13,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty import Measurements, Problem, identify
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certify import certify
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimators import make_estimator
-from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.lmi_sdp import (
+from sdp_vs_penalty.estimators import (
     LmiSdp,
     LmiSdpEntropic,
-    LmiSdpThickness,
-    essential,
+    Task,
     interior_point,
+    make_estimator,
+    make_task,
 )
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, essential
 from sdp_vs_penalty.estimators.lmi_sdp_two_step import LmiSdpTwoStep
-from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression import LeastSquares, compress
 from sdp_vs_penalty.regression.base_parameters import base_parameters
-from sdp_vs_penalty.regression.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-from sdp_vs_penalty.solvers.objective import Entropy, Objective
+from sdp_vs_penalty.signals import Preprocessing
+from sdp_vs_penalty.solvers import ConicProblem, Entropy, Objective, Solution
 
 seeds = st.integers(0, 2**32 - 1)
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
@@ -415,7 +411,7 @@ def real_task(panda: Problem, panda_run: Measurements) -> Task:
 @pytest.mark.real_data
 def test_figures_on_the_real_panda(panda: Problem, panda_run: Measurements) -> None:
     """Train on the first 14 s, test after 14.2 s: the figures that issue and README state."""
-    from sdp_vs_penalty.diagnosis.comparison import compare
+    from sdp_vs_penalty import compare
 
     train, test = panda_run.window(0.0, 14.0), panda_run.window(14.2, 100.0)
     assert len(panda_run.t) == 20_544

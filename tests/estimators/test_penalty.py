@@ -9,20 +9,23 @@ import pytest
 from numpy.typing import NDArray
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty.constraints.cones import project, projection_curvature
-from sdp_vs_penalty.data.files import load_measurements
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty import Measurements, Problem, identify, load_measurements
+from sdp_vs_penalty.constraints import project
+from sdp_vs_penalty.constraints.cones import projection_curvature
 from sdp_vs_penalty.estimation.certify import certify
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimators import make_estimator
+from sdp_vs_penalty.estimators import (
+    LmiSdp,
+    PenaltyPaper,
+    Task,
+    interior_point,
+    make_estimator,
+    make_task,
+)
 from sdp_vs_penalty.estimators.barycentric import STEINER_FORMS, barycentric_box
-from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS, LmiSdp, interior_point
+from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
 from sdp_vs_penalty.estimators.penalty import Penalty, ScaledProblem, feasible
-from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss, PenaltyPaper
-from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
+from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]

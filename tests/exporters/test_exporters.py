@@ -17,23 +17,17 @@ import random_robots
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from sdp_vs_penalty import Estimate, InputError, load_problem
 from sdp_vs_penalty.checks.urdf import check_urdf, massless_links
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.effects import parse_effects
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.effects import Model, Motion, parse_effects
+from sdp_vs_penalty.estimation import Certificate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.exporters.export import export, formats
 from sdp_vs_penalty.page import jobs
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot import Robot, inertia, load_urdf
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.urdf import load_urdf
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals import Preprocessing
 
 PARITY = 1e-9  # N m
 

@@ -22,11 +22,12 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty import Problem
 from sdp_vs_penalty.effects.effect import PARAMETER_RANGE
-from sdp_vs_penalty.estimators.estimator import Array, Task
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.estimators import Task
+from sdp_vs_penalty.estimators.estimator import Array
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers import Objective
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from random_robots import link_parameters, tree
 
-from sdp_vs_penalty.effects import effect_types, parse_effects
-from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
+from sdp_vs_penalty.effects import CurrentModel, Effect, Motion, effect_types, parse_effects
 from sdp_vs_penalty.effects.motion import Command
-from sdp_vs_penalty.robot.joint import Joint
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot import Joint, Robot
 
 Array = NDArray[np.float64]
 

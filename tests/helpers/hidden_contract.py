@@ -15,15 +15,12 @@ from pathlib import Path
 import numpy as np
 from effect_contract import Array, wide_columns
 
+from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.diagnosis.sentences import size_of
-from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
-from sdp_vs_penalty.simulation.experiment import experiment
-from sdp_vs_penalty.simulation.hidden_runs import MAKERS, true_world
+from sdp_vs_penalty.effects import CurrentModel, Effect, Motion, effect_types
+from sdp_vs_penalty.robot import FourierTrajectory, Robot, random_trajectory
+from sdp_vs_penalty.simulation import MAKERS, experiment
+from sdp_vs_penalty.simulation.hidden_runs import true_world
 from sdp_vs_penalty.simulation.worlds.friction import DryFriction
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion

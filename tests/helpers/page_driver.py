@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.simulation import HiddenRuns
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty import Measurements
+from sdp_vs_penalty.signals import Preprocessing
 
 SETTINGS = Preprocessing(5.0, 8.0)
 JOINTS = 4

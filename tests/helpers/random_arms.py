@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from random_robots import link_parameters, sines
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty import Measurements, Problem
+from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty import Measurements, Problem
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.effects import Motion
 
 
 def small_run(

@@ -26,11 +26,9 @@ from page_driver import (
     pick,
 )
 
-from sdp_vs_penalty.data.files import load_measurements
-from sdp_vs_penalty.diagnosis.comparison import compare
-from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty import compare, load_estimate, load_measurements
 from sdp_vs_penalty.page.stages import STAGES
-from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.robot import load_urdf
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page

@@ -32,8 +32,8 @@ from page_driver import (
     serving,
 )
 
+from sdp_vs_penalty import Problem
 from sdp_vs_penalty.page.server import WAITS
-from sdp_vs_penalty.problem.problem import Problem
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext

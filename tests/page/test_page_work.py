@@ -22,14 +22,11 @@ import numpy as np
 import pytest
 from starlette.requests import ClientDisconnect
 
+from sdp_vs_penalty import InputError, Problem, cross_validate, follow, load_estimate
 from sdp_vs_penalty.checks.urdf import check_urdf
 from sdp_vs_penalty.cli.verbs import identify as identify_verb
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.diagnosis.findings import load_diagnosis
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.cross_validation import cross_validate
-from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.diagnosis import Curve, load_diagnosis
 from sdp_vs_penalty.page import sessions as sessions_module
 from sdp_vs_penalty.page import uploads, worker
 from sdp_vs_penalty.page.auth_middleware import guarded
@@ -43,13 +40,12 @@ from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.worker_pool import JobProcess, WorkerPool
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.reports.plots import (
     Curves,
     envelope,
 )
-from sdp_vs_penalty.simulation.follow import follow
-from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
+from sdp_vs_penalty.simulation import HiddenRuns
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 #: A job of seconds.
 LONG = {
@@ -191,7 +187,7 @@ def test_the_story_without_a_browser(
     assert s.findings is not None
     assert s.added == {s.findings.effects[0].text}
     estimate = load_estimate(s.history[1].file)
-    from sdp_vs_penalty.diagnosis.comparison import compare
+    from sdp_vs_penalty import compare
 
     assert compare(estimate, hidden.runs[3])[0].rmse.tolist() == pytest.approx(after, rel=1e-12)
     assert s.history[1].runs == ["a.csv", "b.csv", "c.csv", "my test.csv"]
@@ -777,6 +773,21 @@ def test_jobs_of_all_tabs_wait_for_each_other(
     assert status == "waiting for the jobs of other tabs"
     assert second.robot is not None
     assert second.robot["name"] == "two_link"
+
+
+def test_tabs_that_lose_their_connections_at_once_are_found_again(
+    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "_all", {})
+    made = [sessions.new() for _ in range(10)]
+    for session in made:
+        session.shown = True
+        sessions.leave(session)
+    sessions.new()
+    assert all(sessions.get(session.token) is session for session in made)
+    monkeypatch.setattr(sessions_module, "_CONNECTS", 0.0)  # a minute later they are closed tabs
+    sessions.new()
+    assert sum(sessions.get(session.token) is not None for session in made) < 5
 
 
 class Tab:

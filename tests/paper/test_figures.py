@@ -9,14 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
 from sdp_vs_penalty.paper import figures
 from sdp_vs_penalty.paper.figures import FIGURES, figure_8, make_figures, save
 from sdp_vs_penalty.paper.tables import engine_runs, wrench_runs
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
 
 pytest.importorskip("matplotlib")
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.paper.tables import build_tables, link_parameters, study, table_iii, table_iv
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.problem.load import load_problem
 
 RESULTS = Path(__file__).parents[2] / "results"
 FOLDERS = {"panda": RESULTS, "two_link": RESULTS / "two_link"}

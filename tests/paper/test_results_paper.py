@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.paper.tables import build_tables
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.simulation.engines import engine_types
+from sdp_vs_penalty.simulation import engine_types
 
 RESULTS = Path(__file__).parents[2] / "results"
 Row = dict[str, str]

@@ -5,17 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty import InputError, Problem
+from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.paper.sigmoid_friction import (
     SigmoidLinearised,
     exact_rows,
     fit_sigmoid,
 )
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.simulation.experiment import Experiment, experiment
-from sdp_vs_penalty.simulation.simulate import sigmoid_friction
+from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.simulation import Experiment, experiment, sigmoid_friction
 
 
 @pytest.fixture(scope="module")

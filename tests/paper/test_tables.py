@@ -14,11 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
+from sdp_vs_penalty.estimators import Estimator, PenaltyPaper
 from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
-from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables
 from sdp_vs_penalty.paper.tables import study as study_module
 from sdp_vs_penalty.paper.tables.data import training_windows
@@ -31,10 +29,8 @@ from sdp_vs_penalty.paper.tables.table import (
     plain_number,
     text,
 )
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import barycentric_names
-from sdp_vs_penalty.regression.regression import LeastSquares, compress, triangular
+from sdp_vs_penalty.regression import LeastSquares, compress, triangular
 from sdp_vs_penalty.robot import inertia
 
 

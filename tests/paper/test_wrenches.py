@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.paper.tables.wrench_runs import unfeasible_retrievals
 from sdp_vs_penalty.paper.wrenches import (
     WrenchIntervals,
@@ -15,9 +15,7 @@ from sdp_vs_penalty.paper.wrenches import (
     joint_wrenches,
     wrench_intervals,
 )
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.published import published_links
+from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot._pinocchio import pin

@@ -13,17 +13,13 @@ from hypothesis import strategies as st
 from random_arms import random_arm, run_of
 from random_robots import link_parameters, tree
 
+from sdp_vs_penalty import Problem, add, identify, load_estimate, load_problem
 from sdp_vs_penalty.constraints import constraint as build
-from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.problem.bodies import link_bodies
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
-from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.body import Body, around
+from sdp_vs_penalty.robot import Body, inertia
+from sdp_vs_penalty.robot.body import around
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -7,12 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import convert, identify
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.robot.trajectory import random_trajectory
+from sdp_vs_penalty import InputError, Measurements, convert, identify, load_problem
+from sdp_vs_penalty.effects import Motion
+from sdp_vs_penalty.robot import random_trajectory
 
 
 def test_the_tool_turns_about_the_remote_centre_and_slides_through_it() -> None:

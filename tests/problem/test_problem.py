@@ -11,17 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import bare, link_parameters, sines, task_of, tree
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimators.lmi_sdp import interior_point
-from sdp_vs_penalty.problem.load import load_problem, with_bounds
-from sdp_vs_penalty.problem.nominal import plausible_links
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty import InputError, Measurements, Problem, identify
+from sdp_vs_penalty.estimators import interior_point
+from sdp_vs_penalty.problem import plausible_links, with_bounds
+from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
-from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.joint import Joint
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot import Joint, Robot, inertia
 
 seeds = st.integers(0, 2**32 - 1)
 

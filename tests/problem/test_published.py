@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.published import published_cell, published_links, published_values
+from sdp_vs_penalty import InputError, Problem
+from sdp_vs_penalty.problem import published_links
+from sdp_vs_penalty.problem.published import published_cell, published_values
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot import inertia
 

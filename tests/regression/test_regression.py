@@ -10,22 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.effects import parse_effects
-from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty import InputError, Problem
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects import Model, parse_effects
+from sdp_vs_penalty.regression import LeastSquares, Regression, compress, triangular
 from sdp_vs_penalty.regression.base_parameters import base_parameters
-from sdp_vs_penalty.regression.regression import (
-    LeastSquares,
-    Regression,
-    compress,
-    compress_cells,
-    nearest_least_squares,
-    triangular,
-)
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
+from sdp_vs_penalty.regression.regression import compress_cells, nearest_least_squares
+from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.signals import Preprocessing, filtered_torque
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=15, deadline=None, derandomize=True)

@@ -9,22 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sdp_vs_penalty import InputError, Problem, identify, load_estimate, load_problem
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression import BlackBox, load_answers
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import (
-    BlackBox,
     compress_black_box,
     is_black_box,
-    load_answers,
     load_black_box,
     load_configurations,
 )
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation import experiment
 
 
 def answers(problem: Problem, count: int, seed: int = 0) -> BlackBox:

@@ -17,19 +17,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sdp_vs_penalty import Estimate, Measurements, Problem, follow, identify, report
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.reports import report
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.reports.parameters import ellipsoid
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.simulation.experiment import experiment
-from sdp_vs_penalty.simulation.follow import follow
+from sdp_vs_penalty.simulation import experiment
 
 pytest.importorskip("plotly")
 
@@ -126,7 +120,7 @@ def test_the_figures_are_those_of_the_models(
     made: tuple[dict[str, Estimate], Measurements, str],
 ) -> None:
     models, run, html = made
-    from sdp_vs_penalty.diagnosis.comparison import compare
+    from sdp_vs_penalty import compare
 
     for comparison in compare(models, run):
         assert f"{comparison.relative_error_percent:.3f} %" in html

@@ -10,17 +10,12 @@ import numpy as np
 import pytest
 from random_robots import link_parameters
 
-from sdp_vs_penalty import identify
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty import InputError, Measurements, identify, load_problem
+from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.exporters.content import Content
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.exporters.urdf import edit_urdf, make_urdf
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.trajectory import random_trajectory
-from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.robot import Robot, load_urdf, random_trajectory
 
 #: A lift, a parallelogram whose loop is cut, and a gripper whose second finger mimics the first: one
 #: follower is a follower's, one slides where its leader turns, one link says that it has no mass.

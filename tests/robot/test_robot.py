@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, tree, uicker_torques
 
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty import InputError, Problem
+from sdp_vs_penalty.robot import Robot
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=30, deadline=None, derandomize=True)

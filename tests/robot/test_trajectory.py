@@ -9,11 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, random_trajectory
-from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty import InputError, Problem, load_problem
+from sdp_vs_penalty.robot import FourierTrajectory, joint_limits, random_trajectory
+from sdp_vs_penalty.simulation import experiment
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdp_vs_penalty import InputError, Measurements, load_problem
+from sdp_vs_penalty.data import check_plausible
 from sdp_vs_penalty.data.joint_side import to_joints
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.plausibility import check_plausible
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.robot.transmission import SIDES, Transmission, parse_transmission
+from sdp_vs_penalty.robot import parse_transmission
+from sdp_vs_penalty.robot.transmission import SIDES, Transmission
 
 CASES = pytest.mark.parametrize("seed", range(8))
 

@@ -8,13 +8,9 @@ import numpy as np
 import pytest
 from random_robots import sines
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty import InputError, Measurements, identify, load_problem
+from sdp_vs_penalty.robot import inertia, load_urdf
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.robot.urdf import load_urdf
 
 
 def inertial(mass: float, xyz: str, rpy: str, six: str) -> str:

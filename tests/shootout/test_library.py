@@ -14,8 +14,8 @@ import pytest
 from scipy.io import loadmat
 from sdp_readers import read_cbf, read_sdpa
 
+from sdp_vs_penalty import InputError
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.shootout import instances, library
 from sdp_vs_penalty.solvers import clarabel, csdp, verify_proof
 from sdp_vs_penalty.solvers.rewrite import reorder

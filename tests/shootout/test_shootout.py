@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty import InputError
 from sdp_vs_penalty.shootout import ill_conditioned, profile, standard_instances, summary
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instance import Instance, in_units

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from sdp_vs_penalty import InputError
 from sdp_vs_penalty import parallel as cluster
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.shootout import runner
 from sdp_vs_penalty.shootout.results import COLUMNS, Results, key
 from sdp_vs_penalty.shootout.runner import Shootout

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from sdp_vs_penalty.effects import parse_effects
-from sdp_vs_penalty.effects.effect import Block, Motion
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty import Problem
+from sdp_vs_penalty.effects import Motion, parse_effects
+from sdp_vs_penalty.effects.effect import Block
 from sdp_vs_penalty.signals.columns import Columns
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from periodic_runs import JOINTS, SETTINGS, run_of
 
-from sdp_vs_penalty.data.files import load_measurements
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty import load_measurements, load_problem
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.signals import motion
 from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
 

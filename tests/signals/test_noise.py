@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.signals.kernels import Kernel
-from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, noise_floor, noise_of
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
+from sdp_vs_penalty import Measurements
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.effects import Motion
+from sdp_vs_penalty.signals import Kernel, Preprocessing, noise_of, segmented
+from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, noise_floor
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty import Measurements
+from sdp_vs_penalty.signals import Preprocessing, segmented
 from sdp_vs_penalty.signals.noise_spectrum import spectral_floor
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.segments import segmented
 
 
 @pytest.mark.parametrize(("rate", "colour"), [(250.0, 0.0), (500.0, 0.5), (1000.0, 0.7)])

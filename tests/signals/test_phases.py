@@ -7,7 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from periodic_runs import SETTINGS, run_of
 
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty import Measurements
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.signals import repeat_period
 from sdp_vs_penalty.signals.phases import (
     MotionClock,
     PhaseFolds,
@@ -16,7 +18,6 @@ from sdp_vs_penalty.signals.phases import (
     phase_windows,
     tracks_of,
 )
-from sdp_vs_penalty.signals.repetition import repeat_period
 
 Array = NDArray[np.float64]
 

@@ -11,18 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import parse_effects
-from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.signals import preprocessing
-from sdp_vs_penalty.signals.kernels import Kernel
+from sdp_vs_penalty import InputError, Measurements
+from sdp_vs_penalty.effects import Model, parse_effects
+from sdp_vs_penalty.signals import Kernel, Preprocessing, filtered_torque, preprocessing
 from sdp_vs_penalty.signals.low_passed import low_passed
-from sdp_vs_penalty.signals.preprocessing import (
-    Preprocessing,
-    filtered_rows,
-    filtered_torque,
-)
+from sdp_vs_penalty.signals.preprocessing import filtered_rows
 from sdp_vs_penalty.signals.runs import moving_joints
 
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
@@ -261,7 +254,7 @@ def test_a_real_arms_idle_joints_do_not_set_the_filters(data_folder: Path, joint
 @pytest.mark.real_data
 def test_the_panda_runs_standstill_is_dropped(panda_run: Measurements) -> None:
     """About 1100 rows at its start repeat one position."""
-    from sdp_vs_penalty.problem.load import load_problem
+    from sdp_vs_penalty import load_problem
 
     problem = load_problem("panda")
     settings = problem.preprocessing.resolve(panda_run)

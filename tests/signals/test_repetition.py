@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty.signals.repetition import _differences, recurring, repeat_period
+from sdp_vs_penalty.signals import repeat_period
+from sdp_vs_penalty.signals.repetition import _differences, recurring
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -22,13 +22,9 @@ from challenge.cases import (
 from challenge.classes import CLASSES, EFFECTS, USUAL
 from challenge.report import csv_text, report_text
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
+from sdp_vs_penalty import InputError, Measurements, Problem, diagnose, identify
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.parallel import ALONE
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN

@@ -8,16 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.paper.tables import engine_runs
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.published import published_links
-from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.joint import Joint
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.trajectory import joint_limits
-from sdp_vs_penalty.simulation.engines import engine_types
+from sdp_vs_penalty.problem import published_links
+from sdp_vs_penalty.robot import Joint, Robot, inertia, joint_limits
+from sdp_vs_penalty.simulation import engine_types
 from sdp_vs_penalty.simulation.engines.comparison import Sinusoids, inverse_dynamics_error, play
 from sdp_vs_penalty.simulation.engines.engine import Engine
 

@@ -7,14 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.robot.trajectory import random_trajectory
-from sdp_vs_penalty.simulation.follow import follow
-from sdp_vs_penalty.simulation.simulate import Sensor, simulate
+from sdp_vs_penalty import Estimate, InputError, Measurements, follow, identify, load_problem
+from sdp_vs_penalty.robot import random_trajectory
+from sdp_vs_penalty.simulation import Sensor
+from sdp_vs_penalty.simulation.simulate import simulate
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.01,torque_offset"
 

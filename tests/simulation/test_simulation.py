@@ -9,21 +9,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
-from sdp_vs_penalty.data.files import load_measurements, save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.comparison import compare
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.simulation.experiment import experiment
-from sdp_vs_penalty.simulation.simulate import (
-    Sensor,
-    innovation_share,
-    sigmoid_friction,
-    simulate,
-)
+from sdp_vs_penalty import InputError, Measurements, Problem, compare, identify, load_problem
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.effects import Motion
+from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
+from sdp_vs_penalty.simulation.simulate import innovation_share, simulate
 
 Array = NDArray[np.float64]
 

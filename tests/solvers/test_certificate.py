@@ -10,28 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, task_of, tree
 
-from sdp_vs_penalty.constraints.constraint import ConstraintSet
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty import InputError, Problem
+from sdp_vs_penalty.constraints import ConstraintSet
+from sdp_vs_penalty.estimation import Certificate
 from sdp_vs_penalty.estimation.certify import certify, consistent, positive_mass_matrices
-from sdp_vs_penalty.estimators.estimator import Fit, Task
-from sdp_vs_penalty.estimators.lmi_sdp import (
-    LmiSdp,
-    LmiSdpEntropic,
-    LmiSdpThickness,
-    interior_point,
-    solve_sdp,
-)
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.estimators import Fit, LmiSdp, LmiSdpEntropic, Task, interior_point, solve_sdp
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
+from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.solvers import clarabel
-from sdp_vs_penalty.solvers.certificate import (
-    lower_bound,
-    repair,
-)
-from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers import ConicProblem, Objective, Solution, clarabel, lower_bound, repair
 from sdp_vs_penalty.solvers.verified import way_inside
 
 seeds = st.integers(0, 2**32 - 1)

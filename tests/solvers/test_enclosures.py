@@ -13,13 +13,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sdp_vs_penalty.constraints import Constraint, ConstraintSet, cone_margin
 from sdp_vs_penalty.constraints import constraint as build
-from sdp_vs_penalty.constraints.cones import cone_depths, cone_margin, safe_depth
-from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.solvers import verified
-from sdp_vs_penalty.solvers.certificate import repair
+from sdp_vs_penalty.constraints.cones import cone_depths, safe_depth
+from sdp_vs_penalty.solvers import Entropy, repair, verified
 from sdp_vs_penalty.solvers.enclosure import Enclosure, Long, product, scaled, scattered, total, up
-from sdp_vs_penalty.solvers.objective import Entropy
 
 quick = settings(max_examples=60, deadline=None, derandomize=True)
 #: Huge, tiny and denormal numbers; products of three of them are finite in plain doubles too.

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.constraints.constraint import ConstraintSet, second_order
-from sdp_vs_penalty.estimators import make_estimator
-from sdp_vs_penalty.estimators.estimator import Fit, Task
-from sdp_vs_penalty.estimators.lmi_sdp import PosedSdp, solve_sdp
+from sdp_vs_penalty.constraints import ConstraintSet
+from sdp_vs_penalty.constraints.constraint import second_order
+from sdp_vs_penalty.estimators import Fit, Task, make_estimator, solve_sdp
+from sdp_vs_penalty.estimators.lmi_sdp import PosedSdp
 from sdp_vs_penalty.shootout.standard_instances import chain_task, shape_cones
-from sdp_vs_penalty.solvers.certificate import lower_bound
-from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers import Objective, lower_bound
 from sdp_vs_penalty.solvers.verified import certainly_feasible, upper_bound
 
 OURS = "primal-dual"

@@ -11,15 +11,22 @@ import pytest
 from scipy import sparse
 from sdp_readers import read_cbf, read_sdpa
 
+from sdp_vs_penalty import InputError
+from sdp_vs_penalty.constraints import ConstraintSet
 from sdp_vs_penalty.constraints import constraint as build
-from sdp_vs_penalty.constraints.constraint import ConstraintSet
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters.sdp import export_sdp
-from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.solvers import (
+    Cone,
+    ConicProblem,
+    Entropy,
+    Objective,
+    Solution,
     absent,
     certificate,
+    largest_margin,
+    least_squares_sdp,
     rewrite,
     solver,
     solver_modules,
@@ -27,9 +34,7 @@ from sdp_vs_penalty.solvers import (
     version,
 )
 from sdp_vs_penalty.solvers.cbf_file import cbf_text
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
-from sdp_vs_penalty.solvers.identification import SdpProblem, largest_margin, least_squares_sdp
-from sdp_vs_penalty.solvers.objective import Entropy, Objective
+from sdp_vs_penalty.solvers.identification import SdpProblem
 from sdp_vs_penalty.solvers.sdpa_file import sdpa_text
 
 SOLVERS = solver_modules()

@@ -9,13 +9,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sdp_vs_penalty.constraints import Constraint, ConstraintSet
 from sdp_vs_penalty.constraints import constraint as build
-from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.solvers import certificate, solver, verified
-from sdp_vs_penalty.solvers.identification import largest_margin, least_squares_sdp
-from sdp_vs_penalty.solvers.objective import Entropy, Objective
+from sdp_vs_penalty.solvers import (
+    Entropy,
+    Objective,
+    certificate,
+    largest_margin,
+    least_squares_sdp,
+    solver,
+    verified,
+)
 
 WHOLE = st.integers(-3, 3)
 

@@ -38,10 +38,12 @@ class Scene:
 
     @property
     def n(self) -> int:
+        """How many joints."""
         return self.tried.data.n
 
     @property
     def moving(self) -> NDArray[np.bool_]:
+        """(n,) joints that move."""
         return self.tried.data.moving
 
     @cached_property
@@ -54,6 +56,7 @@ class Scene:
         return np.asarray(self.moving & (score.shares > _UNEXPLAINED))
 
     def revolute(self, j: int) -> bool:
+        """Whether joint j (from 0) turns."""
         return self.problem.robot.joints[j].kind == "revolute"
 
     @cached_property
@@ -63,6 +66,7 @@ class Scene:
 
     @cached_property
     def none(self) -> Repair:
+        """The repair that changes nothing."""
         return Repair.none(self.n, self.problem.robot.gravity)
 
     @cached_property

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sdp_vs_penalty.cli.options import PROBLEM_HELP, Gravity, json_option
-from sdp_vs_penalty.data.texts import numbers
+from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:

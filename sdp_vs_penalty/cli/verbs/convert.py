@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sdp_vs_penalty.data.texts import pairs
+from sdp_vs_penalty.data.cli_parsing import pairs
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.data.measurements import Measurements

@@ -30,8 +30,8 @@ def verb(
     Example: sdp-vs-penalty cross-validate panda --data run.csv --method lmi-sdp-entropic
     """
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.data.cli_parsing import numbers
     from sdp_vs_penalty.data.files import load_measurements
-    from sdp_vs_penalty.data.texts import numbers
     from sdp_vs_penalty.estimation.cross_validation import cross_validate
     from sdp_vs_penalty.parallel import Workers
     from sdp_vs_penalty.problem.load import load_problem

@@ -42,7 +42,7 @@ def verb(
     Example: sdp-vs-penalty export model.json --out robot.urdf
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.data.texts import numbers
+    from sdp_vs_penalty.data.cli_parsing import numbers
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
     from sdp_vs_penalty.exporters.export import export

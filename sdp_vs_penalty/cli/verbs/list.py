@@ -78,7 +78,7 @@ def _effects() -> Listing:
 
 def _methods() -> Listing:
     """Read from the files' text: naming the methods needs nothing that they compute with."""
-    from sdp_vs_penalty.registration import written
+    from sdp_vs_penalty.plugins import written
 
     here = Path(__file__).parents[2]
     rows = [

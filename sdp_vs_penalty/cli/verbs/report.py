@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from sdp_vs_penalty.cli.options import Window
-from sdp_vs_penalty.data.texts import time_windows
+from sdp_vs_penalty.data.cli_parsing import time_windows
 
 
 def verb(

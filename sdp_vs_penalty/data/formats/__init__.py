@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from sdp_vs_penalty.registration import modules
+from sdp_vs_penalty.plugins import modules
 
 
 @cache

@@ -45,6 +45,7 @@ class Curve:
     filled_torque: Array = field(default_factory=lambda: np.zeros(0))
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
         out = {f.name: getattr(self, f.name) for f in fields(self)}
         if not len(self.filled_torque):
             del out["filled_x"], out["filled_torque"]

@@ -17,9 +17,9 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Table, is_measured
 from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.plugins import marked
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.registration import marked
 
 #: What `tables` without names makes.
 DEFAULT_TABLES = ("III", "IV", "VIII", "IX")

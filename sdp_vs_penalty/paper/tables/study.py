@@ -21,16 +21,16 @@ from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_pr
 from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, QUICK_BUDGET, PenaltyPaper
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.real_data import measured_run, real_file
-from sdp_vs_penalty.registration import by_word
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox, load_configurations
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.simulation.experiment import Experiment, experiment
+from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 
 BUDGETS = ("quick", "paper")
 _PLACED = by_word(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from sdp_vs_penalty.registration import classes
+from sdp_vs_penalty.plugins import classes
 from sdp_vs_penalty.simulation.engines.engine import Engine
 
 

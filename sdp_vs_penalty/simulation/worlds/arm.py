@@ -41,6 +41,7 @@ class Arm:
 
     @property
     def n(self) -> int:
+        """How many joints."""
         return len(self.lower)
 
     @property

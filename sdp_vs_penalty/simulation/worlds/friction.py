@@ -46,6 +46,7 @@ class DryFriction:
         )
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
         shape = {"width": self.width} if self.law == "tanh" else {}
         if self.law in ("dahl", "lugre"):
             shape = {"travel": self.travel}

@@ -64,6 +64,7 @@ class Hidden:
         return float(np.sqrt(np.mean(self.shift(world, m, self.size) ** 2)))
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain JSON; joints count from 1."""
         size = None if self.number is None else self.number * self.size
         joints = [j + 1 for j in self.joints]
         return {"effect": self.effect, "joints": joints, "size": size} | {

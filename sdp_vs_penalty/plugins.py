@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -73,3 +73,15 @@ def written(folders: Iterable[Path], *names: str) -> Iterator[tuple[str, ...]]:
             }
             if texts.keys() >= set(names):
                 yield tuple(str(texts[name]) for name in names)
+
+
+def surface(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
+    """A package's ``__getattr__`` for the names that others use, each from its module; imported when it
+    is asked for, so that nobody pays for what he does not use."""
+
+    def attribute(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(f"{package}.{homes[name]}"), name)
+
+    return attribute

@@ -11,7 +11,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import reading
 
 
-def read_headless(path: str | Path, rate: float) -> Measurements:
+def read_headerless(path: str | Path, rate: float) -> Measurements:
     """A run of 3 n comma-separated columns (positions, velocities, torques), ``rate`` rows a second.
 
     Raises InputError where the rate is none, or the file no such table.
