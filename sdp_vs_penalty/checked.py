@@ -88,7 +88,7 @@ def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
         if ask:
             gains = bool(settings.get("known_loads"))
             for text in refuse_meaningless(problem, measurements, name, gains=gains):
-                warnings.warn(text, stacklevel=2)
+                warnings.warn(text, stacklevel=3)  # past with_suggestions
         made = verb(first, measurements, *more, **settings)
         if name == "identify":
             made.provenance["checked"] = check
