@@ -10,6 +10,7 @@ import logging
 import os
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
@@ -48,9 +49,14 @@ def spread(
         from distributed import KilledWorker, as_completed
         from distributed.comm import CommClosedError
 
-        # A task that ran when its worker died is started again on another one.
-        futures = client.map(function, list(items), pure=False, retries=_RETRIES)
         try:
+            # What all tasks share travels once, as a result that workers hand each other and that is
+            # made again where its holders died; a task holds its name and its item, and is started
+            # again where its worker died.
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # that it is large
+                shared = client.submit(_itself, function, pure=False, retries=_RETRIES)
+            futures = client.map(_called, list(items), function=shared, pure=False, retries=_RETRIES)
             for future in as_completed(futures):
                 yield future.result()
         except (CancelledError, CommClosedError, KilledWorker) as error:
@@ -58,6 +64,14 @@ def spread(
                 f"--scheduler {scheduler}: the scheduler, or one worker after another, has ended",
                 "start them again and repeat the command",
             ) from error
+
+
+def _itself(thing: Item) -> Item:
+    return thing
+
+
+def _called(item: Item, function: Callable[[Item], Result]) -> Result:
+    return function(item)
 
 
 def _here(

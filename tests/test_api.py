@@ -98,7 +98,7 @@ def test_the_import_is_lazy_and_lists_its_names() -> None:
 def test_verbs_are_not_hidden_by_the_folders_of_their_names() -> None:
     code = (
         "import sdp_vs_penalty as s\n"
-        "import sdp_vs_penalty.checks.clock_rules, sdp_vs_penalty.reports.section\n"
+        "import sdp_vs_penalty.checks.rules, sdp_vs_penalty.reports.section\n"
         "from sdp_vs_penalty import check, report\n"
         "assert callable(check) and callable(report)\n"
         "assert s.check is check and s.report is report\n"

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -152,24 +151,3 @@ def test_of_two_writers_the_second_is_told(tmp_path: Path) -> None:
         other.wait()
     with alone(tmp_path):  # a killed command holds no lock
         pass
-
-
-def test_a_killed_command_leaves_no_workers(tmp_path: Path) -> None:
-    psutil = pytest.importorskip("psutil", reason="it counts the processes: install the extra [test]")
-    code = """if True:
-        import time
-        from sdp_vs_penalty.parallel import spread
-        for _ in spread(time.sleep, [0.01, 0.01, 60.0, 60.0], jobs=2):
-            print("done", flush=True)"""
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    process.stdout.readline()
-    process.stdout.readline()
-    time.sleep(0.2)
-    family = psutil.Process(process.pid).children(recursive=True)
-    assert len(family) >= 2
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    process.stdout.close()
-    _, alive = psutil.wait_procs(family, 5)
-    assert not alive

@@ -183,34 +183,6 @@ def test_a_fault_at_any_step_keeps_the_old_file(
     assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
 
 
-@pytest.mark.parametrize("step", STEPS)
-@pytest.mark.parametrize("before", [True, False])
-def test_a_writer_killed_at_any_step_leaves_the_file_whole(
-    step: str, before: bool, tmp_path: Path
-) -> None:
-    """Killed before or after each system call: old or new, and what it left is removed by the next."""
-    path = tmp_path / "model.json"
-    write_text(path, "old" * 1000)
-    child = os.fork()
-    if child == 0:
-        whole = getattr(os, step)
-
-        def dies(*arguments: object, **named: object) -> object:
-            if not before:
-                whole(*arguments, **named)
-            os._exit(9)
-
-        setattr(os, step, dies)
-        write_text(path, "new" * 1000)
-        os._exit(1)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
-    assert path.read_text() in ("old" * 1000, "new" * 1000)
-    assert len(list(tmp_path.iterdir())) <= 2
-    write_text(path, "next")
-    assert path.read_text() == "next"
-    assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
-
-
 def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"), alone(tmp_path / "file" / "out"):

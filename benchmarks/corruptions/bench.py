@@ -78,7 +78,7 @@ def run_case(arm: Arm, corruption: Corruption) -> Case:
     if corruption.beside:  # half of the run is clean: another run of the same arm
         middle = 0.5 * (run.t[0] + run.t[-1])
         halves = rows(arm.train, run.t < middle), rows(run, run.t > middle)
-        run = concatenate([x.named(name) for x, name in zip(halves, "ab", strict=True)])
+        run = concatenate([replace(x, names=(name,)) for x, name in zip(halves, "ab", strict=True)])
     reports = check(problem, run)
     problems = [f for report in reports for f in report.problems]
     outcome, harm = _outcome(corruption, problems), None

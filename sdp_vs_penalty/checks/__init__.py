@@ -66,7 +66,8 @@ class Report(Shown):
         """How many problems there are, and how well the arm's dynamics explain the torque."""
         found = show.count(len(self.problems), "problem")
         if self.unexplained is None:
-            return f"{self.run}: {found}; nothing to identify from"
+            why = "nothing to identify from" if self.mended.torque_logged else "no torque was logged"
+            return f"{self.run}: {found}; {why}"
         share = 100.0 * self.unexplained**0.5
         return f"{self.run}: {found}; the arm's dynamics leave {share:.2g} % of the torque unexplained"
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.checks import channel_rules, excitation, residual, size
+from sdp_vs_penalty.checks.constants import JUDGED, TRIED, UNRELATED
 from sdp_vs_penalty.checks.glance import Glance
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
@@ -15,13 +16,12 @@ from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.search import Found, Search
 from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS, Element, Scene
+from sdp_vs_penalty.checks.words import said
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
-#: Rows that hypotheses are tried on, and judged on: enough for any arm, few enough to answer at once.
-_TRIED, _JUDGED = 240, 480
 #: Independent samples for each parameter, below which a good fit says nothing.
 _SPARE = 1.5
 #: What is this much likelier than without it (natural logarithm) is certain, where it explains nine
@@ -66,10 +66,13 @@ def content(
     settings = settings if not glance.moving.any() else settings.resolve(run)
     none = Repair.none(run.n, problem.robot.gravity)
     if not glance.moving.any():
-        return _stopped(problem, none, [channel_rules.no_motion()])
-    data = RegressionData.of(problem, run, settings, _JUDGED)
+        return _stopped(problem, none, [said("no motion", "all joints")])
     seldom = list(channel_rules.sample_rate(glance))
-    scene = Scene(problem, Likelihood(data.few(_TRIED)), Likelihood(data), bool(seldom))
+    if not run.torque_logged:  # rows, clock and positions are all there is
+        told = [*channel_rules.idle(glance), *channel_rules.quantised(glance, settings), *seldom]
+        return _stopped(problem, none, [*told, *channel_rules.implausible(glance)])
+    data = RegressionData.of(problem, run, settings, JUDGED)
+    scene = Scene(problem, Likelihood(data.few(TRIED)), Likelihood(data), bool(seldom))
     first = [*_frozen(scene, glance), *channel_rules.dead(glance)]
     if any(
         i.kind in ("frozen position", "torque magnitude") for i in first
@@ -79,14 +82,13 @@ def content(
     score = found.after
     settled = _settled(scene, settings)
     issues = [*first, *_stated(scene, found)]
-    if float(np.mean(score.shares[scene.moving])) > residual.UNRELATED:  # no cause that leaves most dark
+    if float(np.mean(score.shares[scene.moving])) > UNRELATED:  # no cause that leaves most dark
         issues = first
     sizes = list(size.find(scene, found.repair))
     issues += sizes
     if any(i.kind == "torque channel kind" for i in issues):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
-    issues += residual.find(scene, score, settled)
-    issues += residual.two_parts(scene, found.repair, score) if settled else ()
+    issues += residual.find(scene, found.repair, score, settled)
     issues += channel_rules.idle(glance)
     velocity = list(channel_rules.velocity(glance, settings))
     issues += velocity
@@ -105,9 +107,10 @@ def content(
         run = run if found.repair.leaves_log else found.repair.apply(run)
         issues += excitation.find(problem.with_gravity(found.repair.gravity), run, settings)
         issues += excitation.hidden_errors(scene, found.repair)
-    certain, unexplained = _certain(scene, found), residual.overall(score)
-    scene.tried.forget()
-    scene.judged.forget()
+    certain, unexplained = (
+        _certain(scene, found),
+        float(score.left[scene.moving].sum() / score.whole[scene.moving].sum()),
+    )
     return Content(issues, scene, found.repair, certain, unexplained, settled)
 
 
@@ -142,18 +145,17 @@ def _frozen(scene: Scene, glance: Glance) -> Iterator[Issue]:
     run = glance.run
     if np.mean(glance.moving) < 0.5:
         return  # joints are moved one by one, the others held
-    (score,) = scene.judged.scores([scene.none])
+    score = scene.judged.score(scene.none)
     for j in np.flatnonzero(np.ptp(run.q, axis=0) == 0.0).tolist():
         y = scene.judged.data.torque[len(scene.judged.data.torque) // 2][:, j]
-        columns = np.column_stack([score.joints[j].raw, np.ones(len(y))])
+        columns = np.column_stack([score.rows.raw[j], np.ones(len(y))])
         rest = y - columns @ np.linalg.lstsq(columns, y)[0]
         left = float(np.linalg.norm(rest) / max(float(np.linalg.norm(y)), 1e-300))
         if left > _HELD:
             yield Issue(
                 "frozen position", "error", f"q{j + 1}",
-                f"q{j + 1} is {run.q[0, j]:g} in every row, yet {100.0 * left:.0f} % of that joint's "
-                f"torque "
-                "is not that of a joint at rest: the position channel is frozen.",
+                f"q{j + 1} is {run.q[0, j]:g} in every row, yet {100.0 * left:.0f} % of that "
+                f"joint's torque is not that of a joint at rest: the position channel is frozen.",
                 "likely: the torque of a joint that is held follows from the motion of the others",
                 "record again with that channel; leave the run out until then", None,
                 {"joints": [j + 1], "unexplained": left},
@@ -176,7 +178,7 @@ def _stated(scene: Scene, found: Found) -> list[Issue]:
         )
         if change[j] < 0.05:  # the fit is the same: physics alone tells
             text = f"{word}: as recorded, friction would drive the motion, or inertia be negative"
-        figures = {**e.figures, "net": True, "log_odds": gain}
+        figures = {"joints": [j + 1 for j in e.joints], **e.figures, "net": True, "log_odds": gain}
         what = e.what
         if e.number is not None:
             low, high = (e.number.value + s * 2.0 * deviation for s in (-1.0, 1.0))

@@ -8,9 +8,8 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.checks.issue import Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import deviation
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations import Scene
+from sdp_vs_penalty.checks.transformations import Number, Scene
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.intervals import NOT_SEEN, counts
 from sdp_vs_penalty.estimation.uncertainty import of_regression
@@ -64,13 +63,7 @@ def find(problem: Problem, run: Measurements, settings: Preprocessing) -> Iterat
 
 def hidden_errors(scene: Scene, repair: Repair) -> Iterator[Issue]:
     """One note: from which size on the zero of a joint would be named."""
-    revolute = [j for j in scene.joints if scene.revolute(j)]
-    zeros = {
-        j + 1: 3.0 * deviation(
-            scene.tried, partial(repair.with_entry, "zero", j), repair.zero[j], float(_SMALL)
-        )
-        for j in revolute
-    }  # fmt: skip
+    zeros = {j + 1: 3.0 * scene.deviation(_zero(repair, j)) for j in scene.revolute}
     hidden = [
         f"joint {j}{'' if not x < np.pi else f' below {np.degrees(x):.2g} degrees'}"
         for j, x in zeros.items()
@@ -84,3 +77,7 @@ def hidden_errors(scene: Scene, repair: Repair) -> Iterator[Issue]:
             "move these joints farther, and in other poses of the joints before them", None,
             {"zeros": zeros},
         )  # fmt: skip
+
+
+def _zero(repair: Repair, j: int) -> Number:
+    return Number(repair.zero[j], partial(repair.with_entry, "zero", j), _SMALL, 0.0, str)

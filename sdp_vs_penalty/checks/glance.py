@@ -13,9 +13,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.runs import Movement, movement, moving_joints, spans
 
-#: A time step above this many medians is no jitter any more.
-LONG = 5.0
-
 
 @dataclass(frozen=True)
 class Glance:
@@ -74,7 +71,7 @@ class Glance:
     @property
     def channels(self) -> list[tuple[str, int, Array]]:
         """Name, joint and values of each position and torque."""
-        pairs = (("q", self.run.q), ("tau", self.run.tau))
+        pairs = (("q", self.run.q), *([("tau", self.run.tau)] if self.run.torque_logged else []))
         return [(f"{name}{j + 1}", j, x[:, j]) for name, x in pairs for j in range(self.run.n)]
 
 
@@ -102,11 +99,6 @@ def evened(run: Measurements, pause: float) -> Measurements:
     for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(t) > pause) + 1):
         t[part] = np.linspace(t[part[0]], t[part[-1]], len(part))
     return replace(run, t=t)
-
-
-def without(bad: NDArray[np.bool_]) -> object:
-    """The repair that deletes rows (N,)."""
-    return lambda run: run.rows(~bad)
 
 
 def interpolated(run: Measurements, found: dict[str, NDArray[np.bool_]]) -> Measurements:

@@ -6,8 +6,9 @@ of its own, the Gaussian log-likelihood is, up to constants,
     L = -M/2 sum_j log(S_j / |tau_j|^2),
 
 M the number of independent samples. It is free of units and gains. Own columns (friction, rotor,
-offset) are projected out of each joint's rows once; what is left couples the joints. Physics adds what
-L cannot know: the probability that inertia is positive and that friction takes power,
+offset) are projected out of each joint's rows once; what is left couples the joints, as normal equations
+that add: of parts of a log, and of several logs. Physics adds what L cannot know: the probability that
+inertia and masses are positive and that friction takes power,
 
     sum log Phi(z),   z = estimate / standard deviation,
 
@@ -16,44 +17,87 @@ which tells a sign from a reversed clock. Prior costs of a repair are the search
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.columns import under_gravity
-from sdp_vs_penalty.checks.regression_data import LEADS, RegressionData
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.constants import FLOOR, LEADS, LOUDEST, PARTS, RIDGE, ROUNDS
+from sdp_vs_penalty.checks.regression_data import RegressionData, under_gravity
+from sdp_vs_penalty.checks.repair import Event, Repair
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Relative ridge of the normal equations: directions that the motion does not excite stay quiet.
-_RIDGE = 1e-9
-#: A residual below 0.3 % of the torque is explained: friction laws and filters are no better.
-FLOOR = 1e-5
-#: Rounds of reweighting each joint by its own residual.
-_ROUNDS = 3
-#: Parts of the log that are left out in turn.
-PARTS = 8
-#: Physics may speak with so much (natural logarithm) on each joint: estimates of friction are rough.
-_LOUDEST = 60.0
+
+@dataclass(frozen=True)
+class Equations:
+    """Normal equations of n joints' rows: gram (n, s, s), cross (n, s), energy (n,) of the torque with
+    own columns projected out, whole (n,) before; own (n, k, s + 1) what these columns take of the shared
+    ones and of the torque."""
+
+    gram: Array
+    cross: Array
+    energy: Array
+    whole: Array
+    own: Array
+
+    @classmethod
+    def of(cls, full: Array, k: int) -> Equations:
+        """full (n, w, w) : Gram matrices of k own columns, the shared ones and the torque."""
+        size = np.trace(full[:, :k, :k], axis1=1, axis2=2)[:, None, None] / max(k, 1)
+        # A joint that rests in these rows has nothing of its own there.
+        mine = full[:, :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
+        own = np.linalg.solve(mine, full[:, :k, k:])
+        rest = full[:, k:, k:] - full[:, k:, :k] @ own
+        energy = np.maximum(rest[:, -1, -1], 0.0)
+        return cls(rest[:, :-1, :-1], rest[:, :-1, -1], energy, full[:, -1, -1], own)
+
+    def all_of(self, theta: Array) -> Array:
+        """(n, w) factors of own columns, shared ones and the torque, whose sum is the error."""
+        mine = self.own[:, :, :-1] @ theta - self.own[:, :, -1]
+        shared = np.broadcast_to(np.append(theta, -1.0), (len(mine), len(theta) + 1))
+        return np.hstack([-mine, shared])
+
+    def solved(self, weights: Array) -> Array:
+        """(s,) parameters of weighted (n,) least squares."""
+        return solve(np.tensordot(weights, self.gram, 1), weights @ self.cross)
+
+    def left(self, theta: Array) -> Array:
+        """(n,) squared residual, at least FLOOR of the whole."""
+        bent = np.einsum("jst,t->js", self.gram, theta) - 2.0 * self.cross
+        return np.maximum(self.energy + bent @ theta, FLOOR * np.maximum(self.whole, 1e-280))
+
+    def fitted(self, asked: Array) -> Array:
+        """(s,) parameters at the maximum of L; asked (n,) 0 for joints that are not."""
+        whole = np.maximum(self.whole, 1e-280)
+        return minimised(self.gram, self.cross[None], self.energy[None], whole[None], asked)[0][0]
+
+    def best(self, asked: Array) -> Array:
+        """(n,) squared residual there."""
+        return self.left(self.fitted(asked))
 
 
 @dataclass(frozen=True)
-class Joint:
-    """One joint's rows: basis (M, k) of its own columns; columns (M, s) of shared parameters with the
-    own ones projected out; drag (M,), whose product with the torque less the links' is the mean power
-    that friction takes [W]; spin (M,) likewise ddq^T J ddq of the rotor; raw (M, s) before the
-    projection."""
+class Rows:
+    """What a repair of the motion makes of the rows of n joints: basis (n, M, k) of own columns, raw and
+    columns (n, M, s) of shared parameters before and after these are projected out, gram (n, s, s); drag
+    (n, M), whose product with the torque less the links' is the mean power that friction takes [W], and
+    spin (n, M) likewise ddq^T J ddq of the rotor."""
 
     basis: Array
-    columns: Array
     raw: Array
+    columns: Array
+    gram: Array
     drag: Array
     spin: Array
+
+    def rest(self, y: Array) -> Array:
+        """(n, M, K) torques or columns with own columns projected out."""
+        return np.asarray(y - self.basis @ (np.swapaxes(self.basis, 1, 2) @ y))
 
 
 class Likelihood:
@@ -62,48 +106,37 @@ class Likelihood:
 
     def __init__(self, data: RegressionData) -> None:
         self.data = data
-        #: By motion what tells inertia and weight, see :class:`Score`.
-        self.pushed: dict[object, tuple[Array, Array]] = {}
-        self._joints: dict[object, list[Joint]] = {}
-        self._normal: dict[object, Array] = {}
-        self._bases: dict[object, tuple[Array, Array, Array]] = {}
-        self._columns: dict[object, list[Array]] = {}
+        self._rows: dict[object, Rows] = {}
+        self._columns: dict[object, Array] = {}
+        self._pushed: dict[object, Array] = {}
+        self._joints: dict[object, tuple[Array, Array, Array]] = {}
         self._channels: dict[tuple[int, float], tuple[Array, Array]] = {}
-
-    def forget(self) -> None:
-        """Let go of what was kept for the next repair: it can be worked out again."""
-        for kept in (
-            self.pushed, self._joints, self._normal, self._bases, self._columns, self._channels
-        ):  # fmt: skip
-            kept.clear()  # type: ignore[attr-defined]
 
     # -- what a repair makes of the rows ---------------------------------------------------------
 
     def channels(self, repair: Repair) -> Array:
-        """(M, n) the torque as repaired, 0 where it is not asked for."""
-        out = np.empty((self.data.count, self.data.n))
+        """(n, M) the torque as repaired, 0 where it is not asked for."""
+        out = np.empty((self.data.n, self.data.count))
         for j, k in enumerate(repair.tau_order):
             value, rate = self._at(k, repair.lead[j])
-            out[:, j] = repair.gain[j] * (value + repair.lag[j] * rate)
+            out[j] = repair.gain[j] * (value + repair.lag[j] * rate)
         return out * self._heard(repair)
 
     def _heard(self, repair: Repair) -> Array:
-        return self.data.heard[:, list(repair.order)]
+        return self.data.heard.T[list(repair.order)]
 
     def _at(self, k: int, lead: float) -> tuple[Array, Array]:
         """Channel k and its rate, so much later [s]: cubic between the leads that were filtered."""
         if (k, lead) not in self._channels:
-            _keep(self._channels, (k, lead), self._interpolated(k, lead), 200)
+            x, dx = self.data.torque[:, :, k], self.data.rate[:, :, k]
+            i = int(np.clip(np.searchsorted(LEADS, lead, "right") - 1, 0, len(LEADS) - 2))
+            h = float(LEADS[1] - LEADS[0])
+            u = (lead - float(LEADS[i])) / h
+            a, b = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u**2 * (3.0 - 2.0 * u)
+            bent = h * (u * (1.0 - u) ** 2 * dx[i] - u**2 * (1.0 - u) * dx[i + 1])
+            found = a * x[i] + b * x[i + 1] + bent, (1.0 - u) * dx[i] + u * dx[i + 1]
+            _keep(self._channels, (k, lead), found, 200)
         return self._channels[k, lead]
-
-    def _interpolated(self, k: int, lead: float) -> tuple[Array, Array]:
-        x, dx = self.data.torque[:, :, k], self.data.rate[:, :, k]
-        i = int(np.clip(np.searchsorted(LEADS, lead, "right") - 1, 0, len(LEADS) - 2))
-        h = float(LEADS[1] - LEADS[0])
-        u = (lead - float(LEADS[i])) / h
-        a, b = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u**2 * (3.0 - 2.0 * u)
-        value = a * x[i] + b * x[i + 1] + h * (u * (1.0 - u) ** 2 * dx[i] - u**2 * (1.0 - u) * dx[i + 1])
-        return value, (1.0 - u) * dx[i] + u * dx[i + 1]
 
     def motion(self, repair: Repair) -> Motion:
         """States as repaired."""
@@ -111,50 +144,42 @@ class Likelihood:
         dq, ddq = scale * m.dq[:, order] / repair.rate, scale * m.ddq[:, order] / repair.rate**2
         return Motion(m.t[0] + repair.rate * (m.t - m.t[0]), repair.positions(m.q), dq, ddq)
 
-    def joints(self, repair: Repair) -> list[Joint]:
-        """The joints' rows under a repair of the motion."""
+    def rows(self, repair: Repair) -> Rows:
+        """What depends on the motion alone, worked out once for repairs of the torque."""
         key = repair.motion_key, repair.events, repair.reversed
-        if key not in self._joints:
-            heard, made = self._heard(repair), []
-            columns = self._shared(repair)
-            for j in range(self.data.n):
-                basis, drag, spin = self._own(repair, j)
-                raw = heard[:, j : j + 1] * columns[j]
-                made.append(Joint(basis, raw - basis @ (basis.T @ raw), raw, drag, spin))
-            _keep(self._joints, key, made)
-        return self._joints[key]
+        if key not in self._rows:
+            basis, drag, spin = self._own(repair)
+            raw = self.raw(repair)
+            columns = raw - basis @ (np.swapaxes(basis, 1, 2) @ raw)
+            gram = np.swapaxes(columns, 1, 2) @ columns
+            _keep(self._rows, key, Rows(basis, raw, columns, gram, drag, spin), 6)
+        return self._rows[key]
 
-    def _shared(self, repair: Repair) -> list[Array]:
-        """Per joint (M, s) the columns of the parameters that joints share."""
-        shared, keep = self.data.shared, self.data.independent
+    def raw(self, repair: Repair) -> Array:
+        """(n, M, s) the columns of the parameters that joints share, 0 where torque is not asked for."""
+        weight = np.array(repair.weight)[:, None, None]
+        columns = self._under(repair, repair.gravity)
+        if np.any(weight != 1.0):
+            columns = weight * columns + (1.0 - weight) * self._under(repair, (0.0, 0.0, 0.0))
+        return np.asarray(self._heard(repair)[:, :, None] * columns)
+
+    def _under(self, repair: Repair, gravity: tuple[float, float, float]) -> Array:
+        """(n, M, s) the same of whole channels."""
+        shared, keep, key = self.data.shared, self.data.independent, (repair.motion_key[:4], gravity)
         if shared is None:
-            return [np.zeros((self.data.count, 0))] * self.data.n
-        still = repair.motion_key[:4]
-        needed = [(0.0, 0.0, 0.0), *([repair.gravity] if any(repair.gravity) else [])]
-        if all(w == 1.0 for w in repair.weight):
-            needed = [repair.gravity]
-        made = []
-        for gravity in needed:
-            key = still, gravity
-            if key not in self._columns:
-                blocks = under_gravity(shared, gravity).columns(self.motion(repair))
-                _keep(self._columns, key, [b.wide(len(keep))[:, keep] for b in blocks], 12)
-            else:
-                self._columns[key] = self._columns.pop(key)
-            made.append(self._columns[key])
-        if len(made) == 1:
-            return made[0]
-        return [w * b + (1.0 - w) * a for w, a, b in zip(repair.weight, *made, strict=True)]
+            return np.zeros((self.data.n, self.data.count, 0))
+        if key not in self._columns:
+            blocks = under_gravity(shared, gravity).columns(self.motion(repair))
+            _keep(self._columns, key, np.stack([b.wide(len(keep))[:, keep] for b in blocks]), 12)
+        return self._columns[key]
 
-    def last_link(self, repair: Repair) -> list[Array]:
-        """Per joint (M, 10) the columns of the last link's parameters, own columns projected out."""
+    def last_link(self, repair: Repair) -> Array:
+        """(n, M, 10) the columns of the last link's parameters."""
         assert self.data.shared is not None
-        model, heard, out = under_gravity(self.data.shared, repair.gravity), self._heard(repair), []
+        model, width = under_gravity(self.data.shared, repair.gravity), len(self.data.independent)
         blocks = model.columns(self.motion(repair))
-        for j, (b, x) in enumerate(zip(blocks, self.joints(repair), strict=True)):
-            c = heard[:, j, None] * b.wide(len(self.data.independent))[:, model.rigid_indices[-10:]]
-            out.append(c - x.basis @ (x.basis.T @ c))
-        return out
+        columns = np.stack([b.wide(width)[:, model.rigid_indices[-10:]] for b in blocks])
+        return np.asarray(self._heard(repair)[:, :, None] * columns)
 
     def nominal_weight(self, repair: Repair) -> Array:
         """(M, n) the weight of a plausible arm at the repaired positions."""
@@ -165,41 +190,49 @@ class Likelihood:
         robot = under_gravity(shared, repair.gravity).robot
         return np.asarray(robot.regressor(m.q, rest, rest) @ self.data.nominal)
 
-    def _own(self, repair: Repair, j: int) -> tuple[Array, Array, Array]:
-        """Basis of a joint's own columns as repaired, and the rows that read friction and rotor."""
-        k, events = repair.order[j], tuple(e for e in repair.events if e.joint == j)
-        key = k, events
-        if key not in self._bases:
-            data, heard = self.data, self.data.heard[:, k]
-            t = data.motion.t
-            more = [
-                (t - t[0]) / max(t[-1] - t[0], 1e-300) if e.at is None else (t > e.at) * 1.0
-                for e in events
-            ]
-            columns = heard[:, None] * np.column_stack([data.own[k], *more])
+    def _own(self, repair: Repair) -> tuple[Array, Array, Array]:
+        """Bases of the joints' own columns, and the rows that read friction and rotor."""
+        events = [tuple(e for e in repair.events if e.joint == j) for j in range(self.data.n)]
+        found = [self._joint(k, some) for k, some in zip(repair.order, events, strict=True)]
+        widest = self.data.own.shape[2] + max(map(len, events))
+        basis = np.stack([np.pad(u, ((0, 0), (0, widest - u.shape[1]))) for u, *_ in found])
+        sign = np.sign(repair.scale)[:, None]
+        drag, spin = (np.stack([f[i] for f in found]) * sign for i in (1, 2))
+        return basis, -drag if repair.reversed else drag, spin
+
+    def _joint(self, k: int, events: tuple[Event, ...]) -> tuple[Array, Array, Array]:
+        """Of one channel: basis (M, k), 0 for columns that depend on others; drag and spin (M,)."""
+        if (k, events) not in self._joints:
+            data, m, heard = self.data, self.data.motion, self.data.heard[:, k]
+            columns = np.column_stack([data.own[k], *(e.shape(m.t) for e in events)])
+            columns = heard[:, None] * columns
             sizes = np.linalg.norm(columns, axis=0)
             columns = columns / np.where(sizes > 0.0, sizes, 1.0)
             u, s, vt = np.linalg.svd(columns, full_matrices=False)
             kept = s > 1e-6 * s.max(initial=0.0)
-            u, back = u[:, kept], (vt[kept] / s[kept, None]).T
-            dq, ddq = data.motion.dq[:, k] * heard, data.motion.ddq[:, k] * heard
-            friction = columns.T @ dq / data.count
-            friction[[0, 1]] = 0.0
-            friction[data.own.shape[2] :] = 0.0
-            rotor = np.zeros(len(friction))
-            rotor[0] = (columns.T @ ddq)[0] / data.count
-            self._bases[key] = u, u @ (back.T @ friction), u @ (back.T @ rotor)
-        basis, drag, spin = self._bases[key]
-        turned = np.sign(repair.scale[j]) * (-1.0 if repair.reversed else 1.0)
-        return basis, turned * drag, np.sign(repair.scale[j]) * spin
+            u, back = u * kept, (vt / np.where(kept, s, np.inf)[:, None]).T
+            power = columns.T @ np.column_stack([m.dq[:, k], m.ddq[:, k]]) / data.count
+            power[[0, 1], 0] = 0.0  # rotor and offset are no friction
+            power[data.own.shape[2] :, 0] = 0.0
+            power[1:, 1] = 0.0
+            drag, spin = (u @ (back.T @ power)).T
+            self._joints[k, events] = u, drag, spin
+        return self._joints[k, events]
 
     def slope(self, at: Callable[[float], Repair], value: float, h: float, theta: Array) -> Array:
-        """(M, n) d(y - Y theta)/dx of a number at a value, by central differences."""
-        ends = []
-        for x in (value + h, value - h):
-            raw = [j.raw @ theta for j in self.joints(at(x))]
-            ends.append(self.channels(at(x)) - np.column_stack(raw))
-        return np.asarray((ends[0] - ends[1]) / (2.0 * h))
+        """(n, M) d(y - Y theta)/dx of a number at a value, by central differences."""
+        plus, minus = (self.channels(at(x)) - self.raw(at(x)) @ theta for x in (value + h, value - h))
+        return np.asarray((plus - minus) / (2.0 * h))
+
+    def parts(self, repair: Repair, count: int = PARTS, more: Array | None = None) -> tuple[Array, int]:
+        """(count, n, w, w) Gram matrices of that many parts of the log, which add, and how many of their
+        columns are own ones; more (n, M, r) : further columns that joints share."""
+        rows, y = self.rows(repair), self.channels(repair)[:, :, None]
+        further = y[:, :, :0] if more is None else more
+        full = np.concatenate([rows.basis, rows.raw, further, y], axis=2)
+        edges = np.linspace(0, self.data.count, count + 1).astype(int)
+        parts = [full[:, a:b] for a, b in pairwise(edges.tolist())]
+        return np.stack([np.swapaxes(p, 1, 2) @ p for p in parts]), rows.basis.shape[2]
 
     # -- the likelihood ----------------------------------------------------------------------------
 
@@ -209,157 +242,89 @@ class Likelihood:
         for i, r in enumerate(repairs):
             groups.setdefault((r.motion_key, r.events, r.reversed), []).append(i)
         out: dict[int, Score] = {}
+        asked = np.where(self.data.moving, 1.0, 0.0)
         for places in groups.values():
-            joints = self.joints(repairs[places[0]])
-            key = repairs[places[0]].motion_key, repairs[places[0]].events
-            if key not in self._normal:
-                _keep(self._normal, key, np.stack([j.columns.T @ j.columns for j in joints]))
-            y = np.stack([self.channels(repairs[i]) for i in places])
-            for i, score in zip(places, self._solve(joints, self._normal[key], y), strict=True):
-                out[i] = score
+            rows = self.rows(repairs[places[0]])
+            y = np.stack([self.channels(repairs[i]) for i in places], axis=2)
+            rest = rows.rest(y)
+            whole = np.sum(y**2, axis=1).T
+            whole = np.maximum(whole, 1e-12 * whole.max(axis=1, keepdims=True) + 1e-280)
+            cross = np.moveaxis(np.swapaxes(rows.columns, 1, 2) @ rest, 2, 0)
+            theta, left = minimised(rows.gram, cross, np.sum(rest**2, axis=1).T, whole, asked)
+            for i, *found in zip(places, np.moveaxis(y, 2, 0), theta, left, whole, strict=True):
+                out[i] = Score(self, rows, *found)
         return [out[i] for i in range(len(repairs))]
 
-    def _solve(self, joints: list[Joint], gram: Array, y: Array) -> list[Score]:
-        """gram (n, s, s); y (K, M, n)."""
-        whole = np.einsum("kmj,kmj->kj", y, y)
-        floor = 1e-12 * whole.max(axis=1, keepdims=True) + 1e-280
-        whole = np.maximum(whole, floor)
-        rest = np.stack(
-            [y[:, :, j] - (y[:, :, j] @ x.basis) @ x.basis.T for j, x in enumerate(joints)], axis=1
-        )
-        cross = np.stack([rest[:, j] @ x.columns for j, x in enumerate(joints)], axis=1)
-        energy = np.maximum(np.einsum("kjm,kjm->kj", rest, rest), 0.0)
-        heard = np.where(self.data.moving, 1.0, 0.0)
-        theta, left = minimised(gram, cross, energy, whole, heard)
-        return [Score(self, joints, gram, *parts) for parts in zip(y, theta, left, whole, strict=True)]
+    def score(self, repair: Repair) -> Score:
+        """One arm fitted to one repair."""
+        return self.scores([repair])[0]
 
     def left_out(self, repair: Repair) -> Array:
         """(PARTS, n) share of each part's energy that the arm of all other parts leaves of it."""
-        joints, y = self.joints(repair), self.channels(repair)
-        edges = np.linspace(0, self.data.count, PARTS + 1).astype(int)
-        columns = [np.hstack([x.basis, x.raw]) for x in joints]
-        out = np.empty((PARTS, self.data.n))
-        grams = [_by_part(c, y[:, j], edges) for j, c in enumerate(columns)]
-        widths = np.array([x.basis.shape[1] for x in joints])
-        score = self.scores([repair])[0]
-        weights = np.where(self.data.moving, 1.0 / np.maximum(score.left, FLOOR * score.whole), 0.0)
-        for k in range(PARTS):
-            theta, own = joint_fit(
-                [g.sum(axis=0) - g[k] for g, *_ in grams],
-                [c.sum(axis=0) - c[k] for _, c, _ in grams],
-                widths,
-                weights,
-            )
-            for j, (g, c, e) in enumerate(grams):
-                x = np.concatenate([own[j], theta])
-                left = e[k] - 2.0 * c[k] @ x + x @ g[k] @ x
-                out[k, j] = max(left / max(e[k], 1e-280), FLOOR)
-        return out
+        (parts, k), weights, out = self.parts(repair), self.score(repair).weights, []
+        for part in parts:
+            rest = Equations.of(parts.sum(axis=0) - part, k)
+            v = rest.all_of(rest.solved(weights))
+            whole = np.maximum(part[:, -1, -1], 1e-280)
+            out.append(np.maximum(np.einsum("jw,jwx,jx->j", v, part, v) / whole, FLOOR))
+        return np.array(out)
 
+    def step(self, repair: Repair, weights: Array, slope: Array) -> float:
+        """By how much a number has to change whose change makes d(y - Y theta)/dx = slope (n, M), to
+        first order; 0 where nothing tells."""
+        parts, k = self.parts(repair, 1, -slope[:, :, None])
+        one = Equations.of(parts[0], k)
+        normal = np.tensordot(weights, one.gram, 1)
+        across, along = normal[:-1, -1], normal[-1, -1]
+        told = along - across @ solve(normal[:-1, :-1], across)
+        return float(one.solved(weights)[-1]) if told > 1e-3 * along > 0.0 else 0.0
 
-def left_out_alone(score: Score) -> Array:
-    """(n,) share of each channel that its joint's own model leaves of parts that it was not fitted
-    to.
-    """
-    data, out = score.of.data, np.ones(len(score.joints))
-    edges = np.linspace(0, data.count, PARTS + 1).astype(int)
-    for j, x in enumerate(score.joints):
-        columns = np.hstack([x.basis, x.columns])
-        gram, cross, energy = _by_part(columns, score.channels[:, j], edges)
-        left = 0.0
-        for k in range(PARTS):
-            theta = solve(gram.sum(axis=0) - gram[k], cross.sum(axis=0) - cross[k])
-            left += energy[k] - 2.0 * cross[k] @ theta + theta @ gram[k] @ theta
-        out[j] = max(left / score.whole[j], FLOOR)
-    return out
+    def deviation(self, repair: Repair, weights: Array, slope: Array) -> float:
+        """Standard deviation of such a number, by leaving out parts of the log (a delete-a-group
+        jackknife): what the model lacks makes it vary from part to part, and noise alone would make it
+        look exact."""
+        size = float(np.linalg.norm(slope)) / max(
+            float(np.linalg.norm(self.rows(repair).raw[0])), 1e-300
+        )
+        if size == 0.0:
+            return np.inf
+        parts, k = self.parts(repair, PARTS, -slope[:, :, None] / size)
+        rests = (Equations.of(parts.sum(axis=0) - part, k) for part in parts)
+        found = np.array([rest.solved(weights)[-1] for rest in rests])
+        return float(np.sqrt((PARTS - 1) / PARTS * np.sum((found - found.mean()) ** 2))) / size
 
-
-def _keep(kept: dict[Any, Any], key: object, value: object, most: int = 6) -> None:
-    """Remember a value, and no more than so many of them."""
-    if len(kept) >= most:
-        del kept[next(iter(kept))]
-    kept[key] = value
-
-
-def _by_part(columns: Array, y: Array, edges: Array) -> tuple[Array, Array, Array]:
-    """Normal equations of each part of the rows."""
-    parts = [slice(a, b) for a, b in pairwise(edges.tolist())]
-    gram = np.stack([columns[p].T @ columns[p] for p in parts])
-    cross = np.stack([columns[p].T @ y[p] for p in parts])
-    return gram, cross, np.array([y[p] @ y[p] for p in parts])
-
-
-def joint_fit(
-    grams: list[Array], crosses: list[Array], widths: Array, weights: Array
-) -> tuple[Array, list[Array]]:
-    """Shared and own parameters from normal equations whose first ``widths[j]`` are joint j's own."""
-    s = grams[0].shape[0] - int(widths[0])
-    total, right, back = np.zeros((s, s)), np.zeros(s), []
-    for g, c, k, w in zip(grams, crosses, widths.tolist(), weights, strict=True):
-        # A joint that rests in these rows has nothing of its own there.
-        ridge = max(1e-6 * float(np.trace(g[:k, :k])) / max(k, 1), 1e-280)
-        own = g[:k, :k] + ridge * np.eye(k)
-        solved = np.linalg.solve(own, np.column_stack([g[:k, k:], c[:k]])) if k else np.zeros((0, s + 1))
-        total += w * (g[k:, k:] - g[k:, :k] @ solved[:, :-1])
-        right += w * (c[k:] - g[k:, :k] @ solved[:, -1])
-        back.append(solved)
-    theta = solve(total, right)
-    return theta, [b[:, -1] - b[:, :-1] @ theta for b in back]
-
-
-def solve(gram: Array, right: Array) -> Array:
-    """(G + ridge)^-1 b with columns scaled to one; zero for columns that are not there."""
-    norms = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
-    seen = np.flatnonzero(norms > 1e-9 * norms.max(initial=0.0))
-    out = np.zeros_like(right)
-    if len(seen):
-        scale = 1.0 / norms[seen]
-        unit = scale[:, None] * gram[np.ix_(seen, seen)] * scale + _RIDGE * np.eye(len(seen))
-        out[seen] = (np.linalg.solve(unit, (scale * right[seen].T).T).T * scale).T
-    return out
-
-
-def minimised(
-    gram: Array, cross: Array, energy: Array, whole: Array, heard: Array
-) -> tuple[Array, Array]:
-    """theta (K, s) and squared residuals (K, n) at the maximum of L, by reweighting each joint.
-
-    gram (n, s, s) of all, cross (K, n, s), energy (K, n) with the own columns projected out, whole (K,
-    n) before; heard (n,) 0 for joints that are not asked.
-    """
-    k, n, s = cross.shape
-    theta, left = np.zeros((k, s)), energy.copy()
-    if not s:
-        return theta, left
-    flat, sizes = gram.reshape(n, s * s), np.diagonal(gram, axis1=1, axis2=2)
-    weights = heard / whole
-    for _ in range(_ROUNDS):
-        normal = (weights @ flat).reshape(k, s, s)
-        norms = np.sqrt(np.maximum(weights @ sizes, 0.0))
-        seen = norms > 1e-9 * norms.max(axis=1, keepdims=True, initial=0.0)
-        scale = np.where(seen, 1.0 / np.where(seen, norms, 1.0), 0.0)
-        normal *= scale[:, :, None]
-        normal *= scale[:, None, :]
-        normal.reshape(k, -1)[:, :: s + 1] += np.where(seen, _RIDGE, 1.0)
-        right = scale * np.einsum("kj,kjs->ks", weights, cross)
-        theta = scale * np.linalg.solve(normal, right[..., None])[..., 0]
-        bent = np.einsum("jst,kt->kjs", gram, theta) - 2.0 * cross
-        left = np.maximum(energy + np.einsum("kjs,ks->kj", bent, theta), 0.0)
-        weights = heard / np.maximum(left, FLOOR * whole)
-    return theta, left
+    def pushed(self, repair: Repair) -> Array:
+        """(2, s) what the mean of ddq^T M(q) ddq is of the shared parameters, and the weight's mean
+        product with the weight of a plausible arm."""
+        data, key = self.data, repair.motion_key
+        if data.shared is None:
+            return np.zeros((2, 0))
+        if key not in self._pushed:
+            m, keep, made = self.motion(repair), data.independent, []
+            rest, loads = np.zeros_like(m.q), self.nominal_weight(repair)
+            ways = (((0.0, 0.0, 0.0), m.ddq, m.ddq), (repair.gravity, rest, loads))
+            for gravity, ddq, along in ways:
+                blocks = under_gravity(data.shared, gravity).columns(Motion(m.t, m.q, rest, ddq))
+                some = zip(blocks, along.T, strict=True)
+                made.append(sum(b.wide(len(keep))[:, keep].T @ a for b, a in some) / data.count)
+            _keep(self._pushed, key, np.array(made), 6)
+        return self._pushed[key]
 
 
 @dataclass
 class Score:
-    """One arm fitted to one repaired log."""
+    """One arm fitted to one repaired log: channels (n, M), theta (s,), left and whole (n,) [(N m)^2]."""
 
     of: Likelihood
-    joints: list[Joint]
-    gram: Array
+    rows: Rows
     channels: Array
     theta: Array
     left: Array
     whole: Array
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        return self.of.data.moving
 
     @cached_property
     def shares(self) -> Array:
@@ -369,145 +334,124 @@ class Score:
     @cached_property
     def misfit(self) -> float:
         """sum_j log of what is left, of joints that move; without the floor, for the best number."""
-        return float(np.log(np.maximum(self.left / self.whole, 1e-9))[self.of.data.moving].sum())
+        return float(np.log(np.maximum(self.left / self.whole, 1e-9))[self.moving].sum())
 
     @cached_property
     def score(self) -> float:
-        return float(np.log(self.shares)[self.of.data.moving].sum())
+        return float(np.log(self.shares)[self.moving].sum())
 
     @cached_property
     def alone(self) -> Array:
         """(n,) share with a theta of its own for each joint: no arm does better."""
-        out = np.ones(len(self.joints))
-        for j, x in enumerate(self.joints):
-            y = self.channels[:, j] - x.basis @ (x.basis.T @ self.channels[:, j])
-            fit = solve(self.gram[j], x.columns.T @ y)
-            out[j] = max(float(y @ y - fit @ (x.columns.T @ y)), 0.0)
-        return np.maximum(out / self.whole, FLOOR)
+        rest, columns = self.rows.rest(self.channels[:, :, None]), self.rows.columns
+        cross = (np.swapaxes(columns, 1, 2) @ rest)[:, :, 0]
+        fits = [solve(g, c) @ c for g, c in zip(self.rows.gram, cross, strict=True)]
+        left = np.sum(rest[:, :, 0] ** 2, axis=1) - np.array(fits)
+        return np.maximum(left / self.whole, FLOOR)
 
     @cached_property
     def residual(self) -> Array:
-        """(M, n) what the arm leaves of the channels."""
-        rest = [
-            y - x.basis @ (x.basis.T @ y) - x.columns @ self.theta
-            for y, x in zip(self.channels.T, self.joints, strict=True)
-        ]
-        return np.column_stack(rest)
+        """(n, M) what the arm leaves of the channels."""
+        rest = self.rows.rest(self.channels[:, :, None])[:, :, 0]
+        return np.asarray(rest - self.rows.columns @ self.theta)
 
-    def _z(self, slope: Array, readers: Array, samples: float) -> float:
-        """Of a mean power slope^T theta + sum_j r_j^T (y_j - S_j theta), readers r (M, n): over its
-        standard deviation."""
-        value, gradient, spread = float(slope @ self.theta), slope.copy(), 0.0
-        for x, r, y, left in zip(self.joints, readers.T, self.channels.T, self.left, strict=True):
-            if r.any():
-                value += float(r @ (y - x.raw @ self.theta))
-                gradient -= x.raw.T @ r
-                spread += float(left / samples * (r @ r))
-        normal = np.tensordot(self._weights * samples, self.gram, 1)
-        spread += float(gradient @ solve(normal, gradient))
-        return value / np.sqrt(max(spread, 1e-300))
+    @cached_property
+    def weights(self) -> Array:
+        """(n,) of each joint's rows, 0 where it does not move."""
+        return np.where(self.moving, 1.0 / np.maximum(self.left, FLOOR * self.whole), 0.0)
 
-    def newton(self, slope: Array) -> float:
-        """The step of a number whose change makes d(y - Y theta)/dx = slope (M, n), to first order; 0
-        where nothing tells of it."""
-        weights, right, size, pull = self._weights, np.zeros(len(self.theta)), 0.0, 0.0
-        for x, d, r, w in zip(self.joints, slope.T, self.residual.T, weights, strict=True):
-            d = d - x.basis @ (x.basis.T @ d)
-            right, size, pull = right + w * (x.columns.T @ d), size + w * (d @ d), pull + w * (d @ r)
-        left = size - right @ solve(np.tensordot(weights, self.gram, 1), right)
-        return float(-pull / left) if left > 1e-3 * size > 0.0 else 0.0
+    def physics(self, repair: Repair, samples: float) -> float:
+        """log-probability that inertia and masses are positive and friction takes power."""
+        from scipy.special import log_ndtr
 
-    @property
-    def _weights(self) -> Array:
-        return self.of.data.moving / np.maximum(self.left, FLOOR * self.whole)
+        rows, away = self.rows, self.channels - self.rows.raw @ self.theta
+        slopes = self.of.pushed(repair)
+        noise = self.left / samples
 
-    def friction(self, samples: float) -> Array:
-        """(n,) z of the mean power that each joint's friction takes; 0 where a joint is not asked."""
-        drag, zero = np.column_stack([x.drag for x in self.joints]), np.zeros(len(self.theta))
-        one = np.eye(len(self.joints))
-        asked = self.of.data.moving
-        return np.array(
-            [self._z(zero, drag * one[j], samples) if asked[j] else 0.0 for j in range(len(asked))]
-        )
+        def read(readers: Array) -> tuple[Array, Array, Array]:
+            """Of r_j^T (y_j - Y_j theta): value, minus its gradient, variance by noise, each joint."""
+            gradient = np.einsum("jm,jms->js", readers, rows.raw)
+            return np.sum(readers * away, axis=1), gradient, noise * np.sum(readers**2, axis=1)
 
-    def inertia(self, repair: Repair, samples: float) -> float:
-        """z of the mean of ddq^T M(q) ddq of the fitted arm, rotors included."""
-        return self._z(self._pushed(repair)[0], np.column_stack([x.spin for x in self.joints]), samples)
-
-    def weight(self, repair: Repair, samples: float) -> float:
-        """z of the fitted weight's component along that of a nominal arm: masses are positive."""
-        return self._z(self._pushed(repair)[1], np.zeros_like(self.channels), samples)
-
-    def _pushed(self, repair: Repair) -> tuple[Array, Array]:
-        """(s,) what the mean of ddq^T M(q) ddq is of the shared parameters, and the weight's mean
-        product with the nominal weight."""
-        data, key = self.of.data, repair.motion_key
-        if data.shared is None:
-            return np.zeros(0), np.zeros(0)
-        if key not in self.of.pushed:
-            m, keep, made = self.of.motion(repair), data.independent, []
-            rest, loads = np.zeros_like(m.q), self.of.nominal_weight(repair)
-            ways = (((0.0, 0.0, 0.0), m.ddq, m.ddq), (repair.gravity, rest, loads))
-            for gravity, ddq, along in ways:
-                blocks = under_gravity(data.shared, gravity).columns(Motion(m.t, m.q, rest, ddq))
-                some = zip(blocks, along.T, strict=True)
-                made.append(sum(b.wide(len(keep))[:, keep].T @ a for b, a in some) / data.count)
-            _keep(self.of.pushed, key, (made[0], made[1]))
-        return self.of.pushed[key]
+        power, drag, shaken = read(rows.drag)
+        turned, spin, spun = read(rows.spin)
+        values = np.append(power, slopes @ self.theta + [turned.sum(), 0.0])
+        gradients = np.vstack([-drag, slopes - [spin.sum(axis=0), 0.0 * spin[0]]])
+        normal = np.tensordot(self.weights * samples, rows.gram, 1)
+        spread = np.append(shaken, [spun.sum(), 0.0])
+        spread += np.sum(gradients.T * solve(normal, gradients.T), axis=0)
+        z = values / np.sqrt(np.maximum(spread, 1e-300))
+        asked = np.append(self.moving, [True, True])
+        return float(np.maximum(log_ndtr(z), -LOUDEST)[asked].sum())
 
 
-def log_phi(z: Array | float) -> Array:
-    """log of the normal distribution's cumulative function, at least -_LOUDEST."""
-    from scipy.special import log_ndtr
-
-    return np.maximum(np.asarray(log_ndtr(z), float), -_LOUDEST)
-
-
-def physics(score: Score, repair: Repair, samples: float) -> float:
-    """log-probability that inertia and masses are positive and friction takes power."""
-    return float(
-        log_phi(score.inertia(repair, samples))
-        + log_phi(score.weight(repair, samples))
-        + log_phi(score.friction(samples))[score.of.data.moving].sum()
-    )
+def left_out_alone(score: Score, repair: Repair) -> Array:
+    """(n,) share of each channel that its joint's own model leaves of parts it was not fitted to."""
+    parts, left = score.of.parts(repair)[0], 0.0 * score.whole
+    for part in parts:
+        rest = parts.sum(axis=0) - part
+        for j in range(len(left)):
+            v = np.append(solve(rest[j, :-1, :-1], rest[j, :-1, -1]), -1.0)
+            left[j] += v @ part[j] @ v
+    return np.maximum(left / score.whole, FLOOR)
 
 
-def independent_samples(residual: Array, heard: Iterable[bool]) -> float:
-    """How many independent samples rows (M, n) hold whose neighbours are alike: M (1 - rho) / (1 + rho)
+def independent_samples(residual: Array, asked: NDArray[np.bool_]) -> float:
+    """How many independent samples rows (n, M) hold whose neighbours are alike: M (1 - rho) / (1 + rho)
     of the median lag-1 correlation rho."""
-    count = len(residual)
-    x = residual - residual.mean(axis=0)
-    x = x[:, np.array(list(heard), bool)]
-    if count < 4 or not x.shape[1]:
+    count = residual.shape[1]
+    x = (residual - residual.mean(axis=1, keepdims=True))[asked]
+    if count < 4 or not len(x):
         return float(count)
-    rho = np.sum(x[1:] * x[:-1], axis=0) / np.maximum(np.sum(x * x, axis=0), 1e-300)
+    rho = np.sum(x[:, 1:] * x[:, :-1], axis=1) / np.maximum(np.sum(x * x, axis=1), 1e-300)
     r = float(np.clip(np.median(rho), 0.0, 0.95))
     return count * (1.0 - r) / (1.0 + r)
 
 
-def deviation(of: Likelihood, at: Callable[[float], Repair], value: float, usual: float) -> float:
-    """Standard deviation of a number, by leaving out parts of the log.
+def solve(gram: Array, right: Array) -> Array:
+    """(G + ridge)^-1 b with columns scaled to one; zero for columns that are not there."""
+    norms = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
+    seen = np.flatnonzero(norms > 1e-9 * norms.max(initial=0.0))
+    out = np.zeros_like(right)
+    if len(seen):
+        scale = 1.0 / norms[seen]
+        unit = scale[:, None] * gram[np.ix_(seen, seen)] * scale + RIDGE * np.eye(len(seen))
+        out[seen] = (np.linalg.solve(unit, (scale * right[seen].T).T).T * scale).T
+    return out
 
-    What the model lacks makes a number wrong by as much as it varies from part to part; noise alone
-    would make it look exact. To first order the number is one column more beside the arm's, d(y - Y
-    theta)/dx; leaving out parts in turn (a delete-a-group jackknife) moves its size.
+
+def minimised(
+    gram: Array, cross: Array, energy: Array, whole: Array, asked: Array
+) -> tuple[Array, Array]:
+    """theta (K, s) and squared residuals (K, n) at the maximum of L, by reweighting each joint.
+
+    gram (n, s, s) of all, cross (K, n, s), energy (K, n) with the own columns projected out, whole (K,
+    n) before; asked (n,) 0 for joints that are not.
     """
-    here = at(value)
-    (score,) = of.scores([here])
-    slope = of.slope(at, value, 0.3 * usual, score.theta)
-    scale = float(np.linalg.norm(slope)) / max(float(np.linalg.norm(of.joints(here)[0].raw)), 1e-300)
-    if scale == 0.0:
-        return np.inf
-    slope = slope / scale
-    joints, residual = of.joints(here), score.channels
-    edges = np.linspace(0, of.data.count, PARTS + 1).astype(int)
-    columns = [np.hstack([x.basis, x.raw, -slope[:, j : j + 1]]) for j, x in enumerate(joints)]
-    grams = [_by_part(c, residual[:, j], edges) for j, c in enumerate(columns)]
-    widths = np.array([x.basis.shape[1] for x in joints])
-    found = []
-    for k in range(PARTS):
-        some = [(g.sum(axis=0) - g[k], c.sum(axis=0) - c[k]) for g, c, _ in grams]
-        left, right = [g for g, _ in some], [c for _, c in some]
-        found.append(float(joint_fit(left, right, widths, score._weights)[0][-1]))
-    spread = np.array(found)
-    return float(np.sqrt((PARTS - 1) / PARTS * np.sum((spread - spread.mean()) ** 2))) / scale
+    k, n, s = cross.shape
+    theta, left = np.zeros((k, s)), energy.copy()
+    if not s:
+        return theta, left
+    flat, sizes = gram.reshape(n, s * s), np.diagonal(gram, axis1=1, axis2=2)
+    weights = asked / whole
+    for _ in range(ROUNDS):
+        normal = (weights @ flat).reshape(k, s, s)
+        norms = np.sqrt(np.maximum(weights @ sizes, 0.0))
+        seen = norms > 1e-9 * norms.max(axis=1, keepdims=True, initial=0.0)
+        scale = np.where(seen, 1.0 / np.where(seen, norms, 1.0), 0.0)
+        normal *= scale[:, :, None]
+        normal *= scale[:, None, :]
+        normal.reshape(k, -1)[:, :: s + 1] += np.where(seen, RIDGE, 1.0)
+        right = scale * np.einsum("kj,kjs->ks", weights, cross)
+        theta = scale * np.linalg.solve(normal, right[..., None])[..., 0]
+        bent = np.einsum("jst,kt->kjs", gram, theta) - 2.0 * cross
+        left = np.maximum(energy + np.einsum("kjs,ks->kj", bent, theta), 0.0)
+        weights = asked / np.maximum(left, FLOOR * whole)
+    return theta, left
+
+
+def _keep(kept: dict[Any, Any], key: object, value: object, most: int) -> None:
+    """Remember a value, and no more than so many of them."""
+    if len(kept) >= most:
+        del kept[next(iter(kept))]
+    kept[key] = value

@@ -1,29 +1,39 @@
-"""The rows of one log that hypotheses are judged on: filtered as an identification filters them."""
+"""The rows of one log that hypotheses are judged on, and the columns of an arm's torque.
+
+Rows are filtered as an identification filters them. Columns are those that joints share, and those of
+each joint's own motion: what friction, a rotor and an offset may look like. Beside the model's they hold
+laws that the model may lack (sharper and rounder Coulomb friction, bristles that bend before they slide,
+Dahl 1968): what they explain is the model's matter, and no fault of the log.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.columns import independent_columns, own_columns, shared_model
+from sdp_vs_penalty.checks.constants import (
+    BRISTLE_TRAVELS,
+    COULOMB_WIDTHS,
+    DENSE,
+    LEADS,
+    SLIDES,
+    STATES,
+)  # fmt: skip
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.bristles import dahl
+from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.base_parameters import random_motion, structure
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.kernels import LowPass
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints
-
-#: Leads [s] of the torque at which it is filtered; between them it is interpolated.
-LEADS = np.linspace(-0.25, 0.25, 11)
-#: Rows for each independent sample of the low-passed torque.
-_DENSE = 1.2
-#: A joint slides at this share of its usual speed: slower, dry friction holds any torque between limits.
-SLIDES = 0.2
 
 
 @dataclass(frozen=True)
@@ -80,7 +90,7 @@ class RegressionData:
         than the filters need."""
         assert settings.torque_cutoff is not None
         # As much of the band as the rows can hold, each row independent of the next.
-        band = rows / (2.0 * _DENSE * max(float(run.t[-1] - run.t[0]), 1e-9))
+        band = rows / (2.0 * DENSE * max(float(run.t[-1] - run.t[0]), 1e-9))
         settings = replace(settings, torque_cutoff=min(settings.torque_cutoff, band))
         filters = RunFilter(run, settings)
         margin = filters.state.half + filters.column.half
@@ -145,3 +155,51 @@ def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Mode
             out[k] = decimator @ around[shift:]
     states = (x[local] for x in (dense.q, dense.dq, dense.ddq))
     return (part.clock(exact), *states, torque, rate, np.moveaxis(own, 1, 0))
+
+
+def own_effects(model: Model) -> list[int]:
+    """Which of the model's effects have one column on every joint, made by that joint's motion."""
+    every = list(range(model.robot.n))
+    return [
+        k for k, e in enumerate(model.effects) if isinstance(e, JointEffect) and list(e.joints) == every
+    ]
+
+
+def shared_model(model: Model) -> Model | None:
+    """The model without these: the links, couplings."""
+    own = own_effects(model)
+    rest = tuple(e for k, e in enumerate(model.effects) if k not in own)
+    return Model(model.robot, rest) if rest else None
+
+
+def own_columns(model: Model, motion: Motion) -> list[Array]:
+    """(N, n) blocks: a rotor, an offset, then everything that resists the motion."""
+    effects = [e for k in own_effects(model) if isinstance(e := model.effects[k], JointEffect)]
+    friction = [e for e in effects if "friction" in e.name]
+    laws = [np.column_stack([e.column(motion, j) for j in range(model.robot.n)]) for e in friction]
+    laws += [np.tanh(motion.dq / w) for w in COULOMB_WIDTHS]
+    laws += [np.column_stack([dahl(q, d) for q in motion.q.T]) for d in BRISTLE_TRAVELS]
+    return [motion.ddq, np.ones_like(motion.q), motion.dq, *laws]
+
+
+def independent_columns(model: Model) -> NDArray[np.bool_]:
+    """(p,) which parameters of :func:`shared_model` stand for all, wherever gravity points: 30 to 40 %
+    of the links' follow from the others."""
+    links = model.rigid_indices
+    kept = np.ones(len(model.parameters), bool)
+    if len(links):
+        motion = random_motion(model.robot, 0, STATES * model.robot.n)
+        turned = [replace(model.robot, gravity=tuple(g)) for g in 9.81 * np.eye(3)]
+        stack = np.vstack([r.regressor(motion.q, motion.dq, motion.ddq) for r in turned])
+        _, independent = structure(stack.reshape(-1, len(links)))
+        kept[links] = np.isin(np.arange(len(links)), independent)
+    return kept
+
+
+def under_gravity(model: Model, gravity: Sequence[float]) -> Model:
+    """The same model under another vector of gravity."""
+    x, y, z = (float(g) for g in gravity)
+    if (x, y, z) == tuple(model.robot.gravity):
+        return model
+    robot: Robot = replace(model.robot, gravity=(x, y, z))
+    return Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects))

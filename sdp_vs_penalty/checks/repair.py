@@ -28,6 +28,11 @@ class Event:
     joint: int
     at: float | None = None
 
+    def shape(self, t: Array) -> Array:
+        """(N,) of which the change is a multiple: a ramp, or a step."""
+        ramp = (t - t[0]) / max(t[-1] - t[0], 1e-300)
+        return np.asarray(ramp if self.at is None else (t > self.at) * 1.0)
+
 
 @dataclass(frozen=True)
 class Repair:

@@ -69,11 +69,11 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
 
 def servo(result: Estimate, told: dict[str, Any]) -> None:
     """The law of the servos that stood for a torque, its gains, and what sets the scale."""
-    errors = ", ".join(f"{law} {100.0 if x is None else x:.3g} %" for law, x in told["held_out"].items())
+    errors = ", ".join(f"{law} {x:.4g}" for law, x in told["held_out"].items())
     late = f"commands act {1e3 * told['delay']:.2g} ms late" if told["delay"] > 0.0 else "no delay"
     say(
         f"servo law, in place of a torque: {told['law']}, {late}"
-        + (f" (held out: {errors})" * bool(errors))
+        + (f" (held-out error over the least: {errors})" * bool(errors))
     )
     say(f"scale: {told['scale']}")
     model, std = result.model, result.standard_deviations

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -90,11 +91,12 @@ class Measurements(Shown):
 
     def runs(self) -> list[Measurements]:
         """The single runs, in order; the same ones each time."""
-        if self.run is None:
-            return [self]
-        if "runs" not in self.derived:
-            self.derived["runs"] = self._split(self.run)
-        return list(self.derived["runs"])
+        return [self] if self.run is None else list(self._runs)
+
+    @cached_property
+    def _runs(self) -> list[Measurements]:
+        assert self.run is not None
+        return self._split(self.run)
 
     def _split(self, run: NDArray[np.int64]) -> list[Measurements]:
         if all(np.all(np.diff(part) >= 0) for _, part in parts(run, overlap=1)):

@@ -100,6 +100,9 @@ class Effect(ABC):
     #: joints, or nothing.
     forward: ClassVar[Literal["torque", "channel", "drive", "left out"]] = "torque"
 
+    #: Which parameters are gains of the joints' position errors; None where it has no such.
+    position_gains: ClassVar[slice | None] = None
+
     #: True where one parameter acts on the whole robot: no joints to choose from.
     whole_robot: ClassVar[bool] = False
     #: True where the links absorb the effect, so that it shows only against a model held fixed.

@@ -16,7 +16,7 @@ class ExternalWrench(Effect):
     )
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 7.1"
     whole_robot = True
-    signless = True
+    signless = smooth = True
     sized_by = slice(0, 3)  # the force
     one_number = False
 

@@ -105,6 +105,13 @@ class Model:
         return np.concatenate(each)
 
     @cached_property
+    def error_gains(self) -> tuple[int, ...]:
+        """(n) where the gain of each joint's position error sits in theta; -1 without a servo."""
+        own = [(e, k) for e, k in zip(self.effects, self.indices, strict=True) if e.position_gains]
+        at = {j: int(i) for e, k in own for j, i in zip(e.joints, k[e.position_gains], strict=True)}
+        return tuple(at.get(j, -1) for j in range(self.robot.n))
+
+    @cached_property
     def sign_width(self) -> tuple[float, ...]:
         """(n) the velocities over which this model smooths the signs of dry friction [rad/s, m/s]."""
         widths = {j: e.shape["v_s"] for e in self.effects if "v_s" in e.shape for j in e.joints}

@@ -22,7 +22,7 @@ class Payload(Effect):
     )
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
     whole_robot = True
-    signless = True
+    signless = smooth = True
     frozen_only = True
     sized_by = slice(0, 1)  # its mass
 

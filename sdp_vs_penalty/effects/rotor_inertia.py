@@ -16,7 +16,8 @@ class RotorInertia(JointEffect):
     symbol = "I_a"
     units = ("kg*m^2", "kg")
     lower = 0.0
-    signless = True
+    # On the links' grid: what cannot be told from them stays so to the last bit.
+    signless = smooth = True
 
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.ddq[:, joint]

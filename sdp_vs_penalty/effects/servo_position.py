@@ -19,6 +19,7 @@ class ServoPosition(Servo):
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.5"
     one_number = False
     sized_by = slice(0, 1)
+    position_gains = slice(0, None, 2)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -36,8 +36,6 @@ from sdp_vs_penalty.show import Shown, Summary
 Progress = Callable[[str], None]
 
 OBJECTIVES = ("condition", "d-optimal")
-#: Instants at which the regressor is sampled, and instants between two of them with limits.
-_SAMPLES, _LIMITS_BETWEEN = 160, 1
 #: Steps of the central differences in the states (rad, rad/s, rad/s^2).
 _DIFFERENCE = 1e-5
 
@@ -210,9 +208,10 @@ class _Search:
     ) -> None:
         self.regressor, self.start, self.objective = regressor, start, objective
         self.moving, self.harmonics = moving, start.a.shape[1]
-        self.t = np.linspace(0.0, start.duration, _SAMPLES)
+        # Instants at which the regressor is sampled, and twice as many at which limits are kept.
+        self.t = np.linspace(0.0, start.duration, 160)
         self.maps = _state_maps(start, self.t)
-        grid = np.linspace(0.0, start.duration, (_LIMITS_BETWEEN + 1) * (_SAMPLES - 1) + 1)
+        grid = np.linspace(0.0, start.duration, 2 * len(self.t) - 1)
         self.limit_maps = _state_maps(start, np.union1d(grid, _blend_instants(start)))
         self.limits = limits
         self.x = np.column_stack([start.a, start.b, start.q_0])

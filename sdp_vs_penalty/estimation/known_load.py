@@ -32,8 +32,6 @@ from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
-_STEPS, _CLOSE = 50, 1e-9
-
 
 @dataclass(frozen=True)
 class Gains:
@@ -113,7 +111,7 @@ def gains_from_loads(
     log_gain, weights = np.zeros(n), np.ones(n)
     x = np.zeros(joined.size)
     scale = joined.prior(prior or GAIN_PRIOR)
-    for step in range(_STEPS):
+    for step in range(50):
         linear = joined.linearised(x, log_gain)
         data = linear.least_squares(weights)
         strength = max(white_variance(data, linear.oversampling), 1e-18 * data.tau_squared / data.rows)
@@ -126,7 +124,7 @@ def gains_from_loads(
             rows = np.maximum(linear.joint_rows(), 1)
             left = np.sqrt(linear.joint_losses(x) / rows)
             weights = left.max(initial=0.0) / np.maximum(left, 1e-9 * left.max(initial=1e-300))
-        elif moved < _CLOSE:
+        elif moved < 1e-9:
             break
     known = sandwich(joined.linearised(x, log_gain), weights, scale)
     rows = np.eye(joined.size)[-n:]

@@ -36,8 +36,6 @@ DESCRIPTION = (
 #: Longest step of the simulation [s], and the windows that are tried [s], the longest first: one is used
 #: if the starting model stays within this share of the motion's size.
 _STEP, _WINDOWS, _STAYS = 2e-3, (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1), 0.3
-#: Gauss-Newton steps, shares of a step that are tried, and the relative gain that ends the search.
-_ITERATIONS, _SHARES, _GAIN = 12, (1.0, 0.5, 0.25, 0.1), 1e-3
 #: Change of a parameter for its slope, in its standard deviations.
 _SLOPE = 0.1
 
@@ -69,17 +67,17 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> Estimate:
     directions = visible(task.data.R)[1] * np.sqrt(task.data.loss(task.ols) / task.data.rows)
     theta, error = start.theta, _errors(plant, windows, size)[0]
     begin, made = error, None
-    for k in range(_ITERATIONS):
+    for k in range(12):
         task.progress(f"output error, step {k + 1}: {1e3 * _rms(error * size):.4g} thousandths")
         linear = _linearised(task, theta, directions, windows, size)
         linearised = replace(task, data=linear)
         fit = estimator.fit(linearised)
-        tried = np.array([theta + share * (fit.theta - theta) for share in _SHARES])
+        tried = np.array([theta + share * (fit.theta - theta) for share in (1.0, 0.5, 0.25, 0.1)])
         errors = _errors(Plant(model, tried), windows, size)
         best = int(np.argmin([_rms(e) for e in errors]))
         gained = 1.0 - _rms(errors[best]) / _rms(error)
         made = linearised, fit
-        if not gained > _GAIN:
+        if not gained > 1e-3:
             break
         theta, error = tried[best], errors[best]
     assert made is not None

@@ -111,7 +111,8 @@ def pose(
             data = with_instruments(problem, model.effects, data, settings, options.weighting)
     else:
         wanted = options.known, options.weighting, progress, options.instruments != "none"
-        servo = servo_log(problem, model.effects, data, settings, *wanted)
+        chosen = options.effects is not None
+        servo = servo_log(problem, model.effects, data, settings, *wanted, chosen)
         model, data, details = servo.model, servo.measurements, {"servo": servo.details}
     errors = independent_gains(options.gain_uncertainty, problem.robot.n)
     if options.known_loads:

@@ -39,10 +39,8 @@ from sdp_vs_penalty.robot.trajectory import random_trajectory
 States = Callable[[Array], tuple[Array, Array, Array]]
 Progress = Callable[[str], None]
 
-#: Rate at which motions are looked at [Hz], and at which poses are tested for collisions.
-_RATE, _POSES = 20.0, 10.0
-#: Row rate over the torque's cut-off: independent samples; the cut-off where a model states none [Hz].
-_ROWS, _CUTOFF = 2.0, 8.0
+#: Rate at which motions are looked at [Hz].
+_RATE = 20.0
 #: Random motions to begin with; how slow a move may be over the fastest, and how long a pause [s].
 _DRAWN, _SLOWEST, _PAUSE = 30, 10.0, 0.8
 #: Shares of the limits that a motion uses.
@@ -161,7 +159,8 @@ class Hypotheses:
 
 def independent_rate(estimate: Estimate) -> float:
     """How many independent rows a second has [Hz], below the cut-off of a model's torque."""
-    return _ROWS * (estimate.preprocessing.torque_cutoff or _CUTOFF)
+    # Two independent samples a period of the cut-off; 8 Hz where a model states none.
+    return 2.0 * (estimate.preprocessing.torque_cutoff or 8.0)
 
 
 def _apart(X: Array, A: Array, B: Array) -> float:
@@ -312,5 +311,5 @@ class _Search:
     def _free(self, trajectory: PointTrajectory) -> bool:
         if self.collision is None:
             return True
-        t = np.arange(0.0, self.duration, 1.0 / _POSES)
+        t = np.arange(0.0, self.duration, 0.1)
         return self.collision.free(trajectory.states(t)[0])

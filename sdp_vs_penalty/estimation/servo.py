@@ -1,57 +1,50 @@
-"""A log without torque: which law drives the servos, how late its command is, and what sets the scale.
+"""A log without torque: what its servos' law, its gains and a known scale make of it.
 
-The laws are effects, linear in their gains, and least squares with them are homogeneous: what motion
-shows, it shows up to one factor, which a known parameter sets. The law is the one with the least
-held-out error, counted in shares of the drives' torque; a delay T enters the command's columns, and
-kp e(t - T) = kp e - kp T dq_cmd says how far off it is. The motion that the law then makes of the
-command alone is attached to the measurements: instruments, which the noise of positions does not bias.
+The laws are effects, linear in their gains: 0 = Y theta - kp e + kd dq ..., homogeneous, so that motion
+shows everything up to one factor, which a known parameter sets. Three steps, none of which sees what is
+known: the law and its delay (servo_law.py), the ratios of the gains (:func:`_balanced`), and the motion
+that the law makes of the command alone, attached to the measurements as instruments, which the noise of
+positions does not bias. What is then posed is one convex problem (regression/instruments.py).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
+from sdp_vs_penalty.estimation.servo_law import LAWS, Law, find_law
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, with_shapes
 from sdp_vs_penalty.estimation.simulated_motion import with_simulated_motion
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
+from sdp_vs_penalty.regression.regression import Regression, compress
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.runs import sample_rate
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
-#: The laws by name, the plainer first, and their effects.
-LAWS = {
-    "PD": ("servo_position",),
-    "PID": ("servo_position", "servo_integral"),
-    "cascade": ("servo_position", "servo_integral", "servo_velocity_loop"),
-}
-_AHEAD = "servo_feedforward"
-#: A law with more gains has to lower the held-out error to this share, and by so many standard errors
-#: over the folds: one that is right lowers it several times, others by what friction's laws get wrong.
-_LESS, _SURE = 0.9, 2.0
-_FOLDS, _LATEST = 5, 0.1
-#: Steps in which the delay is found, its change [s] at which it has been, and that of a slope [s].
-_DELAYS, _ARRIVED, _SLOPE = 6, 1e-4, 1e-3
 #: Cut-off of the states over the highest harmonic of the command.
 _HARMONICS = 5.0
+#: Simulations of the command at most, each by the model that the last one's instruments gave, until the
+#: law is the same and its delay moves by less than this [s].
+_SIMULATIONS, _SAME = 3, 1e-3
 #: A parameter counts as determined where others leave this share of its column.
 _DETERMINED = 1e-5
-#: Simulations of the command, each by the model that the last one's instruments gave.
-_SIMULATIONS = 2
+#: Velocities over which dry friction may turn round while the law is sought [rad/s, m/s]; doublings of
+#: the widest one of its law that are tried: a simulator's friction is that soft.
+_TURNS, _BEYOND = (0.01, 0.05, 0.25), 3
+#: Steps of ln kp, their largest, and the one at which they have arrived; directions of unit columns
+#: below this are none.
+_STEPS, _LARGEST, _ARRIVED, _RANK = 30, 1.0, 1e-4, 1e-9
 
 
 @dataclass(frozen=True)
@@ -62,28 +55,6 @@ class ServoLog:
     model: Model
     measurements: Measurements
     details: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class _Search:
-    problem: Problem
-    settings: Preprocessing
-    weighting: str
-    load: tuple[Effect, ...]
-    known: dict[str, float]
-    progress: Progress
-    told: dict[str, Any] = field(default_factory=dict)
-
-    def model(self, names: Sequence[str], delay: float) -> Model:
-        """The load with the servo effects of these names."""
-        kinds, robot = effect_types(), self.problem.robot
-        drives = tuple(kinds[name](robot, T=float(f"{delay:.6g}")) for name in names)
-        return Model(robot, (*self.load, *drives), gains=self.problem.gains, known=self.known)
-
-    def theta(self, data: Measurements, model: Model) -> Array:
-        """Of the certified default method."""
-        task = make_task(self.problem, model, compress(data, model, self.settings), self.weighting)
-        return model.with_known(make_estimator(DEFAULT_METHOD).fit(task).theta)
 
 
 def parsed_known(text: str) -> dict[str, float]:
@@ -123,57 +94,50 @@ def servo_log(
     weighting: str,
     progress: Progress,
     instruments: bool = True,
+    chosen: bool = True,
 ) -> ServoLog:
     """What stands for the torque in a log without one.
 
     effects : the model's; where servo effects are among them, the law is given, with its delay where
-    that is; settings : resolved; known : parameters by name, which set the scale.
+    that is; settings : resolved; known : parameters by name, which set the scale; chosen : whether the
+    effects were asked for: if not, rotors turn with the joints as well.
     Raises InputError for a log without commands, and for a scale that is none.
     """
     if "qcmd" not in data.groups:
         raise InputError(
             "this log holds neither torque nor commands", "log tau1..taun or qcmd1..qcmdn", data.names[0]
         )
-    drives = [e for e in effects if e.forward == "drive"]
-    load = tuple(e for e in effects if e.forward != "drive")
-    if not drives:  # kd and viscous friction have one column: kd is their sum
-        load = tuple(e for e in load if e.name != "viscous_friction")
-    gains = {name: x for name, x in known.items() if name[:2] in ("kp", "kd", "ki", "kh", "kc")}
-    search = _Search(problem, settings, weighting, load, dict(gains), progress)
-    if not gains:
-        search.known.update(_nominal_gain(search, data))
-    names = tuple(e.name for e in drives)
-    delay = next((e.shape["T"] for e in drives if "T" in e.given), None)
-    law = "as given"
-    progress("choosing the servo law")
-    error: dict[str, float] = {}
-    if not drives:
-        law, found, error = _chosen(search, data, delay)
-        names = LAWS[law]
-    else:
-        found = _delay(search, data, names, 0.0) if delay is None else delay
-    shapes = estimate_shapes(search.model(names, max(found, 0.0)), data, settings, weighting)
-    settled = with_shapes(search.model(names, max(found, 0.0)).effects, shapes)
-    search = replace(search, load=tuple(e for e in settled if e.forward != "drive"))
-    others = {name: x for name, x in known.items() if name not in gains}
-    for k in range(_SIMULATIONS if instruments or others else 0):
-        progress(f"simulating the command, pass {k + 1}")
-        if not drives and found < -_sample(data):  # ahead of it rather than late
-            names, law, delay = (*LAWS[law], _AHEAD), f"{law} with feed-forward", 0.0
-        found = max(found, 0.0)
-        model = search.model(names, found)
-        theta = search.theta(data, model)
-        _rescale(search, model, theta, others, data)
-        if not instruments:
-            continue
-        model = search.model(names, found)
-        data = with_simulated_motion(data, model, _scaled(model, theta))
-        if delay is None:
-            found = _delay(search, data, names, found)
-    found = max(found, 0.0)
-    details = {"law": law, "delay": found, "held_out": error, "shapes": [s.to_dict() for s in shapes]}
-    details |= {"scale": _scale_said(known, search.known), "known": search.known}
-    return ServoLog(search.model(names, found), data, details)
+    load, drives = _parts(problem, effects, chosen)
+    scale: Mapping[str, float] = {}
+    measured, shapes = data, list[ShapeEstimate]()
+    law: Law | None = None
+    for k in range(1 + _SIMULATIONS * instruments):
+        progress(f"choosing the servo law, pass {k + 1}")
+        before, law = law, _law(load, drives, data, settings, law.delay if law else 0.0)
+        names = LAWS[law.name] if not drives else tuple(e.name for e in drives)
+        model = _with_drives(problem, load, names, law.delay)
+        progress("balancing the gains")
+        if k == 0:
+            free = _gauge(model, _balanced(problem, model, compress(measured, model, settings)))
+            shapes = estimate_shapes(free, measured, settings, weighting, beyond=_BEYOND)
+            settled = with_shapes(model.effects, shapes)
+            load = tuple(e for e in settled if e.forward != "drive")
+            model = replace(model, effects=settled)
+        regression = compress(measured, model, settings)
+        theta = _balanced(problem, model, regression)
+        scale = _scale(problem, model, regression, theta, known)
+        model = replace(model, known=dict(scale), reference=theta * _factor(model, theta, scale))
+        if k > 0 and before and abs(law.delay - before.delay) < _SAME and law.name == before.name:
+            break
+        if k < _SIMULATIONS * instruments:
+            progress("simulating the command")
+            task = make_task(problem, model, compress(data, model, settings), weighting)
+            fitted = model.with_known(make_estimator(DEFAULT_METHOD).fit(task).theta)
+            data = with_simulated_motion(data, model, fitted)
+    assert law is not None
+    details = {"law": "as given" if drives else law.name, "delay": law.delay, "held_out": law.errors}
+    details |= {"shapes": [s.to_dict() for s in shapes], "known": dict(scale)}
+    return ServoLog(model, data, details | {"scale": _scale_said(known, scale)})
 
 
 def with_instruments(
@@ -190,148 +154,172 @@ def with_instruments(
     return replace(data, commanded=made.commanded)
 
 
-def _scaled(model: Model, theta: Array) -> Array:
-    """theta in the scale of the model's known gains: all torque is proportional to it."""
-    names = [p.name for p in model.parameters]
-    name, value = next(iter(model.known.items()))
-    return model.with_known(theta * (value / theta[names.index(name)]))
+def _parts(
+    problem: Problem, effects: Sequence[Effect], chosen: bool
+) -> tuple[tuple[Effect, ...], list[Effect]]:
+    """The load, and the servo effects that are given."""
+    drives = [e for e in effects if e.forward == "drive"]
+    load = [e for e in effects if e.forward != "drive"]
+    if not drives:  # kd and viscous friction have one column: kd is their sum
+        load = [e for e in load if e.name != "viscous_friction"]
+    if not chosen and "rotor_inertia" not in {e.name for e in load} and problem.robot.n > 1:
+        # A drive has a rotor. A single joint's cannot be told from what it moves.
+        load.append(effect_types()["rotor_inertia"](problem.robot))
+    return tuple(load), drives
 
 
-def _sample(data: Measurements) -> float:
-    """The log's time step [s]."""
-    return float(max(1.0 / sample_rate(run) for run in data.runs()))
+def _with_drives(problem: Problem, load: Sequence[Effect], names: Sequence[str], delay: float) -> Model:
+    """The load with the servo effects of these names."""
+    kinds = effect_types()
+    drives = [kinds[name](problem.robot, T=float(f"{delay:.6g}")) for name in names]
+    if "servo_integral" in names and not any(e.name == "torque_offset" for e in load):
+        load = (*load, kinds["torque_offset"](problem.robot))  # where the integral began
+    return Model(problem.robot, (*load, *drives), gains=problem.gains)
 
 
-class _Late(Effect):
-    """What a command that acts a second later would change of the drives' torque: d(Y theta)/dT."""
-
-    name = "late_command"
-    equation = explanation = reference = ""
-    whole_robot = True
-    signless = True
-
-    def __init__(self, model: Model, theta: Array) -> None:
-        super().__init__(model.robot)
-        self.drives = [
-            (effect, theta[k])
-            for effect, k in zip(model.effects, model.indices, strict=True)
-            if effect.forward == "drive" and effect.needs_command
-        ]
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("late", "s", self.name, 0),)
-
-    def blocks(self, motion: Motion) -> list[Block]:
-        columns = np.zeros((self.robot.n, len(motion.t)))
-        for effect, theta in self.drives:
-            for step in (_SLOPE, -_SLOPE):
-                for block in effect.with_shape(T=effect.shape["T"] + step).blocks(motion):
-                    columns[block.joint] += block.columns @ theta[block.parameters] / (2.0 * step)
-        return [Block(j, np.array([0]), column[:, None]) for j, column in enumerate(columns)]
+def _law(
+    load: Sequence[Effect],
+    drives: Sequence[Effect],
+    data: Measurements,
+    settings: Preprocessing,
+    about: float,
+) -> Law:
+    """The law and its delay; friction may turn round over several velocities meanwhile."""
+    wide: list[Effect] = []
+    for e in load:
+        free = "v_s" in e.shapes and "v_s" not in e.given
+        wide += [e.with_shape(v_s=v) for v in _TURNS] if free else [e]
+    if not any(e.name == "torque_offset" for e in load):
+        wide.append(effect_types()["torque_offset"](load[0].robot))
+    names = tuple(LAWS)
+    if drives:
+        own = {e.name for e in drives}
+        names = tuple(name for name, law in LAWS.items() if set(law) == own) or names[-1:]
+    delay = next((e.shape["T"] for e in drives if "T" in e.given), None)
+    return find_law(wide, data, settings, names, delay, about)
 
 
-def _delay(search: _Search, data: Measurements, law: Sequence[str], delay: float) -> float:
-    """How much later than logged the commands act [s], by Gauss-Newton steps; below zero, how far they
-    are ahead."""
-    model, step = search.model(law, delay), 0.0
-    regression = compress(data, model, search.settings)
-    theta = model.with_known(make_task(search.problem, model, regression, search.weighting).ols)
-    for _ in range(_DELAYS):
-        wide = replace(model, effects=(*model.effects, _Late(model, theta)))
-        regression = compress(data, wide, search.settings)
-        *rest, step = make_task(search.problem, wide, regression, search.weighting).ols
-        theta, before = model.with_known(np.array(rest)), delay
-        delay = float(np.clip(before + step, 0.0, _LATEST))
-        if abs(delay - before) < _ARRIVED:
+def _balanced(problem: Problem, model: Model, regression: Regression) -> Array:
+    """theta (p,) that minimises sum_j |e_j - L_j psi / kp_j|^2 / s_j^2, up to a factor: that which makes
+    the links weigh what the problem says.
+
+    e_j is joint j's error, L_j all other columns, s_j what L_j leaves of e_j with coefficients of its
+    own. Gauss-Newton in ln kp with psi eliminated (variable projection; Golub, Pereyra, SIAM J. Numer.
+    Anal. 1973) and Levenberg's damping: convergent from any start in all cases tried. Raises InputError
+    where no joint follows its command.
+    """
+    p, gains = regression.p, np.array(model.error_gains)
+    links, nominal = model.rigid_indices, problem.nominal(model)
+    rest = np.setdiff1d(np.arange(p), gains)
+    errors, loads, of_links = list[Array](), list[Array](), list[Array]()
+    for f, at in zip(regression.per_joint, gains, strict=True):
+        wide = np.zeros((len(f.triangle), p))
+        wide[:, f.indices] = f.triangle[:, :-1]
+        e, own = -wide[:, at], wide[:, rest]
+        left = e - own @ (_inverse(own) @ e)
+        s = max(float(np.linalg.norm(left)), 1e-9 * float(np.linalg.norm(e))) / np.sqrt(max(f.rows, 1))
+        if s == 0.0:
+            raise InputError(
+                f"joint {f.joint + 1} does not move, or follows its command without error",
+                "check the columns qcmd1..qcmdn",
+            )
+        errors.append(e / s)
+        loads.append(own / s)
+        of_links.append(wide[:, links] / s)
+
+    def fitted(ln_kp: Array) -> tuple[Array, Array, Array, float]:
+        columns = np.vstack([own / np.exp(x) for own, x in zip(loads, ln_kp, strict=True)])
+        inverse, e = _inverse(columns), np.concatenate(errors)
+        psi = inverse @ e
+        left = e - columns @ psi
+        slopes = [np.where(owner == j, -(columns @ psi), 0.0) for j in range(len(errors))]
+        beside = np.column_stack([x - columns @ (inverse @ x) for x in slopes])
+        return psi, beside, left, float(left @ left)
+
+    owner = np.repeat(np.arange(len(errors)), [len(e) for e in errors])
+    both = zip(of_links, errors, strict=True)
+    ln_kp = np.log(
+        [max(float(np.linalg.norm(w @ nominal[links]) / np.linalg.norm(e)), 1e-6) for w, e in both]
+    )
+    (psi, beside, left, loss), damping = fitted(ln_kp), 1e-3
+    for _ in range(_STEPS):
+        H, g = beside.T @ beside, beside.T @ left
+        step = np.clip(
+            np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-12), g), -_LARGEST, _LARGEST
+        )
+        found = fitted(ln_kp + step)
+        if found[-1] > loss * (1.0 + 1e-12):
+            damping *= 10.0
+            if damping > 1e6:
+                break
+            continue
+        ln_kp, damping = ln_kp + step, max(0.1 * damping, 1e-9)
+        psi, beside, left, loss = found
+        if np.max(np.abs(step)) < _ARRIVED:
             break
-        model = search.model(law, delay)
-    if delay <= 0.0:
-        return min(before + step, 0.0)
-    return delay if delay > 0.5 * _sample(data) else 0.0  # a log tells no finer
+    theta = np.empty(p)
+    theta[gains], theta[rest] = np.exp(ln_kp), psi
+    # As the links should weigh, by the torque that they make.
+    told, stated = (
+        np.concatenate([own @ x for own in of_links]) for x in (theta[links], nominal[links])
+    )
+    size = float(told @ stated) / max(float(told @ told), 1e-300)
+    return theta * (size if size > 0.0 else 1.0)
 
 
-def _chosen(
-    search: _Search, data: Measurements, delay: float | None
-) -> tuple[str, float, dict[str, float]]:
-    """The law, its delay [s], and the held-out error of each in shares of the drives' torque [%]."""
-    split = phase_folds(data, search.settings, _FOLDS)
-    errors: dict[str, Array] = {}
-    late: dict[str, float] = {}
-    for law, names in LAWS.items():
-        late[law] = _delay(search, data, names, 0.0) if delay is None else delay
-        model = search.model(names, max(late[law], 0.0))
-        rows = compress_cells(data, model, search.settings, split)
-        folds = [(rows.select(split.training(k)), rows.select(split.tested(k))) for k in range(_FOLDS)]
-        errors[law] = np.array([_held_out(search, model, *parts) for parts in folds])
-    best, *others = LAWS
-    for law in others:
-        gain = errors[best] - errors[law]
-        least = max(-2.0 * np.log(_LESS), _SURE * gain.std(ddof=1) / np.sqrt(len(gain)))
-        if gain.mean() > least:
-            best = law
-    shares = {law: float(100.0 * np.exp(0.5 * e.mean())) for law, e in errors.items()}
-    return best, late[best], shares
+def _inverse(columns: Array) -> Array:
+    """The pseudo-inverse, columns of unit norm."""
+    size = np.linalg.norm(columns, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    return np.asarray(np.linalg.pinv(columns / size, rcond=_RANK) / size[:, None])
 
 
-def _held_out(search: _Search, model: Model, train: Regression, test: Regression) -> float:
-    """ln of the squared error over the drives' squared torque, mean over the joints."""
-    theta = model.with_known(make_task(search.problem, model, train, search.weighting).ols)
-    drive = np.zeros(test.joints)
-    for f in test.factors:
-        part = f.triangle[:, :-1] @ np.where(model.drives, theta, 0.0)[f.indices]
-        given = f.triangle[:, -1]  # what known gains make
-        drive[f.joint] += float(np.sum((part - given) ** 2))
-    return float(np.mean(np.log(test.joint_losses(theta) / np.maximum(drive, 1e-300))))
+def _gauge(model: Model, theta: Array) -> Model:
+    """The model with all its position gains given: their errors stand for a torque."""
+    gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
+    return replace(model, known=gains)
 
 
-def _nominal_gain(search: _Search, data: Measurements) -> dict[str, float]:
-    """A provisional scale: the best told kp if the links weighed what the problem says."""
-    model = replace(search.model(LAWS["PD"], 0.0), known={})
-    regression = compress(data, model, search.settings)
-    task = make_task(search.problem, model, regression, "none")
-    links = task.nominal[task.links].ravel()
-    others = np.setdiff1d(np.arange(len(task.nominal)), task.links)
-    R = task.data.R[:, others]
-    size = np.where(np.linalg.norm(R, axis=0) > 0.0, np.linalg.norm(R, axis=0), 1.0)
-    inverse = np.linalg.pinv(R / size, rcond=1e-9)
-    theta = inverse @ (task.data.rho - task.data.R[:, task.links.ravel()] @ links) / size
-    spread = np.linalg.norm(inverse, axis=1) / size
-    names = [model.parameters[k].name for k in others]
-    gains = [k for k, name in enumerate(names) if name.startswith("kp") and theta[k] > 0.0]
-    if not gains:
-        raise InputError("no joint follows its command", "check the columns qcmd1..qcmdn", data.names[0])
-    best = max(gains, key=lambda k: theta[k] / spread[k])
-    return {names[best]: float(theta[best])}
-
-
-def _rescale(
-    search: _Search, model: Model, theta: Array, others: Mapping[str, float], data: Measurements
-) -> None:
-    """The known gain that gives another known parameter its value."""
+def _scale(
+    problem: Problem, model: Model, regression: Regression, theta: Array, known: Mapping[str, float]
+) -> Mapping[str, float]:
+    """What is known, checked; a position gain, if the links weigh as stated, where that is nothing."""
     names = [p.name for p in model.parameters]
-    for name, value in others.items():
+    strongest = max(model.error_gains, key=lambda k: float(theta[k]))
+    if not known:
+        return {names[strongest]: float(theta[strongest])}
+    for name in known:
         if name.startswith("total"):
             raise InputError(
                 "--known total: the first link's mass makes no torque, so a total is no scale", _SCALES
             )
         if name not in names:
             raise InputError(f"--known {name}: the model has no such parameter", _SCALES)
+    free = np.array([not model.drives[k] for k in range(len(names))])
+    told = regression.keeping(free).least_squares()
+    share = np.zeros(len(names))
+    share[free] = told.own_torque / np.maximum(told.column_norms, 1e-300)
+    for name in known:
         k = names.index(name)
-        told = compress(data, model, search.settings).least_squares()
-        if told.own_torque[k] <= _DETERMINED * told.column_norms[k] or theta[k] == 0.0:
+        if (free[k] and share[k] <= _DETERMINED) or theta[k] == 0.0:
             raise InputError(
                 f"--known {name}: motion shows it only in sums with others, so it sets no scale", _SCALES
             )
-        for gain in search.known:
-            search.known[gain] *= value / theta[k]
+    return known
+
+
+def _factor(model: Model, theta: Array, scale: Mapping[str, float]) -> float:
+    """From theta to the scale of what is known."""
+    names = [p.name for p in model.parameters]
+    name, value = next(iter(scale.items()))
+    return float(value / theta[names.index(name)])
 
 
 _SCALES = "give a gain (kp2=600), a parameter that motion shows alone (m1 of a slide, mx6), or a load"
 
 
-def _scale_said(known: Mapping[str, float], gains: Mapping[str, float]) -> str:
+def _scale_said(known: Mapping[str, float], scale: Mapping[str, float]) -> str:
     if known:
         return ", ".join(f"{name} = {x:g}" for name, x in known.items())
-    gain = ", ".join(f"{name} = {x:.4g}" for name, x in gains.items())
+    gain = ", ".join(f"{name} = {x:.4g}" for name, x in scale.items())
     return f"unknown: all torques, masses and gains share one factor ({gain} if links weigh as stated)"

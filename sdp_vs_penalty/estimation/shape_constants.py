@@ -24,7 +24,6 @@ _STEP = 1e-3
 #: Kinds of parameters of :class:`ShapeSensitivity`: constants that are refined, and those that only have
 #: the values of a grid.
 REFINED, ON_A_GRID = "refined constant", "constant on a grid"
-_TWO = 2.0 * _STEP
 
 
 def free_constants(effect: Effect) -> tuple[str, ...]:
@@ -105,7 +104,11 @@ class ShapeSensitivity(Effect):
     def _varied(self) -> list[tuple[Effect, Effect, float]]:
         """For each constant the effect a step above and below, and the unit over their distance."""
         return [
-            (self._moved(k, _STEP), self._moved(k, -_STEP), prior_deviation(self.effect, k) / _TWO)
+            (
+                self._moved(k, _STEP),
+                self._moved(k, -_STEP),
+                0.5 * prior_deviation(self.effect, k) / _STEP,
+            )
             for k in self.keys
         ]
 

@@ -95,12 +95,14 @@ def estimate_shapes(
     weighting: str,
     chosen: Chosen | None = None,
     workers: Workers = ALONE,
+    beyond: int = 0,
 ) -> list[ShapeEstimate]:
     """The open shape constants of a model, each at its best value if that explains significantly more
     than the one the model has, of motion left out as well, else at that.
 
     settings : resolved; weighting : of the joints' rows, "noise" or "none"; chosen : the rows that take
-    part, default all; workers : who compresses the runs.
+    part, default all; workers : who compresses the runs; beyond : how many values more, each twice the
+    last one, the grids hold.
     """
     wanted = open_shapes(model.effects)
     if not wanted:
@@ -110,7 +112,7 @@ def estimate_shapes(
     def compressed(part: Model, count: int = 1) -> Regression:
         return _compressed(part, measurements, settings, count, chosen, workers)
 
-    wide, base, banks = _with_banks(model, wanted)
+    wide, base, banks = _with_banks(model, wanted, beyond)
     folds = compressed(wide, SHAPE_FOLDS)
     weights = np.ones(model.robot.n)
     if weighting == "noise":
@@ -137,16 +139,23 @@ def estimate_shapes(
     ]
 
 
-class _SomeRows:
-    """Cells of which the last one holds the rows that take no part."""
+@dataclass(frozen=True)
+class _Cells:
+    """One run's rows by folds of the motion; the last cell holds those that take no part."""
 
-    def __init__(self, folds: PhaseFolds, chosen: Chosen | None) -> None:
-        self.folds, self.chosen = folds, chosen
-        self.places = [(0, 0.0, 0.0)] * (folds.count + 1)
+    folds: PhaseFolds
+    chosen: Chosen | None
+    run: int = 0
 
-    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
-        fold = self.folds.fold(run, t) if self.folds.count > 1 else np.zeros(len(t), np.intp)
-        return fold if self.chosen is None else np.where(self.chosen(run, t), fold, self.folds.count)
+    @property
+    def places(self) -> list[tuple[int, float, float]]:
+        return [(0, 0.0, 0.0)] * (self.folds.count + 1)
+
+    def cell(self, _: int, t: Array) -> NDArray[np.intp]:
+        fold = self.folds.fold(self.run, t) if self.folds.count > 1 else np.zeros(len(t), np.intp)
+        return (
+            fold if self.chosen is None else np.where(self.chosen(self.run, t), fold, self.folds.count)
+        )
 
 
 def _compressed(
@@ -159,36 +168,19 @@ def _compressed(
 ) -> Regression:
     """The chosen rows in the columns of a model, a block a fold of the motion that has some."""
     clocks = motion_clocks(tracks_of(measurements)) if count > 1 else ()
-    cells = _SomeRows(PhaseFolds(clocks, count), chosen)
-    one = partial(_run_compressed, model=model, settings=settings, cells=cells)
+    one = partial(_of_run, model, settings, _Cells(PhaseFolds(clocks, count), chosen))
     runs = workers.map(one, list(enumerate(measurements.runs())))
-    factors = [f for run in runs for f in run.factors if f.block < count]
+    factors = tuple(f for run in runs for f in run.factors if f.block < count)
     rows = [sum(f.rows for f in run.factors if f.joint == 0) for run in runs]
     samples = sum(n / run.oversampling for n, run in zip(rows, runs, strict=True))
-    found = replace(runs[0], factors=tuple(factors), oversampling=sum(rows) / samples)
+    found = replace(runs[0], factors=factors, oversampling=sum(rows) / samples)
     return found.select(sorted({f.block for f in factors}))
 
 
-def _run_compressed(
-    numbered: tuple[int, Measurements], model: Model, settings: Preprocessing, cells: _SomeRows
+def _of_run(
+    model: Model, settings: Preprocessing, cells: _Cells, numbered: tuple[int, Measurements]
 ) -> Regression:
-    index, run = numbered
-    return compress_cells(run, model, settings, _OneRun(cells, index))
-
-
-@dataclass(frozen=True)
-class _OneRun:
-    """The cells of one of several runs, given alone."""
-
-    cells: _SomeRows
-    index: int
-
-    @property
-    def places(self) -> list[tuple[int, float, float]]:
-        return self.cells.places
-
-    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
-        return self.cells.cell(self.index, t)
+    return compress_cells(numbered[1], model, settings, replace(cells, run=numbered[0]))
 
 
 @dataclass(frozen=True)
@@ -218,7 +210,7 @@ class _Bank:
 
 
 def _with_banks(
-    model: Model, wanted: Sequence[tuple[Effect, int, str]]
+    model: Model, wanted: Sequence[tuple[Effect, int, str]], beyond: int
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
     """The model with the columns of each open constant at all values of its grid, where all other
     columns stand, and where those of the grids do."""
@@ -228,6 +220,7 @@ def _with_banks(
     base, banks, parts = np.arange(first), list[_Bank](), list[_Grid]()
     for effect, joint, key in wanted:
         grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
+        grid = (*grid, *(grid[-1] * 2.0**k for k in range(1, beyond + 1)))
         now = effect.shape[key]
         values = _with(now, grid)
         part = _Grid([alone(effect, joint, **{key: float(value)}) for value in values])

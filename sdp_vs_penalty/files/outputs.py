@@ -104,12 +104,13 @@ def _remove_leftovers(path: Path) -> None:
     """What a writer that was killed has left: its name tells its process, which is no more."""
     for file in path.parent.glob(f"{glob.escape(_prefix(path))}*{_PART}"):
         number = file.name.removeprefix(_prefix(path)).split(".")[0]
-        if number.isdigit() and not _lives(int(number)):
+        if number.isdigit() and not lives(int(number)):
             with suppress(OSError):
                 file.unlink()
 
 
-def _lives(process: int) -> bool:
+def lives(process: int) -> bool:
+    """Whether there is a process of this number."""
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.reports.pictures import shades
 from sdp_vs_penalty.reports.plots import (
     COLOURS,
@@ -55,27 +57,23 @@ def torque_chart(
 def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
     """Positions, velocities and torques of all joints on one time axis; what the check would put in
     place of a measured value, as crosses."""
-    from plotly.graph_objects import Scatter
-    from plotly.subplots import make_subplots
-
-    plot = make_subplots(3, 1, shared_xaxes=True, vertical_spacing=0.04)
+    plot = Figure(rows=3, gap=0.04)
     t = read["t"] - read["t"][0]
-    for row, name in enumerate(("q", "dq", "torque"), start=1):
+    for row, name in enumerate(("q", "dq", "torque")):
         for j in range(len(units)):
             line = {"color": COLOURS[j % len(COLOURS)], "width": 1.2}
-            named = {"name": f"joint {j + 1}", "legendgroup": f"{j}", "showlegend": row == 1}
-            plot.add_trace(Scatter(x=t, y=read[name][:, j], line=line, **named), row=row, col=1)
+            named = {"name": f"joint {j + 1}", "legendgroup": f"{j}", "showlegend": row == 0}
+            plot.add(trace("scatter", x=t, y=read[name][:, j], line=line, **named), row)
             there = read.get(f"repaired_{name}")
             if there is None or not (rows := np.isfinite(there[:, j])).any():
                 continue
-            marker = {"symbol": "x", "size": 5, "color": COLOURS[j % len(COLOURS)]}
-            cross: dict[str, Any] = {"mode": "markers", "marker": marker, "legendgroup": f"{j}"}
-            cross["name"] = f"joint {j + 1}, repaired"
-            plot.add_trace(Scatter(x=t[rows], y=there[rows, j], **cross), row=row, col=1)
+            cross: dict[str, Any] = {"mode": "markers", "name": f"joint {j + 1}, repaired"}
+            cross["marker"] = {"symbol": "x", "size": 5, "color": COLOURS[j % len(COLOURS)]}
+            plot.add(trace("scatter", x=t[rows], y=there[rows, j], legendgroup=f"{j}", **cross), row)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
-    for row, said in enumerate((f"q [{kinds}]", f"dq [{kinds}/s]", "tau"), start=1):
-        plot.update_yaxes(title_text=said, row=row, col=1)
-    plot.update_xaxes(title_text="time [s]", row=3, col=1)
+    for row, said in enumerate((f"q [{kinds}]", f"dq [{kinds}/s]", "tau")):
+        plot.update_axes("y", row, title=said)
+    plot.update_axes("x", 2, title="time [s]")
     return _ready(styled(plot, 460))
 
 
@@ -203,18 +201,14 @@ def _short(values: ArrayLike) -> list[float]:
     return (np.round(x * scale) / scale).tolist()
 
 
-def _ready(plot: Any) -> dict[str, Any]:
+def _ready(plot: Figure) -> dict[str, Any]:
     """Plain lists; to be zoomed in time only."""
     plot.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
-    plot.update_yaxes(fixedrange=True)
-    data = plot.to_dict()
-    for trace, made in zip(data["data"], plot.data, strict=True):
-        for axis in ("x", "y"):
+    plot.update_axes("y", fixedrange=True)
+    for made in plot.data:
+        for axis in {"x", "y"} & made.keys():
             values = made[axis]
-            if values is None:  # a histogram's
-                continue
             words = len(values) > 0 and isinstance(values[0], str)
-            trace[axis] = list(values) if words else _short(values)
-    data["layout"].pop("template", None)
-    data["config"] = {"displayModeBar": False, "responsive": True}
-    return data
+            made[axis] = list(values) if words else _short(values)
+    data: dict[str, Any] = json.loads(plot.to_json())
+    return {**data, "config": {"displayModeBar": False, "responsive": True}}

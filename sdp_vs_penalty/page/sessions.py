@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import secrets
 import shutil
 import tempfile
@@ -9,6 +11,7 @@ import time
 from pathlib import Path
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files.outputs import lives
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.worker_pool import WorkerPool
 
@@ -20,12 +23,26 @@ MOST = 20
 _CONNECTS = 60.0
 
 
+#: Begin of the names of servers' folders; the number of the server's process follows.
+_PREFIX = "sdp-vs-penalty-page-"
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """What servers of this account that were killed have left."""
+    for left in folder.glob(f"{_PREFIX}*-*"):
+        number = left.name.removeprefix(_PREFIX).split("-")[0]
+        with contextlib.suppress(OSError, AttributeError):
+            if number.isdigit() and not lives(int(number)) and left.lstat().st_uid == os.getuid():
+                shutil.rmtree(left, ignore_errors=True)
+
+
 class Sessions:
     """Sessions whose folders, readable by their owner only, end with the server."""
 
     def __init__(self, pool: WorkerPool) -> None:
         self.pool = pool
-        self.root = Path(tempfile.mkdtemp(prefix="sdp-vs-penalty-page-"))
+        _remove_leftovers(Path(tempfile.gettempdir()))
+        self.root = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
         self._all: dict[str, Session] = {}
 
     def new(self) -> Session:

@@ -9,12 +9,19 @@ Systems Technology 2014). In
 it is the minimiser, the residual there is that of tau = X theta^, and the scores are the instruments':
 the rows [Z, tau^] are a regression like any other. Constraints, weights, intervals and cross-validation
 need not know; the problem stays convex. tau^ is linear in the compressed rows [Z, X, tau].
+
+A servo's error e = q_cmd - q has a second instrument. In kp e = L theta every residual becomes smaller
+where kp and theta do: least squares shrink the joints that others hardly feel to nothing, whatever is
+left is noise or the model's error. The instrument of e is therefore the error that the model itself
+makes, e^ = L theta^ / kp^: in [e^, L] the direction (kp^, theta^) is empty, and what remains are the
+normal equations of |e - L theta / kp|^2, where a scale changes nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,16 +35,23 @@ from sdp_vs_penalty.signals.runs import movement
 #: Directions of theta in which the instruments' columns, of unit norm, are shorter than this share of
 #: the longest are not told: noise of X alone would decide them.
 _RANK = 1e-6
-#: Passes in which joints are weighted by their residuals.
-_PASSES = 3
+#: Passes in which joints are weighted by their residuals, and the model's own errors are worked out.
+_PASSES = 4
 
-#: One joint's rows in one block: its number, the parameters (k,), and the rows (r, 2 k + 1) [Z, X, tau].
-Instrumented = tuple[int, NDArray[np.intp], Array]
+
+class Instrumented(NamedTuple):
+    """One joint's rows in one block: the parameters (k,) of Z and X, and both with their torques, which
+    differ where parameters are known: (r, k + 1) [Z, tau_Z] and [X, tau]."""
+
+    joint: int
+    indices: NDArray[np.intp]
+    Z: Array
+    X: Array
 
 
 def instrumented_rows(run: Measurements, model: Model, settings: Preprocessing) -> Iterator[Rows]:
     """The rows of a run. Where it holds a simulated motion (positions "qsim") with the same columns on
-    that motion before them: [Z, X], the parameters of Z counted behind the model's."""
+    that motion before them: [Z, tau_Z, X], those of Z counted behind the model's."""
     if "qsim" not in run.commanded:
         yield from filtered_rows(run, model, settings)
         return
@@ -47,48 +61,82 @@ def instrumented_rows(run: Measurements, model: Model, settings: Preprocessing) 
     beside = filtered_rows(simulated, model, settings, moving)
     for rows, other in zip(filtered_rows(run, model, settings, moving), beside, strict=True):
         both = [
-            JointColumns(np.append(z.indices + p, x.indices), np.hstack([z.columns, x.columns]))
-            for z, x in zip(other.columns, rows.columns, strict=True)
+            JointColumns(
+                np.concatenate([z.indices + p, [2 * p], x.indices]),
+                np.column_stack([z.columns, torque, x.columns]),
+            )
+            for z, torque, x in zip(other.columns, other.torque.T, rows.columns, strict=True)
         ]
         yield replace(rows, columns=both)
 
 
-def instrumented(factors: Sequence[Instrumented], p: int) -> list[Array]:
-    """Of each factor the rows (r, k + 1) [Z, tau^] in p parameters."""
-    theta = _estimate(factors, p)
-    out = []
-    for _, indices, rows in factors:
-        k = len(indices)
-        Z, X = rows[:, :k], rows[:, k : 2 * k]
-        out.append(np.column_stack([Z, rows[:, -1] + (Z - X) @ theta[indices]]))
-    return out
+def paired(indices: NDArray[np.intp], rows: Array, p: int) -> tuple[NDArray[np.intp], Array, Array]:
+    """Of a factor's columns the model's parameters (k,), [Z, tau_Z] and [X, tau]; columns without
+    instruments serve as their own."""
+    if not np.any(indices >= p):
+        return indices, rows, rows
+    k = len(indices) // 2
+    return indices[-k:], rows[:, : k + 1], rows[:, -k - 1 :]
 
 
-def _estimate(factors: Sequence[Instrumented], p: int) -> Array:
-    """theta^ (p,), joints weighted by their residuals."""
-    joints = sorted({joint for joint, *_ in factors})
-    grams = np.zeros((len(joints), 3, p, p))  # Z'Z, Z'X, X'X
-    right, squares = np.zeros((len(joints), 2, p)), np.zeros(len(joints))
-    for joint, indices, rows in factors:
-        j, k = joints.index(joint), len(indices)
-        Z, X, tau = rows[:, :k], rows[:, k : 2 * k], rows[:, -1]
-        for m, (a, b) in enumerate(((Z, Z), (Z, X), (X, X))):
-            grams[j, m][np.ix_(indices, indices)] += a.T @ b
-        right[j, 0, indices] += Z.T @ tau
-        right[j, 1, indices] += X.T @ tau
-        squares[j] += tau @ tau
-    weights, theta = np.ones(len(joints)), np.zeros(p)
+def instrumented(
+    model: Model, factors: Sequence[tuple[int, NDArray[np.intp], Array]]
+) -> list[tuple[NDArray[np.intp], Array]]:
+    """Of each factor (joint, its columns' parameters, rows) the model's parameters (k,) and the rows
+    (r, k + 1) [Z, tau^]."""
+    p = len(model.parameters)
+    parts = [Instrumented(joint, *paired(indices, rows, p)) for joint, indices, rows in factors]
+    own, theta = _estimate(model, parts)
+    return [
+        (f.indices, np.column_stack([Z, f.X[:, -1] + (Z - f.X[:, :-1]) @ theta[f.indices]]))
+        for f, Z in zip(parts, own, strict=True)
+    ]
+
+
+def _instruments(f: Instrumented, model: Model, theta: Array | None) -> Array:
+    """(r, k) Z, with the errors that the model of theta makes in place of the servo's."""
+    Z, at = f.Z[:, :-1], model.error_gains[f.joint]
+    own = np.flatnonzero(f.indices == at)
+    if theta is None or not len(own) or not np.any(Z[:, own[0]]) or theta[at] <= 0.0:
+        return Z
+    rest = theta[f.indices]
+    rest[own[0]] = 0.0
+    Z = Z.copy()
+    Z[:, own[0]] = (f.Z[:, -1] - Z @ rest) / theta[at]
+    return Z
+
+
+def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array], Array]:
+    """The instruments of each part, and theta^ (p,), joints weighted by their residuals."""
+    theta, p = model.reference if model.drives.any() else None, len(model.parameters)
+    joints = sorted({f.joint for f in parts})
+    left = np.ones(len(joints)) if theta is None else _residuals(parts, joints, theta)
+    known = np.array([q.name in model.known for q in model.parameters])
     for _ in range(_PASSES):
-        zz, zx, _ = np.einsum("j,jmkl->mkl", weights, grams)
+        Z = [_instruments(f, model, theta) for f in parts]
+        weights = 1.0 / np.maximum(left, 1e-12 * max(float(left.max()), 1e-300))
+        zz, zx, right = np.zeros((p, p)), np.zeros((p, p)), np.zeros(p)
+        for f, own in zip(parts, Z, strict=True):
+            weight, at = weights[joints.index(f.joint)], np.ix_(f.indices, f.indices)
+            zz[at] += weight * own.T @ own
+            zx[at] += weight * own.T @ f.X[:, :-1]
+            right[f.indices] += weight * own.T @ f.X[:, -1]
         size = np.sqrt(np.diag(zz))
         seen = np.flatnonzero(size > 1e-10 * size.max(initial=0.0))
         values, vectors = np.linalg.eigh(zz[np.ix_(seen, seen)] / np.outer(size[seen], size[seen]))
         told = values > _RANK**2 * values.max(initial=0.0)
         V = vectors[:, told] / size[seen, None]
-        theta = np.zeros(p)
+        found = np.zeros(p)
         middle = V.T @ zx[np.ix_(seen, seen)] @ V
-        theta[seen] = V @ np.linalg.lstsq(middle, V.T @ (weights @ right[:, 0])[seen], rcond=None)[0]
-        left = squares - 2.0 * right[:, 1] @ theta + np.einsum("k,jkl,l->j", theta, grams[:, 2], theta)
-        weights = 1.0 / np.maximum(left, 1e-12 * max(float(left.max()), 1e-300))
-        weights /= weights.max()
-    return theta
+        found[seen] = V @ np.linalg.lstsq(middle, V.T @ right[seen], rcond=None)[0]
+        theta = model.with_known(found)
+        left = _residuals(parts, joints, theta)
+    return Z, np.where(known, 0.0, found)
+
+
+def _residuals(parts: Sequence[Instrumented], joints: Sequence[int], theta: Array) -> Array:
+    """(len(joints),) squares of what theta leaves of each joint's torque."""
+    out = np.zeros(len(joints))
+    for f in parts:
+        out[joints.index(f.joint)] += np.sum((f.X[:, :-1] @ theta[f.indices] - f.X[:, -1]) ** 2)
+    return out

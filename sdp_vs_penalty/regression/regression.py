@@ -322,9 +322,14 @@ class Cells(Protocol):
 
 
 def compress_cells(
-    measurements: Measurements, model: Model, settings: Preprocessing, folds: Cells
+    measurements: Measurements,
+    model: Model,
+    settings: Preprocessing,
+    folds: Cells,
+    paired: bool = False,
 ) -> Regression:
-    """The same with one block for each cell (of folds by phase), whichever runs and periods show it."""
+    """The same with one block for each cell (of folds by phase), whichever runs and periods show it;
+    paired : rows with instruments stay as they are (:func:`~regression.instruments.paired`)."""
     growing, samples = _Growing(), 0.0
     for index, run in enumerate(measurements.runs()):
         repeated = rows_per_sample(run, settings)
@@ -333,7 +338,7 @@ def compress_cells(
             growing.take(rows, folds.cell(index, rows.motion.t))
     blocks = [TimeBlock(*place) for place in folds.places]
     factors = [replace(f, block=b) for b, found in growing.blocks() for f in found]
-    return _regression(model, blocks, factors, samples)
+    return _regression(model, blocks, factors, samples, paired)
 
 
 class _Growing:
@@ -369,15 +374,19 @@ class _Growing:
 
 
 def _regression(
-    model: Model, blocks: Sequence[TimeBlock], factors: Sequence[Factor], samples: float
+    model: Model,
+    blocks: Sequence[TimeBlock],
+    factors: Sequence[Factor],
+    samples: float,
+    paired: bool = False,
 ) -> Regression:
     rows = sum(f.rows for f in factors if f.joint == 0)
     p = len(model.parameters)
-    if any(np.any(f.indices >= p) for f in factors):
-        half = [f.indices[len(f.indices) // 2 :] for f in factors]
-        parts = [(f.joint, own, f.triangle) for f, own in zip(factors, half, strict=True)]
+    own_errors = model.drives.any() and model.reference is not None
+    if not paired and (own_errors or any(np.any(f.indices >= p) for f in factors)):
+        found = instrumented(model, [(f.joint, f.indices, f.triangle) for f in factors])
         factors = [
             replace(f, indices=own, triangle=_folded([rows]))
-            for f, own, rows in zip(factors, half, instrumented(parts, p), strict=True)
+            for f, (own, rows) in zip(factors, found, strict=True)
         ]
     return Regression(model.parameters, model.robot.n, tuple(blocks), tuple(factors), rows / samples)

@@ -11,6 +11,7 @@ from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.intervals import Interval, counts
 from sdp_vs_penalty.exporters.friction_table import friction_curves
+from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, friction_figure
 from sdp_vs_penalty.reports.section import Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot import inertia
@@ -174,17 +175,16 @@ def friction(material: Material) -> Section:
     return Section("friction", "Friction", body)
 
 
-def _picture(robot: Robot, links: Array, poses: Array) -> Any:
+def _picture(robot: Robot, links: Array, poses: Array) -> Figure:
     """The skeleton and an ellipsoid a link."""
-    from plotly.graph_objects import Figure, Mesh3d, Scatter3d
-
     plot = Figure()
     link = {carrier: place for place, carrier in enumerate(robot.link_joints)}
     for i, joint in enumerate(robot.tree):
         begin = np.zeros(3) if joint.parent < 0 else poses[joint.parent][:3, 3]
         x, y, z = np.stack([begin, poses[i][:3, 3]]).T
-        plot.add_trace(
-            Scatter3d(
+        plot.add(
+            trace(
+                "scatter3d",
                 x=x,
                 y=y,
                 z=z,
@@ -200,8 +200,9 @@ def _picture(robot: Robot, links: Array, poses: Array) -> Any:
             continue
         frame = poses[i] @ joint.link_frame
         x, y, z = frame[:3, :3] @ shape + frame[:3, 3:]
-        plot.add_trace(
-            Mesh3d(
+        plot.add(
+            trace(
+                "mesh3d",
                 x=x,
                 y=y,
                 z=z,

@@ -1,4 +1,4 @@
-"""Plotly figures that the report and the workbench page share; light to import."""
+"""Figures that the report and the workbench page share."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
 
@@ -53,51 +54,45 @@ def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, A
     return x[keep], y[keep]
 
 
-def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = True) -> Any:
+def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = True) -> Figure:
     """Measured and modelled torque of a joint (from 0) and what is left, run after run.
 
     beside : what is left stands at the right of the torques, else below them.
     """
-    from plotly.graph_objects import Scatter
-    from plotly.subplots import make_subplots
+    plot = Figure(columns=(0.62, 0.38)) if beside else Figure(rows=2, gap=0.12)
 
-    if beside:
-        plot = make_subplots(1, 2, column_widths=[0.62, 0.38], horizontal_spacing=0.08)
-    else:
-        plot = make_subplots(2, 1, shared_xaxes=True, vertical_spacing=0.12)
-    places = ({"row": 1, "col": 1}, {"row": 1, "col": 2} if beside else {"row": 2, "col": 1})
-
-    def curve(t: Array, values: Array, name: str, colour: str, width: float, shown: bool) -> Scatter:
+    def curve(
+        t: Array, values: Array, name: str, colour: str, width: float, shown: bool
+    ) -> dict[str, Any]:
         x, y = envelope(t, values)
         line = {"color": colour, "width": width}
-        return Scatter(x=x, y=y, name=name, legendgroup=name, showlegend=shown, line=line)
+        return trace("scatter", x=x, y=y, name=name, legendgroup=name, showlegend=shown, line=line)
 
     start = 0.0
     for index, run in enumerate(runs):
         t, measured = run.t - run.t[0] + start, run.torque[:, joint]
         start = float(t[-1]) + 1.0
-        plot.add_trace(curve(t, measured, "measured", MEASURED, 2.0, index == 0), **places[0])
+        plot.add(curve(t, measured, "measured", MEASURED, 2.0, index == 0))
         for m, (name, modelled) in enumerate(run.modelled.items()):
             colour, y = COLOURS[m % len(COLOURS)], modelled[:, joint]
-            plot.add_trace(curve(t, y, name, colour, 1.2, index == 0), **places[0])
-            plot.add_trace(curve(t, measured - y, name, colour, 1.2, False), **places[1])
-    plot.update_yaxes(title_text=f"joint {joint + 1} [{plain_unit(unit)}]", **places[0])
-    plot.update_xaxes(title_text="time [s]", **places[1])
+            plot.add(curve(t, y, name, colour, 1.2, index == 0))
+            plot.add(curve(t, measured - y, name, colour, 1.2, False), 1)
+    plot.update_axes("y", 0, title=f"joint {joint + 1} [{plain_unit(unit)}]")
+    plot.update_axes("x", 1, title="time [s]")
     if beside:
-        return plot.update_xaxes(title_text="time [s]", **places[0])
-    return plot.update_yaxes(title_text=f"left [{plain_unit(unit)}]", **places[1])
+        return plot.update_axes("x", 0, title="time [s]")
+    return plot.update_axes("y", 1, title=f"left [{plain_unit(unit)}]")
 
 
 def history_figure(names: Sequence[str], rmse: Sequence[ArrayLike], units: Sequence[str]) -> Any:
     """RMS error of each joint, one (n,) array a model, from model to model."""
-    from plotly.graph_objects import Figure, Scatter
-
     plot = Figure()
     for j, unit in enumerate(units):
-        plot.add_trace(
-            Scatter(
+        plot.add(
+            trace(
+                "scatter",
                 x=list(names),
-                y=[float(np.asarray(errors)[j]) for errors in rmse],
+                y=np.array([float(np.asarray(errors)[j]) for errors in rmse]),
                 mode="lines+markers",
                 name=f"joint {j + 1} [{plain_unit(unit)}]" if unit else f"joint {j + 1}",
                 line={
@@ -106,7 +101,7 @@ def history_figure(names: Sequence[str], rmse: Sequence[ArrayLike], units: Seque
                 },
             )
         )
-    plot.update_yaxes(title_text="RMS error", type="log", dtick="D2", tickformat=".3~g")
+    plot.update_axes("y", title="RMS error", type="log", dtick="D2", tickformat=".3~g")
     return plot
 
 
@@ -142,8 +137,6 @@ def residual_figure(
 ) -> Any:
     """What is left of a joint's torque (N,) against a signal x (N,), its reversals (of dq) ringed; the
     band is 1.96 noise floors wide to either side. first (N,) : what the first model left."""
-    from plotly.graph_objects import Figure, Scatter
-
     keep, turns = scatter_rows(dq)
     looks = [
         (keep, left, "error", {"size": 3, "color": COLOURS[0]}),
@@ -153,7 +146,7 @@ def residual_figure(
         looks.insert(0, (keep, first, "error of the first model", {"size": 3, "color": COLOURS[2]}))
     plot = Figure()
     for rows, y, name, marker in looks:
-        plot.add_trace(Scatter(x=x[rows], y=y[rows], mode="markers", name=name, marker=marker))
+        plot.add(trace("scatter", x=x[rows], y=y[rows], mode="markers", name=name, marker=marker))
     if floor is not None:
         plot.update_layout(shapes=noise_band(1.96 * floor))
     return plot
@@ -161,20 +154,16 @@ def residual_figure(
 
 def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Any:
     """A curve (k,) with a band from low to high (k,)."""
-    from plotly.graph_objects import Figure, Scatter
-
     edge: dict[str, Any] = {"mode": "lines", "line": {"width": 0}, "showlegend": False}
     band = {**edge, "hoverinfo": "skip"}
     fill = {"fill": "tonexty", "fillcolor": "rgba(128,128,128,0.3)"}
-    plot = Figure([Scatter(x=x, y=high, **band), Scatter(x=x, y=low, **fill, **band)])
-    return plot.add_trace(Scatter(x=x, y=y, line={"color": COLOURS[0]}, showlegend=False))
+    plot = Figure([trace("scatter", x=x, y=high, **band), trace("scatter", x=x, y=low, **fill, **band)])
+    return plot.add(trace("scatter", x=x, y=y, line={"color": COLOURS[0]}, showlegend=False))
 
 
 def missing_figure(curve: Curve, units: Sequence[str], along: Sequence[Array] = ()) -> Any:
     """A measured curve with its band, over two variables by colour, and where measurements lie; units :
     of the joints' torques; along : the variables along these."""
-    from plotly.graph_objects import Figure, Histogram, Scatter
-
     names = [f"{v} [{plain_unit(Variable.parse(v).unit(units))}]" for v in curve.of]
     unit = plain_unit(units[curve.joint - 1])
     rows = [x[np.unique(np.linspace(0, len(x) - 1, POINTS).astype(int))] for x in along]
@@ -182,7 +171,7 @@ def missing_figure(curve: Curve, units: Sequence[str], along: Sequence[Array] = 
         plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
         shade: dict[str, Any] = {"marker": {"color": MEASURED}, "opacity": 0.3, "nbinsx": 60}
         for x in rows:
-            plot.add_trace(Histogram(x=x, yaxis="y2", name="rows", **shade))
+            plot.add(trace("histogram", x=x, yaxis="y2", name="rows", **shade))
         plot.update_layout(yaxis2={"overlaying": "y", "side": "right", "title": "rows"})
         return plot.update_layout(xaxis_title=names[0], yaxis_title=f"joint {curve.joint} [{unit}]")
     half = 0.5 * (curve.upper - curve.lower)
@@ -193,7 +182,7 @@ def missing_figure(curve: Curve, units: Sequence[str], along: Sequence[Array] = 
     places += [(rows, {"size": 2, "color": MEASURED}, None, "rows")] if rows else []
     plot = Figure()
     for (x, y), look, words, name in places:
-        plot.add_trace(Scatter(x=x, y=y, mode="markers", marker=look, text=words, name=name))
+        plot.add(trace("scatter", x=x, y=y, mode="markers", marker=look, text=words, name=name))
     return plot.update_layout(xaxis_title=names[0], yaxis_title=names[1])
 
 
@@ -203,8 +192,8 @@ def friction_figure(
     """Friction torque (k,) of a joint (from 0) over its velocity (k,), and half its 95 % band (k,)."""
     plot = band_figure(velocity, torque, np.subtract(torque, half), np.add(torque, half))
     speed = "m/s" if unit == "N" else "rad/s"
-    plot.update_xaxes(title_text=f"velocity [{speed}]")
-    plot.update_yaxes(title_text=f"joint {joint + 1} [{plain_unit(unit)}]")
+    plot.update_axes("x", title=f"velocity [{speed}]")
+    plot.update_axes("y", title=f"joint {joint + 1} [{plain_unit(unit)}]")
     return plot
 
 
@@ -219,10 +208,8 @@ def styled(plot: Any, height: int) -> Any:
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
         hovermode="closest",
     )
-    if plot.layout.updatemenus:
-        plot.update_layout(legend={"y": -80.0 / height, "yanchor": "top"})
     axis = {"gridcolor": "rgba(128,128,128,0.25)", "zerolinecolor": "rgba(128,128,128,0.5)"}
     axis["exponentformat"] = "e"  # not 50µ of a radian
-    plot.update_xaxes(**axis)
-    plot.update_yaxes(**axis)
+    plot.update_axes("x", **axis)
+    plot.update_axes("y", **axis)
     return plot

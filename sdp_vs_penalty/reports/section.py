@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.reports.figure import Figure
 from sdp_vs_penalty.reports.pictures import LOOK as PICTURES
 from sdp_vs_penalty.reports.plots import styled
 from sdp_vs_penalty.signals.preprocessing import Rows
@@ -98,17 +98,11 @@ _SHEET = 820
 JOINT_HEIGHT = 215
 
 
-def figure(plot: Any, caption: str, height: int, group: str = "") -> str:
-    """A plotly figure as data, which the page's script draws when it is about to be seen; those of a
+def figure(plot: Figure, caption: str, height: int, group: str = "") -> str:
+    """A figure as data, which the page's script draws when it is about to be seen; those of a
     group are zoomed in time together, and a name that is hidden in one is hidden in all."""
     if group:
         plot.update_layout(meta={"group": group})
-    plot.layout.template = None  # seven kilobytes a figure that styled() makes needless
-    for trace in plot.data:
-        for axis in ("x", "y", "z"):  # single precision is finer than any screen
-            values = getattr(trace, axis, None)
-            if isinstance(values, np.ndarray) and values.dtype == np.float64:
-                trace[axis] = values.astype(np.float32)
     data = packed(styled(plot, height).to_json())
     shrunk = f"--on-paper:{min(1.0, _SHEET / height):.3f}"
     return (

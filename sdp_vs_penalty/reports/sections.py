@@ -14,6 +14,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.verdict import changes
+from sdp_vs_penalty.reports.figure import trace
 from sdp_vs_penalty.reports.pictures import (
     SHADES,
     bars,
@@ -73,8 +74,6 @@ def verdict(material: Material) -> Section:
 
 def torques(material: Material) -> Section:
     """Measured and modelled torque of each joint, and what is left."""
-    from plotly.graph_objects import Scatter
-
     shade: dict[str, Any] = {"line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
     n, units = material.last.robot.n, material.last.robot.torque_units
     runs = [
@@ -101,8 +100,8 @@ def torques(material: Material) -> Section:
         plot = torque_figure(runs, j, units[j])
         for t, half in bands:  # around a zero error, beside the errors
             for bound, fill in ((half[:, j], None), (-half[:, j], "tonexty")):
-                band = Scatter(x=t, y=bound, fill=fill, fillcolor="rgba(128,128,128,0.25)", **shade)
-                plot.add_trace(band, row=1, col=2)
+                filled = {"fill": fill, "fillcolor": "rgba(128,128,128,0.25)", **shade}
+                plot.add(trace("scatter", x=t, y=bound, **filled), 1)
         placed = [
             (s.start + shift, s.stop + shift, s.cause)
             for s in failing[j].stretches
@@ -110,7 +109,7 @@ def torques(material: Material) -> Section:
             if s.run.startswith(name)
         ]
         plot.update_layout(shapes=shades(placed, ("x", "x2")))
-        plot.update_xaxes(matches="x", row=1, col=2)
+        plot.update_axes("x", 1, matches="x")
         body += figure(plot, "", JOINT_HEIGHT, "torques")
     return Section("torques", "Where and when: measured against modelled", body)
 

@@ -19,15 +19,6 @@ from sdp_vs_penalty.shootout import standard_instances as standard
 from sdp_vs_penalty.shootout.instance import Instance
 
 GROUPS = ("panda", "two_link", "ur10e", "chains", "ill-conditioned")
-#: Groups of --problems, not among the default: instances on which no criterion of the judge was set.
-FRESH = ("fresh", "fresh-ill-conditioned")
-#: What is no news beside the catalogue (equal numbers under another name), or too large for a sample.
-_NOT_FRESH = re.compile(
-    r"two_link simulated (one|two)-step (?!cones)|panda (?!measured [37] s)|"
-    r"chain of (2|7|14) links gyration 0|chain of (20|30|40|60) "
-)
-#: Every so many of them; no divisors of the number of shapes (4) and of changes (14 or 15).
-_EVERY = (5, 4)
 
 _SHAPES = {
     "plain": "physical consistency and the problem's bounds",
@@ -81,15 +72,6 @@ def catalogue() -> dict[str, Entry]:
         quick = name in ill_conditioned.QUICK
         entries.append(Entry(name, ill_conditioned.GROUP, partial(make, name), quick=quick))
     return {entry.name: entry for entry in entries}
-
-
-def fresh() -> list[Entry]:
-    """A sample of the library's instances up to 14 links whose numbers the catalogue lacks."""
-    seen = catalogue()
-    found = [e for e in library() if e.name not in seen and not _NOT_FRESH.match(e.name)]
-    standard_ones = [replace(e, group=FRESH[0]) for e in found if e.group != ill_conditioned.GROUP]
-    changed_ones = [replace(e, group=FRESH[1]) for e in found if e.group == ill_conditioned.GROUP]
-    return [*standard_ones[:: _EVERY[0]], *changed_ones[:: _EVERY[1]]]
 
 
 def _robots() -> Iterator[Entry]:

@@ -19,7 +19,6 @@ from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.shootout.judge import SLACK
 from sdp_vs_penalty.shootout.results import Row
 
-COLUMNS = ("class", "accuracy", "solver", "ratio", "share")
 #: Solvers in the figure: those that were right most often.
 _CURVES = 11
 
@@ -60,19 +59,6 @@ def profile(rows: Sequence[Row], accuracy: float) -> dict[str, tuple[np.ndarray,
         finite = np.isfinite(ratios)
         shares = np.arange(1, len(ratios) + 1) / max(len(problems), 1)
         out[solver] = (ratios[finite], shares[finite])
-    return out
-
-
-def profile_rows(rows: Sequence[Row]) -> list[Row]:
-    """Every corner of every profile, each class by itself and all together."""
-    out: list[Row] = []
-    for name in (*sorted({r["group"] for r in rows}), "all"):
-        mine = [r for r in rows if name in (r["group"], "all")]
-        for accuracy in accuracies(rows):
-            for solver, (ratios, shares) in profile(mine, accuracy).items():
-                for ratio, share in zip(ratios, shares, strict=True):
-                    values = (name, accuracy, solver, float(ratio), float(share))
-                    out.append(dict(zip(COLUMNS, values, strict=True)))
     return out
 
 

@@ -14,7 +14,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import alone, read_text, write_text
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.shootout.contestants import Contestant, chosen
-from sdp_vs_penalty.shootout.instances import GROUPS, Entry, catalogue, fresh, instance, selected
+from sdp_vs_penalty.shootout.instances import GROUPS, Entry, catalogue, instance, selected
 from sdp_vs_penalty.shootout.results import Results
 from sdp_vs_penalty.shootout.work import Assignment, perform
 
@@ -68,7 +68,7 @@ def run(setup: Shootout, progress: Progress | None = None) -> Outcome:
 
 def _run(setup: Shootout, say: Progress) -> Outcome:
     contestants, missing = chosen(setup.solvers)
-    entries, unmeasured = selected(setup.problems, [*catalogue().values(), *fresh()], setup.quick)
+    entries, unmeasured = selected(setup.problems, catalogue().values(), setup.quick)
     results = Results(setup.out)
     notes = []
     absent = {c.name: str(c.absent) for c in missing}

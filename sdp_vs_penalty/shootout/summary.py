@@ -15,8 +15,7 @@ import numpy as np
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.shootout.contestants import Contestant
 from sdp_vs_penalty.shootout.judge import CLASSES
-from sdp_vs_penalty.shootout.profile import COLUMNS as PROFILE_COLUMNS
-from sdp_vs_penalty.shootout.profile import accuracies, at_accuracy, plot_profile, profile_rows, reached
+from sdp_vs_penalty.shootout.profile import accuracies, at_accuracy, plot_profile, reached
 from sdp_vs_penalty.shootout.results import Row, table_text
 from sdp_vs_penalty.show import markdown_table
 
@@ -207,7 +206,7 @@ def write_summary(
     not_applicable: Sequence[tuple[str, str, str]],
     people: dict[str, Contestant],
 ) -> list[Path]:
-    """summary.md, summary.csv and profile.csv, .svg beside runs.csv; the paths written.
+    """summary.md, summary.csv and profile.svg beside runs.csv; the paths written.
 
     people : the contestants by name, whose settings are told.
     """
@@ -240,9 +239,8 @@ def write_summary(
             machines=", ".join(sorted({r["machine"] for r in rows})),
         )
     )
-    paths = [folder / name for name in ("summary.md", "summary.csv", "profile.csv")]
+    paths = [folder / name for name in ("summary.md", "summary.csv")]
     write_text(paths[0], said)
     write_text(paths[1], table_text(_COLUMNS, table))
-    write_text(paths[2], table_text(PROFILE_COLUMNS, profile_rows(rows)))
     picture = folder / "profile.svg"
     return [*paths, picture] if plot_profile(rows, picture) else paths

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 #: Order of the largest matrix; smaller ones are padded with ones on the diagonal.
 ORDER = 4
 SQUARE, KRONECKER = ORDER**2, ORDER**4
+#: Up to so many entries a product with the whole matrix takes less than the call of a sparse one.
+_DENSE = 1 << 16
 #: Rows, columns and values of a sparse matrix.
 _Triplets = tuple[NDArray[np.intp], NDArray[np.intp], Array]
 
@@ -40,8 +43,8 @@ class SmallCones:
     linear: Array
     weight: Array
     constant: Array
-    slack_map: sparse.csr_matrix
-    adjoint: sparse.csr_matrix
+    slack_map: Array | sparse.csr_matrix
+    adjoint: Array | sparse.csr_matrix
     curvature: sparse.csr_matrix
     places: NDArray[np.intp]
 
@@ -68,6 +71,7 @@ class SmallCones:
         entries = Entries.of([*rows, *matrices])
         shape = (len(entries.constant), p)
         slack_map = sparse.csr_matrix((entries.value, (entries.row, entries.column)), shape)
+        small = math.prod(shape) <= _DENSE
         curvature = _csr(pairs, (p * p, count + len(weight) * KRONECKER))
         places = np.flatnonzero(np.diff(curvature.indptr))
         return cls(
@@ -78,8 +82,8 @@ class SmallCones:
             linear,
             weight,
             entries.constant,
-            slack_map,
-            slack_map.T.tocsr(),
+            slack_map.toarray() if small else slack_map,
+            np.ascontiguousarray(slack_map.T.toarray()) if small else slack_map.T.tocsr(),
             curvature[places],
             places,
         )
@@ -88,13 +92,21 @@ class SmallCones:
     def degree(self) -> int:
         return self.rows + ORDER * len(self.weight)
 
+    @cached_property
+    def _nothing(self) -> list[Array]:
+        """A multiplier of zero for each constraint, not to be written to."""
+        out = [np.zeros_like(c.constant) for c in self.constraints]
+        for zero in out:
+            zero.flags.writeable = False
+        return out
+
     def slacks(self, theta: Array) -> Array:
         return np.asarray(self.constant + self.slack_map @ theta)
 
     def multipliers(self, flat: Array) -> tuple[list[Array], Array | None]:
         """Of each constraint its multiplier (zero where others imply it), and of each link of the
         entropy the slope S (links, 4, 4) with which -log det is bounded; flat (rows + 16 blocks,)."""
-        own = [np.zeros_like(c.constant) for c in self.constraints]
+        own = list(self._nothing)
         slopes = np.empty((np.count_nonzero(self.weight), ORDER, ORDER))
         start = blocks = 0
         for kind in self.kinds:

@@ -59,6 +59,7 @@ def test_what_was_done_is_named(name: str, arm: Arm) -> None:
     corruption = known[name]
     case = run_case(arm, corruption)
     assert case.outcome == "named" or (case.outcome == "silent" and (case.harm or 9.0) < HARMFUL), case
+    assert not case.contradicts, case
 
 
 @pytest.mark.parametrize("degrees", [0.0, 3.0])

@@ -8,7 +8,7 @@ import pytest
 from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.checks import Issue, mended
 from sdp_vs_penalty.checks.glance import Glance
-from sdp_vs_penalty.checks.row_rules import frozen_torque, repeated_run
+from sdp_vs_penalty.checks.rules import frozen, repeated_run
 
 ROBOT, RATE, PERIOD, STANDSTILL = load_problem("two_link").robot, 250, 8.0, 0.02
 
@@ -75,14 +75,14 @@ def test_a_coarse_torque_keeps_its_value_until_dry_friction_turns(seed: int, ste
     assert clean.dq is not None
     load = 1.5 * np.sin(2.6 * np.pi * clean.t / clean.t[-1] + seed)[:, None]
     tau = 2.4 * np.sign(clean.dq) + 0.2 * clean.dq + load + 0.02 * rng.normal(size=clean.q.shape)
-    assert frozen_torque(glance(only(clean, tau=stepped(tau, step)))) is None
+    assert frozen(glance(only(clean, tau=stepped(tau, step))), "torque") is None
 
 
 def test_a_torque_in_steps_that_froze_is_told() -> None:
     fine = motion(torque=0.1)
     tau = fine.tau.copy()
     tau[2050:2320, 1] = tau[2050, 1]
-    found = frozen_torque(glance(only(fine, tau=tau)))
+    found = frozen(glance(only(fine, tau=tau)), "torque")
     assert found is not None
     assert found.figures["joints"] == [2]
 

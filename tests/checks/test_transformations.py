@@ -70,8 +70,8 @@ def test_a_load_in_one_of_two_runs_is_named_with_the_run() -> None:
     first, second = small_run(PROBLEM, seconds=8.0), small_run(PROBLEM, seconds=8.0)
     from sdp_vs_penalty.data import concatenate
 
-    reports = check(PROBLEM, concatenate([first.named("a"), second.named("b")]), thorough=False)
+    reports = check(PROBLEM, concatenate([first, replace(second, names=("b",))]), thorough=False)
     assert not [f for r in reports for f in r.problems]
-    other = replace(second, tau=second.tau * np.array([1.0, 1.3])).named("b")
-    reports = check(PROBLEM, concatenate([first.named("a"), other]), thorough=False)
+    other = replace(second, tau=second.tau * np.array([1.0, 1.3]))
+    reports = check(PROBLEM, concatenate([first, replace(other, names=("b",))]), thorough=False)
     assert [f.kind for r in reports for f in r.problems]

@@ -122,7 +122,7 @@ def test_outside_programs_reproduce_the_interval_from_the_file_alone(
     text = done.stdout + "".join(p.read_text() for p in tmp_path.glob("answer"))
     (found,) = re.findall(printed, text)[-1:]
     about = json.loads((exported / "a.dat-s.json").read_text())
-    assert within(about, sign * float(found), 1e-5)
+    assert within(about, sign * float(found), 1e-6)
     assert not within({**about, "offset": 0.0}, sign * float(found), 1e-5)
 
 

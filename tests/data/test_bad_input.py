@@ -33,7 +33,6 @@ from sdp_vs_penalty.data import save
 from sdp_vs_penalty.effects import Motion, parse_effects
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.regression import load_answers
-from sdp_vs_penalty.robot import load_urdf
 
 FUZZ = settings(
     max_examples=150,
@@ -489,27 +488,7 @@ def survives(path: Path, content: bytes, read: Callable[[Path], object]) -> obje
     return None
 
 
-GOOD_CSV = csv_with(lambda x: None).encode()
-
-
-@FUZZ
-@given(content=st.one_of(mutated(GOOD_CSV), st.binary(max_size=300)))
-def test_fuzz_csv(content: bytes, tmp_path: Path) -> None:
-    read = survives(tmp_path / "run.csv", content, load_measurements)
-    if read is not None:
-        assert isinstance(read, Measurements)
-        assert np.all(np.isfinite(read.q))
-        assert np.all(np.diff(read.t) > 0.0)
-
-
-GOOD_NPZ = npz_bytes(t=np.arange(4.0), q=np.ones((4, 2)), tau=np.ones((4, 2)))
 GOOD_BOX = npz_bytes(q=np.ones((3, 2)), gravity=np.ones((3, 2)), mass_matrix=np.ones((3, 2, 2)))
-
-
-@FUZZ
-@given(content=st.one_of(mutated(GOOD_NPZ), st.binary(max_size=300)))
-def test_fuzz_npz(content: bytes, tmp_path: Path) -> None:
-    survives(tmp_path / "run.npz", content, load_measurements)
 
 
 def test_an_archive_of_a_later_version_is_refused(tmp_path: Path) -> None:
@@ -535,37 +514,6 @@ def test_fuzz_panda_log(name: str, content: bytes, tmp_path: Path) -> None:
     survives(
         tmp_path / f"exciting_traj_{name}.txt", content, lambda path: load_measurements(path.parent)
     )
-
-
-URDF = b"""<robot name="arm"><link name="base"/>
-<link name="a"><inertial><origin xyz="0 0 0.1" rpy="0 0 0"/><mass value="2"/>
-<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"/></inertial></link>
-<link name="b"/>
-<joint name="j" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
-<limit lower="-1" upper="1" velocity="2" effort="3"/></joint>
-<joint name="k" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0.1 0 0"/></joint>
-</robot>"""
-
-
-@FUZZ
-@given(content=st.one_of(mutated(URDF), st.binary(max_size=200)))
-def test_fuzz_urdf(content: bytes, tmp_path: Path) -> None:
-    read = survives(tmp_path / "arm.urdf", content, load_urdf)
-    if read is not None:
-        robot, nominal = read  # type: ignore[misc]
-        zero = np.zeros((1, robot.n))
-        assert np.all(np.isfinite(robot.regressor(zero, zero, zero)))
-        assert np.all(np.isfinite(nominal))
-
-
-@FUZZ
-@given(content=st.one_of(mutated(TOML.encode()), st.binary(max_size=200)))
-def test_fuzz_problem(content: bytes, tmp_path: Path) -> None:
-    folder = problem_folder(tmp_path / "arm")
-    problem = survives(folder / "problem.toml", content, lambda path: load_problem(path.parent))
-    if problem is not None:
-        assert isinstance(problem, Problem)
-        problem.constraints(problem.model())
 
 
 @FUZZ
@@ -618,12 +566,6 @@ def test_fuzz_model(data: st.DataObject, model: Path, tmp_path: Path) -> None:
         t, zero = np.arange(3.0), np.zeros((3, read.robot.n))  # type: ignore[attr-defined]
         assert read.torque(Motion(t, zero, zero, zero, zero)).shape == zero.shape  # type: ignore[attr-defined]
         json.dumps(read.to_dict())  # type: ignore[attr-defined]
-
-
-@FUZZ
-@given(content=st.one_of(mutated(b'{"format": 2, "robot": {}}'), st.binary(max_size=200)))
-def test_fuzz_model_bytes(content: bytes, tmp_path: Path) -> None:
-    survives(tmp_path / "model.json", content, load_estimate)
 
 
 @FUZZ

@@ -15,9 +15,8 @@ import pytest
 from sdp_vs_penalty import InputError, compare, identify, load_measurements, load_problem
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import DATASETS, datasets
-from sdp_vs_penalty.data.datasets import clean_stretch, fetch
+from sdp_vs_penalty.data.datasets import fetch
 from sdp_vs_penalty.problem.load import problem_names
-from sdp_vs_penalty.robot import Robot, load_urdf
 
 
 @pytest.fixture(scope="module")
@@ -118,38 +117,6 @@ def test_emps_identification_gives_the_authors_values(fetched: dict[str, Path]) 
     assert test.relative_error_percent < 5.0
 
 
-def joint_axes(robot: Robot, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """A point on each joint's axis and its direction, in the base frame."""
-    poses: list[np.ndarray] = []
-    axes = []
-    for joint, angle in zip(robot.joints, q, strict=True):
-        parent = np.eye(4) if joint.parent < 0 else poses[joint.parent]
-        pose = parent @ joint.placement
-        axes.append((pose[:3, 3], pose[:3, :3] @ joint.axis))
-        x, y, z = joint.axis
-        k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        turn = np.eye(4)
-        turn[:3, :3] += np.sin(angle) * k + (1.0 - np.cos(angle)) * k @ k
-        poses.append(pose @ turn)
-    return axes
-
-
-@pytest.mark.real_data
-def test_ur10e_kinematics_are_those_of_the_authors(data_folder: Path) -> None:
-    """Our DH table puts every joint axis where their URDF does, within its rounding to 1 mm.
-
-    Their base_link is the controller's base frame turned by pi about z.
-    """
-    ours = load_problem("ur10e").robot
-    theirs, _ = load_urdf(data_folder / "ur10e" / "ur10e.urdf")
-    turn = np.diag([-1.0, -1.0, 1.0])
-    for q in ours.random_configurations(20, seed=1):
-        for (p1, a1), (p2, a2) in zip(joint_axes(ours, q), joint_axes(theirs, q), strict=True):
-            assert np.allclose(a1, turn @ a2, atol=1e-6)
-            offset = turn @ p2 - p1
-            assert np.linalg.norm(np.cross(offset, a1)) < 2e-3
-
-
 @pytest.mark.real_data
 def test_the_verb_prints_paths_and_says_what_it_could_not_use(
     address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -187,10 +154,3 @@ def test_a_changed_file_is_refused(
     with pytest.raises(InputError, match="SHA-256 differs"):
         fetch("emps", tmp_path, address)
     assert not list(tmp_path.rglob("*.mat"))
-
-
-def test_clean_stretch_names_the_rows_that_it_drops() -> None:
-    lines = ["5,1", "0.1,9", "7,1", "7.01,2", "7.02,3", "7.02,4", "7.03"]
-    rows, unused = clean_stretch("\n".join(lines) + "\n\n", 2)
-    assert rows.tolist() == [[7.0, 1.0], [7.01, 2.0], [7.02, 3.0]]
-    assert unused == "rows 1 to 2 (no running clock before row 3) and rows 6 to 7 (no running clock)"

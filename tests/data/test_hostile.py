@@ -33,7 +33,7 @@ def test_burst_stamps_make_no_grid_finer_than_ten_points_a_sample(two_link: Prob
     run = bursts(small_run(two_link, seconds=20.0))
     assert sum(part.count for part in stretches(run)) <= 20 * len(run.t)
     (report,) = check(two_link, run)
-    assert "burst stamps" in [f.kind for f in report.problems]
+    assert "jittered time stamps" in [f.kind for f in report.problems]
     assert np.ptp(np.diff(report.mended.t)) < 0.1 * np.median(np.diff(report.mended.t))
 
 

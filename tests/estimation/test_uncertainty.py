@@ -100,6 +100,10 @@ def test_rotors_count_with_the_inertia_that_they_cannot_be_told_from() -> None:
     rank = int(np.linalg.matrix_rank(wide, tol=1e-8 * np.linalg.norm(wide, 2)))
     assert len(known.base) == rank + 18
     assert counts(known.base)[NOT_SEEN] == 0
+    # The rotor of joint 1 turns as its link does: neither is seen alone, whatever grid columns are on.
+    alone = {i.name: i.verdict for i in known.standard}
+    assert alone["I_a1"] == alone["Izz1"] == NOT_SEEN
+    assert sum(np.isinf(i.low) for i in known.standard) == 42
 
 
 def test_the_band_holds_torques_of_another_motion(two_link: Problem) -> None:

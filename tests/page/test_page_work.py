@@ -648,6 +648,17 @@ def test_only_this_page_may_ask(headers: dict[str, str], allowed: bool | None, k
         assert b"content-security-policy" in dict(sent[0]["headers"])
 
 
+def test_an_error_of_a_request_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        raise KeyError("Session is disconnected")  # what engine.io does to a tab that was silent
+
+    headers = [(b"host", b"127.0.0.1"), (b"cookie", b"sdp-vs-penalty-key-99=secret")]
+    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": headers}
+    asyncio.run(guarded(app, 99, "secret")(scope, None, None))
+    said = capsys.readouterr().err
+    assert said == "sdp-vs-penalty: page: KeyError: 'Session is disconnected'\n"
+
+
 @pytest.mark.parametrize(
     ("path", "query", "to"),
     [
@@ -797,7 +808,10 @@ class Tab:
         pass
 
 
-def test_sessions_are_private_and_end_with_the_server(pool: WorkerPool) -> None:
+def test_sessions_are_private_and_end_with_the_server(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions_module, "_CONNECTS", 0.0)  # no tab is about to come back
     sessions = Sessions(pool)
     first, second = sessions.new(), sessions.new()
     assert first.token != second.token

@@ -5,8 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -80,13 +78,6 @@ def test_published_cells_come_first_and_as_printed(
         assert len(ours) == len(printed)
 
 
-def test_a_missing_dataset_is_said(tables: dict[tuple[str, str], Table]) -> None:
-    for (_, name), table in tables.items():
-        if name in (*DEFAULT_TABLES, "VII"):
-            assert "Nothing is measured" in table.caption
-            assert "simulated" in table.caption
-
-
 def test_tables_three_eight_and_nine_are_one_robot(
     tables: dict[tuple[str, str], Table], panda: Problem, without_data: None
 ) -> None:
@@ -132,22 +123,6 @@ def test_escaping_and_number_columns() -> None:
     assert text("-1.0517e-02") == "-1.0517e-02"
     with pytest.raises(ValueError, match="2 cells in 1 columns"):
         Table("X", "x", "x", (Column("a"),), (("1", "2"),))
-
-
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is absent")
-def test_latex_compiles(tables: dict[tuple[str, str], Table], tmp_path: Path) -> None:
-    body = "\n".join(table.latex() + r"\clearpage" for table in tables.values())
-    packages = r"\documentclass{article}\usepackage{array,booktabs,siunitx,graphicx}"
-    source = packages + r"\begin{document}" + body + r"\end{document}"
-    (tmp_path / "all.tex").write_text(source)
-    done = subprocess.run(
-        ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "all.tex"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout[-2000:]
 
 
 def test_files_of_the_names_asked_for_are_written(tmp_path: Path, without_data: None) -> None:

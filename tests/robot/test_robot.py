@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, tree, uicker_torques
 
-from sdp_vs_penalty import InputError, Problem
+from sdp_vs_penalty import Problem
 from sdp_vs_penalty.robot import Robot
 
 seeds = st.integers(0, 2**32 - 1)
@@ -109,26 +107,6 @@ def test_dh_conventions_place_the_same_arm() -> None:
         for robot, theta in ((standard, at_origin), (modified, along_x))
     ]
     np.testing.assert_allclose(torques[0], torques[1], atol=1e-12)
-
-
-def test_joints_must_come_depth_first() -> None:
-    """In any other order Pinocchio's mass matrix is silently wrong."""
-    arm, *_ = tree(np.random.default_rng(0), 1).joints
-    parents = {"chain": (-1, 0, 1), "branches": (-1, 0, 0, -1, 3), "forest": (-1, -1, -1)}
-
-    def robot(order: tuple[int, ...]) -> Robot:
-        return Robot("r", tuple(replace(arm, name=f"j{k}", parent=p) for k, p in enumerate(order)))
-
-    for order in parents.values():
-        robot(order)
-    for order in ((-1, 0, 0, 1), (0,), (-1, 2, 0), (-1, -1, 0), (-2,)):
-        with pytest.raises(InputError, match="depth first"):
-            robot(order)
-
-
-def test_dh_convention_must_be_known() -> None:
-    with pytest.raises(InputError, match="standard"):
-        Robot.from_dh("x", [0.0], [0.0], [0.0], "denavit")
 
 
 def test_planar_arm_against_textbook_equations(two_link: Problem) -> None:

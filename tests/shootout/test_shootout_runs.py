@@ -5,9 +5,6 @@ from __future__ import annotations
 import csv
 import os
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -94,36 +91,6 @@ def test_the_time_limit_ends_one_cell_and_tighter_ones_are_not_tried(tmp_path: P
 def test_senseless_settings_are_refused(tmp_path: Path, accuracies: tuple[float, ...]) -> None:
     with pytest.raises(InputError, match="--accuracy"):
         setup(tmp_path, accuracies=accuracies)
-
-
-@pytest.mark.slow
-def test_killed_in_the_middle_and_resumed(tmp_path: Path) -> None:
-    psutil = pytest.importorskip("psutil", reason="it counts the processes: install the extra [test]")
-    out = tmp_path / "s"
-    command = [
-        sys.executable, "-m", "sdp_vs_penalty", "shootout", "--solvers",
-        "clarabel,scs,penalty", "--problems", TWO, "--jobs", "1", "--out", str(out),
-    ]  # fmt: skip
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    path = out / "runs.csv"
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and not (path.exists() and path.read_text().count("\n") > 3):
-        time.sleep(0.02)
-    family = psutil.Process(process.pid).children(recursive=True)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert family
-    assert not psutil.wait_procs(family, 5)[1]
-    done = Results(out).rows
-    assert 0 < len(done) < 18
-    assert subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode == 0
-    rows = Results(out).rows
-    assert len(rows) == len({key(r) for r in rows}) == 18  # problems x solvers x accuracies
-    # What was done before the kill was not done again.
-    times = {key(r): r["seconds"] for r in rows}
-    assert all(times[key(r)] == r["seconds"] for r in done)
-    for name in ("summary.md", "summary.csv"):
-        assert (out / name).stat().st_size > 0
 
 
 @pytest.mark.slow

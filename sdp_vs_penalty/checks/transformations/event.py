@@ -8,21 +8,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.checks.constants import SLOW_ODDS
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Event, Repair
-from sdp_vs_penalty.checks.transformations.transformation import (
-    Element,
-    Scene,
-    Transformation,
-    choices,
-)
+from sdp_vs_penalty.checks.transformations.transformation import Element, Scene, Transformation, choices
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Instants, as shares of the log, at which a step is tried.
 _STEPS = np.linspace(0.12, 0.88, 39)
-#: Friction that warms up and slow noise look like a drift or a step (natural logarithm of the odds).
-_SLOW = 15.0
 #: Share of the time on either side of a step that the joint has to move each way: else it is friction's.
 _WAYS = 0.15
 
@@ -32,62 +26,53 @@ class Change(Transformation):
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         motion = scene.tried.data.motion
-        t = motion.t
-        u = (t - t[0]) / max(float(t[-1] - t[0]), 1e-300)
-        shapes = np.column_stack([u, *((u > s).astype(float) for s in _STEPS)])
-        best: dict[bool, tuple[float, Event]] = {}
+        t, span = motion.t, float(np.ptp(motion.t))
+        events = [None, *(float(t[0] + s * span) for s in _STEPS)]
+        shapes = np.column_stack([Event(0, at).shape(t) for at in events])
+        heard = scene.tried.data.heard.T[list(now.order)]
+        x = score.rows.rest(heard[:, :, None] * shapes)
+        pull = np.einsum("jm,jmk->jk", score.residual, x) ** 2
+        found = np.log1p(pull / np.maximum(np.sum(x**2, axis=1) * score.left[:, None], 1e-280))
+        found[~scene.moving] = 0.0
         for j in scene.joints:
-            heard = scene.tried.data.heard[:, now.order[j], None]
-            joint = score.joints[j]
-            x = heard * shapes
-            x = x - joint.basis @ (joint.basis.T @ x)
-            found = np.log1p(
-                (score.residual[:, j] @ x) ** 2
-                / np.maximum(np.sum(x**2, axis=0) * score.left[j], 1e-280)
-            )
-            found[1:] *= _both_ways(motion.dq[:, now.order[j]], u)
-            for drift, k in ((True, 0), (False, 1 + int(np.argmax(found[1:])))):
-                at = None if drift else float(t[0] + _STEPS[k - 1] * (t[-1] - t[0]))
-                known = best.get(drift, (0.0, Event(0)))
-                best[drift] = max(known, (float(found[k]), Event(j, at)), key=lambda b: b[0])
-        for _, event in best.values():
-            if event not in now.events:
+            found[j, 1:] *= _both_ways(motion.dq[:, now.order[j]], (t - t[0]) / max(span, 1e-300))
+        for drift in (True, False):
+            some = found[:, :1] if drift else found * (np.arange(len(events)) > 0)
+            j, k = divmod(int(np.argmax(some)), some.shape[1])
+            event = Event(j, events[k])
+            if event not in now.events and found[j, k] > 0.0:
                 yield replace(now, events=(*now.events, event))
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for event in repair.events:
-            others = tuple(e for e in repair.events if e != event)
-            name, j = joints_text([event.joint]), event.joint
-            drift = event.at is None
-            size, unit = _size(scene, repair, event), scene.problem.robot.torque_units[j]
-            t = "" if drift else f"{event.at:.4g}"
-            what = (
-                f"the torque of {name} drifts by {size:+.3g} {unit} from the first row to the last."
-                if drift
-                else f"the torque of {name} steps by {size:+.3g} {unit} at t = {t} s and stays there."
+            j, drift, t = event.joint, event.at is None, event.at
+            name, unit = joints_text([j]), scene.problem.robot.torque_units[j]
+            without = replace(repair, events=tuple(e for e in repair.events if e != event))
+            size = _size(scene, repair, without, event)
+            how = f"drifts by {size:+.3g} {unit} from the first row to the last"
+            remedy = (
+                "let the sensor warm up and set its zero before the run, or identify from parts of it"
             )
+            if not drift:
+                how = f"steps by {size:+.3g} {unit} at t = {t:.4g} s and stays there"
+                remedy = "cut the run there, or find out what touched the arm"
             yield Element(
                 "torque drift" if drift else "torque step", "warning", (j,),
-                name if drift else f"{name}, t = {t} s", what,
-                "let the sensor warm up and set its zero before the run, or identify from parts of it"
-                if drift else "cut the run there, or find out what touched the arm",
-                replace(repair, events=others), choices(scene.n * (1 if drift else len(_STEPS))) +
-                _SLOW, mends=False,
-                figures={"joints": [j + 1], "size": size} | ({} if drift else {"t": event.at}),
+                f"the torque of {name} {how}.", remedy, without,
+                choices(scene.n * (1 if drift else len(_STEPS))) + SLOW_ODDS, mends=False,
+                place=name if drift else f"{name}, t = {t:.4g} s",
+                figures={"size": size} | ({} if drift else {"t": t}),
             )  # fmt: skip
 
 
-def _size(scene: Scene, repair: Repair, event: Event) -> float:
+def _size(scene: Scene, repair: Repair, without: Repair, event: Event) -> float:
     """How far the torque drifts or steps [N m, N]: by how much the fit of its joint needs it."""
-    lacking = replace(repair, events=tuple(e for e in repair.events if e != event))
-    score = scene.judged.scores([repair])[0]
-    t, j = scene.judged.data.motion.t, event.joint
-    shape = (t - t[0]) / max(t[-1] - t[0], 1e-300) if event.at is None else (t > event.at) * 1.0
-    x = scene.judged.data.heard[:, repair.order[j]] * shape
-    joint = scene.judged.joints(lacking)[j]
-    x = x - joint.basis @ (joint.basis.T @ x)
-    rest = score.channels[:, j] - joint.raw @ score.theta
-    return float(x @ rest / max(x @ x, 1e-300))
+    score, j = scene.judged.score(repair), event.joint
+    lacking, shape = scene.judged.rows(without), event.shape(scene.judged.data.motion.t)
+    heard = scene.judged.data.heard[:, repair.order[j]]
+    x = lacking.rest(np.repeat((heard * shape)[None, :, None], scene.n, axis=0))[j, :, 0]
+    away = score.channels[j] - lacking.raw[j] @ score.theta
+    return float(x @ away / max(x @ x, 1e-300))
 
 
 def _both_ways(dq: Array, u: Array) -> NDArray[np.bool_]:

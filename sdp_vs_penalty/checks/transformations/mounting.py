@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
+from sdp_vs_penalty.checks.constants import LEVEL, MISMOUNTED, ODD_NUMBER, ODDS
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformations.transformation import (
-    ODD_NUMBER,
-    ODDS,
     Element,
     Number,
     Scene,
     Transformation,
     choices,
-)
+)  # fmt: skip
 from sdp_vs_penalty.robot.arrays import Array
 
 #: On Earth [m/s^2]; a problem whose gravity is of another size is corrected.
-_EARTH = 9.81
-#: A base is levelled to so much [rad]; from the second on no model of the log means anything.
-_LEVEL, _MEANINGLESS = np.radians(2.0), np.radians(10.0)
+_EARTH, _ABOUT = 9.81, 0.25
 #: Shares of the weight that are tried to be left in a channel.
 _LEFT = (0.0, 0.15)
 #: Share of a channel that a plausible arm's weight makes (RMS), for the channel alone to be without it:
@@ -33,46 +30,36 @@ _CARRIES = 0.5
 
 
 class Mounting(Transformation):
-    """The six axes of the base come first, then directions around the best one."""
+    """The six axes of the base come first, then directions around the assumed one."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         given = np.array(now.gravity)
         size = float(np.linalg.norm(given))
-        known = abs(size - _EARTH) < 0.25
-        if any(now.weight[j] != 1.0 for j in range(scene.n)) or (0.0 < size < 1.0):
+        known = abs(size - _EARTH) < _ABOUT
+        if any(w != 1.0 for w in now.weight) or 0.0 < size < 1.0:
             return
-        size = size if known else _EARTH
         for axis in (*np.eye(3), *-np.eye(3)):
-            if known and axis @ given > 0.99 * size:
-                continue
-            yield replace(now, gravity=_vector(size * axis))
-        if known:
-            a, turned = given / size, given / size
-            for across in np.linalg.svd(given[None, :])[2][1:]:
-                at = _turned(now, given, across, size)
-                step = score.newton(scene.tried.slope(at, 0.0, 0.02, score.theta))
-                turned = turned + float(np.clip(step, -0.5, 0.5)) * across
-            if turned @ a < float(np.linalg.norm(turned)) * (1.0 - 1e-6):
-                yield replace(now, gravity=_vector(size * turned / np.linalg.norm(turned)))
-        for across in np.linalg.svd(given[None, :])[2][1:] if size else ():
-            for angle in (-0.3, 0.3):
-                turned = (
-                    np.cos(angle) * given / max(np.linalg.norm(given), 1e-300) + np.sin(angle) * across
-                )
-                yield replace(now, gravity=_vector(size * turned))
+            if not known or axis @ given < 0.99 * size:
+                yield replace(now, gravity=_vector((size if known else _EARTH) * axis))
+        if not known:
+            return
+        turned = given
+        for across in np.linalg.svd(given[None, :])[2][1:]:
+            at = _turned(now, given, given + size * across)
+            turned = turned + size * np.clip(scene.newton(at, 0.0, 0.02, score), -0.5, 0.5) * across
+            yield from (at(angle) for angle in (-0.3, 0.3))
+        if np.linalg.norm(turned) > size * (1.0 + 1e-6):
+            yield replace(now, gravity=_vector(size * turned / np.linalg.norm(turned)))
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         assumed, g = np.array(scene.problem.robot.gravity), np.array(repair.gravity)
         if np.array_equal(assumed, g):
             return
-        without = replace(repair, gravity=_vector(assumed))
-        size = float(np.linalg.norm(g))
-        x, y, z = (float(round(v, 2)) + 0.0 for v in g)
         given = float(np.linalg.norm(assumed))
-        cosine = assumed @ g / max(given * size, 1e-300)
+        cosine = assumed @ g / max(given * float(np.linalg.norm(g)), 1e-300)
         angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        straight = np.count_nonzero(np.abs(g) > 1e-9) == 1
-        earthly = abs(given - _EARTH) < 0.25
+        straight, earthly = np.count_nonzero(np.abs(g) > 1e-9) == 1, abs(given - _EARTH) < _ABOUT
+        x, y, z = (float(round(v, 2)) + 0.0 for v in g)
         kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
         what = (
             f"gravity is {np.degrees(angle):.0f} degrees away from the assumed {_text(assumed)}, along "
@@ -85,18 +72,20 @@ class Mounting(Transformation):
                 f"points along {_text(g)} m/s^2."
             )
         yield Element(
-            kind, "warning" if earthly and angle < _MEANINGLESS else "error", (), "the base", what,
-            remedy, without, ODDS + (1.0 if straight else ODD_NUMBER), mends=False,
-            number=None if straight or not earthly else Number(
-                angle, _turned(repair, assumed, g, size), float(_LEVEL), 0.5,
-                lambda v: f"{np.degrees(v):.3g} degrees",
+            kind, "warning" if earthly and angle < MISMOUNTED else "error", (), what, remedy,
+            replace(repair, gravity=_vector(assumed)), ODDS + (1.0 if straight else ODD_NUMBER),
+            None if straight or not earthly else Number(
+                angle, _turned(repair, assumed, g), LEVEL, 0.5, lambda v: f"{np.degrees(v):.3g} degrees"
             ),
+            mends=False, place="the base",
             figures={"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]},
         )  # fmt: skip
 
 
-def _turned(repair: Repair, assumed: Array, g: Array, size: float):  # type: ignore[no-untyped-def]
-    a = assumed / max(float(np.linalg.norm(assumed)), 1e-300)
+def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repair]:
+    """The repair with gravity turned by an angle from the assumed vector towards g."""
+    size = float(np.linalg.norm(assumed))
+    a = assumed / max(size, 1e-300)
     across = g - (g @ a) * a
     across = across / max(float(np.linalg.norm(across)), 1e-300)
     return lambda v: replace(repair, gravity=_vector(size * (np.cos(v) * a + np.sin(v) * across)))
@@ -116,31 +105,26 @@ class Weight(Transformation):
                 yield now.with_entry("weight", j, share)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
-        values = repair.weight
-        if all(w == 1.0 for w in values):
-            return
-        every = len(set(values)) == 1
-        for joints in (
-            [tuple(range(scene.n))] if every else [(j,) for j, w in enumerate(values) if w != 1.0]
-        ):
+        every = tuple(range(scene.n))
+        changed = [(j,) for j in every if repair.weight[j] != 1.0]
+        common = len(set(repair.weight)) == 1
+        for joints in [every] if changed and common else changed:
 
             def at(x: float, joints: tuple[int, ...] = joints) -> Repair:
-                kept = (1.0 + x if j in joints else w for j, w in enumerate(values))
+                kept = (1.0 + x if j in joints else w for j, w in enumerate(repair.weight))
                 return replace(repair, weight=tuple(kept))
 
-            left = values[joints[0]]
+            left = repair.weight[joints[0]]
             gx, gy, gz = (float(round(left * v, 3)) + 0.0 for v in repair.gravity)
-            of = "the torques" if every else f"the torque of {joints_text(joints)}"
-            how = "log the torques before gravity compensation"
-            if every:
-                how += f", or identify with --gravity {gx:g},{gy:g},{gz:g}"
+            of = "the torques" if common else f"the torque of {joints_text(joints)}"
+            how = f", or identify with --gravity {gx:g},{gy:g},{gz:g}" if common else ""
             yield Element(
-                "gravity removed", "error", joints, joints_text(joints),
-                f"{100.0 * (1.0 - left):.0f} % of the weight is missing from {of}.", how, at(0.0),
-                (ODDS if every else choices(scene.n)) + (0.0 if left == 0.0 else ODD_NUMBER),
-                mends=False,
-                number=Number(left - 1.0, at, 0.2, 0.4, lambda v: f"{-100.0 * v:.0f} %", (-1.0,)),
-                figures={"joints": [j + 1 for j in joints], "share_left": left},
+                "gravity removed", "error", joints,
+                f"{100.0 * (1.0 - left):.0f} % of the weight is missing from {of}.",
+                f"log the torques before gravity compensation{how}", at(0.0),
+                (ODDS if common else choices(scene.n)) + (0.0 if left == 0.0 else ODD_NUMBER),
+                Number(left - 1.0, at, 0.2, 0.4, lambda v: f"{-100.0 * v:.0f} %", (-1.0,)),
+                mends=False, figures={"share_left": left},
             )  # fmt: skip
 
 

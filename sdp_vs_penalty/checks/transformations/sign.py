@@ -1,4 +1,4 @@
-"""Joints and torques that count the other way."""
+"""Joints and torques that count the other way: the torque's sign, the position's, or both."""
 
 from __future__ import annotations
 
@@ -11,12 +11,7 @@ import numpy as np
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations.transformation import (
-    Element,
-    Scene,
-    Transformation,
-    choices,
-)
+from sdp_vs_penalty.checks.transformations.transformation import Element, Scene, Transformation, choices
 
 #: All sets of signs are tried of arms with at most so many joints; of larger ones joint by joint.
 _MANY = 8
@@ -25,8 +20,6 @@ _NEXT = 2.0
 
 
 class Sign(Transformation):
-    """The torque's sign, the position's, or both of a joint."""
-
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         n, gain = scene.n, np.array(now.gain)
         # One arm and its joints by themselves agree: signs could make it no better.
@@ -45,27 +38,22 @@ class Sign(Transformation):
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         q, tau = np.array(repair.scale) < 0.0, np.array(repair.gain) < 0.0
         for j in np.flatnonzero(q).tolist():
-            both = bool(tau[j])
-            without = repair.with_entry("scale", j, -repair.scale[j])
-            if both:
+            without, k = repair.with_entry("scale", j, -repair.scale[j]), j + 1
+            kind, what = "position sign", f"the position of joint {k} has the wrong sign."
+            remedy = f"flip the sign of q{k} (and dq{k})"
+            if tau[j]:
                 without = without.with_entry("gain", j, -repair.gain[j])
-            name, k = joints_text([j]), j + 1
-            yield Element(
-                "joint sign" if both else "position sign", "error", (int(j),), name,
-                f"{name} counts the other way, position and torque alike." if both
-                else f"the position of {name} has the wrong sign.",
-                f"flip the signs of q{k}, dq{k} and tau{k}" if both
-                else f"flip the sign of q{k} (and dq{k})",
-                without, choices(scene.n), figures={"joints": [int(k)]},
-            )  # fmt: skip
-        alone = np.flatnonzero(tau & ~q)
-        if len(alone):
+                kind, what = "joint sign", f"joint {k} counts the other way, position and torque alike."
+                remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
+            yield Element(kind, "error", (j,), what, remedy, without, choices(scene.n))
+        alone = tuple(np.flatnonzero(tau & ~q).tolist())
+        if alone:
             gain = tuple(-g if j in alone else g for j, g in enumerate(repair.gain))
             every = len(alone) == scene.n
             cost = choices(1) if every else choices(scene.n) + _NEXT * (len(alone) - 1)
             yield Element(
-                "torque sign", "error", tuple(alone.tolist()), joints_text(alone),
+                "torque sign", "error", alone,
                 f"the torque of {'every joint' if every else joints_text(alone)} has the wrong sign.",
                 "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone),
-                replace(repair, gain=gain), cost, figures={"joints": (alone + 1).tolist()},
+                replace(repair, gain=gain), cost,
             )  # fmt: skip

@@ -11,19 +11,57 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.checks.constants import ODDS, RANGES, UNEXPLAINED
+from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score, independent_samples
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Prior odds against any repair, and against one whose number is no round one (natural logarithms): one
-#: log in some hundred has a given fault; multiples of 90 degrees and powers of ten come first.
-ODDS, ODD_NUMBER = 6.0, 3.0
-#: Other positions are asked for where some joint leaves more than this share of its torque's energy (3
-#: % of the torque): a wrong sign, order or quarter turn leaves more, even of slow motion.
-_UNEXPLAINED = 1e-3
-#: Ranges are known to so much [rad, m].
-_BESIDE = 0.2
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a repair, 0 where the log is right; ``at`` gives the repair with another one.
+
+    tolerance : what arms and loggers differ by themselves, in the number's own unit; text : with unit;
+    reach : how far to either side the best value is looked for; snaps : round values, tried beside it.
+    """
+
+    value: float
+    at: Callable[[float], Repair]
+    tolerance: float
+    reach: float
+    text: Callable[[float], str]
+    snaps: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Element:
+    """One thing that a repair does: what is said of it, and the repair ``without`` it.
+
+    cost : natural logarithm of the odds against it; where : default: the joints; mends : whether a
+    repaired log can be written.
+    """
+
+    kind: str
+    severity: str
+    joints: tuple[int, ...]
+    what: str
+    remedy: str
+    without: Repair
+    cost: float
+    number: Number | None = None
+    mends: bool = True
+    place: str = ""
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> tuple[str, tuple[int, ...]]:
+        return self.kind, self.joints
+
+    @property
+    def where(self) -> str:
+        return self.place or joints_text(self.joints)
 
 
 @dataclass(frozen=True)
@@ -51,13 +89,10 @@ class Scene:
         """Those that move."""
         return [int(j) for j in np.flatnonzero(self.moving)]
 
-    def poor(self, score: Score) -> NDArray[np.bool_]:
-        """(n,) joints of whose torque so much is unexplained that their motion may be another one."""
-        return np.asarray(self.moving & (score.shares > _UNEXPLAINED))
-
-    def revolute(self, j: int) -> bool:
-        """Whether joint j (from 0) turns."""
-        return self.problem.robot.joints[j].kind == "revolute"
+    @cached_property
+    def revolute(self) -> list[int]:
+        """Those of ``joints`` that turn."""
+        return [j for j in self.joints if self.problem.robot.joints[j].kind == "revolute"]
 
     @cached_property
     def length(self) -> float:
@@ -72,63 +107,33 @@ class Scene:
     @cached_property
     def samples(self) -> float:
         """Independent samples of the rows that hypotheses are tried on."""
-        score = self.tried.scores([self.none])[0]
-        return independent_samples(score.residual, self.moving)
+        return independent_samples(self.tried.score(self.none).residual, self.moving)
 
-    @cached_property
-    def _ends(self) -> Array:
-        """(2, n) least and largest position of each channel."""
-        q = self.judged.data.motion.q
-        return np.array([q.min(axis=0), q.max(axis=0)])
+    def poor(self, score: Score) -> NDArray[np.bool_]:
+        """(n,) joints of whose torque so much is unexplained that their motion may be another one."""
+        return np.asarray(self.moving & (score.shares > UNEXPLAINED))
+
+    def newton(self, at: Callable[[float], Repair], value: float, step: float, score: Score) -> float:
+        """By how much a number has to change from a value, to first order."""
+        slope = self.tried.slope(at, value, step, score.theta)
+        return self.tried.step(at(value), score.weights, slope)
+
+    def deviation(self, number: Number) -> float:
+        """A number's standard deviation."""
+        score = self.judged.score(number.at(number.value))
+        slope = self.judged.slope(number.at, number.value, 0.3 * number.tolerance, score.theta)
+        return self.judged.deviation(number.at(number.value), score.weights, slope)
 
     def reach(self, repair: Repair) -> Array:
         """(2, n) positions between which each joint moves, in no order."""
-        return repair.positions(self._ends)
+        q = self.judged.data.motion.q
+        return repair.positions(np.array([q.min(axis=0), q.max(axis=0)]))
 
     def outside(self, repair: Repair) -> int:
-        """How many joints this repair leaves outside their ranges, farther than a zero is calibrated
-        to.
-        """
+        """How many joints this repair leaves outside their ranges."""
         low, high = np.sort(self.reach(repair), axis=0)
         ends = np.array([(j.lower, j.upper) for j in self.problem.robot.joints]).T
-        return int(np.sum((low < ends[0] - _BESIDE) | (high > ends[1] + _BESIDE)))
-
-
-@dataclass(frozen=True)
-class Number:
-    """One number of a repair, 0 where the log is right; ``at`` gives the repair with another one.
-
-    tolerance : what arms and loggers differ by themselves, in the number's own unit; text : with unit;
-    snaps : round values that are tried beside the best one.
-    """
-
-    value: float
-    at: Callable[[float], Repair]
-    tolerance: float
-    reach: float
-    text: Callable[[float], str]
-    snaps: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
-class Element:
-    """One thing that a repair does: what is said of it, and the repair without it.
-
-    cost : natural logarithm of the odds against it; mends : whether a repaired log can be written;
-    gross : no arm or logger is like that by itself.
-    """
-
-    kind: str
-    severity: str
-    joints: tuple[int, ...]
-    where: str
-    what: str
-    remedy: str
-    without: Repair
-    cost: float
-    mends: bool = True
-    number: Number | None = None
-    figures: Mapping[str, Any] = field(default_factory=dict)
+        return int(np.sum((low < ends[0] - RANGES) | (high > ends[1] + RANGES)))
 
 
 class Transformation(ABC):

@@ -104,9 +104,9 @@ def _export(folder: Path, groups: list[str] | None) -> None:
 def _list() -> None:
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.shootout.contestants import contestants
-    from sdp_vs_penalty.shootout.instances import catalogue, fresh
+    from sdp_vs_penalty.shootout.instances import catalogue
 
-    rows = [(e.name, e.group, "quick" if e.quick else "") for e in (*catalogue().values(), *fresh())]
+    rows = [(e.name, e.group, "quick" if e.quick else "") for e in catalogue().values()]
     console.listing(("instance", "group", ""), rows)
     people = [(c.name, c.absent or "here", c.description) for c in contestants().values()]
     console.listing(("solver", "here", "what it is"), people)
