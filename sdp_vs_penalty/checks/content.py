@@ -74,10 +74,8 @@ def content(
     data = RegressionData.of(problem, run, settings, JUDGED)
     scene = Scene(problem, Likelihood(data.few(TRIED)), Likelihood(data), bool(seldom))
     first = [*_frozen(scene, glance), *channel_rules.dead(glance)]
-    if any(
-        i.kind in ("frozen position", "torque magnitude") for i in first
-    ):  # nothing else can be asked of such a motion
-        return Content(first, scene, none, none, None, False)
+    if any(i.kind in ("frozen position", "torque magnitude") for i in first):
+        return _stopped(problem, none, first)  # nothing else can be asked of such a motion
     found = Search(scene).run()
     score = found.after
     settled = _settled(scene, settings)
@@ -88,16 +86,13 @@ def content(
     issues += sizes
     if any(i.kind == "torque channel kind" for i in issues):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
-    issues += residual.find(scene, found.repair, score, settled)
-    issues += channel_rules.idle(glance)
     velocity = list(channel_rules.velocity(glance, settings))
-    issues += velocity
-    issues += channel_rules.clipped(glance)
-    issues += channel_rules.quantised(glance, settings)
-    issues += seldom
-    if not any(
-        e.kind in ("encoder offset", "positions in degrees", "position unit") for e in found.elements
-    ):
+    issues += [
+        *residual.find(scene, found.repair, score, settled), *channel_rules.idle(glance), *velocity,
+        *channel_rules.clipped(glance), *channel_rules.quantised(glance, settings), *seldom,
+    ]  # fmt: skip
+    moved = ("encoder offset", "positions in degrees", "position unit")
+    if not any(e.kind in moved for e in found.elements):
         for issue in velocity:
             run = issue.repair(run) if issue.repair is not None else run
         issues += channel_rules.implausible(replace(glance, run=run))
@@ -107,10 +102,10 @@ def content(
         run = run if found.repair.leaves_log else found.repair.apply(run)
         issues += excitation.find(problem.with_gravity(found.repair.gravity), run, settings)
         issues += excitation.hidden_errors(scene, found.repair)
-    certain, unexplained = (
-        _certain(scene, found),
-        float(score.left[scene.moving].sum() / score.whole[scene.moving].sum()),
-    )
+    unexplained = float(score.left[scene.moving].sum() / score.whole[scene.moving].sum())
+    certain = _certain(scene, found)
+    # A report holds the rows, not what was worked out of them.
+    scene = replace(scene, tried=Likelihood(scene.tried.data), judged=Likelihood(data))
     return Content(issues, scene, found.repair, certain, unexplained, settled)
 
 

@@ -118,17 +118,9 @@ class RegressionData:
             raise InputError(
                 "no joint both moves and has a torque that changes", "record such a run", run.names[0]
             )
-        made = cls(
-            shared,
-            kept,
-            Motion(t, q, dq, ddq),
-            torque,
-            rate,
-            own,
-            slides.astype(float),
-            moving,
-            np.asarray(problem.nominal_links.ravel(), float),
-        )
+        nominal, states = np.asarray(problem.nominal_links.ravel(), float), Motion(t, q, dq, ddq)
+        heard = slides.astype(float)
+        made = cls(shared, kept, states, torque, rate, own, heard, moving, nominal)
         # Where all have stopped nothing is asked of any joint.
         return made.part(asked)
 

@@ -317,6 +317,8 @@ def doubled(g: Glance) -> Issue | None:
 
 def interpolated_rows(g: Glance) -> Issue | None:
     """Rows that lie on straight lines in every channel: a gap that was filled in."""
+    if not g.run.torque_logged:
+        return None  # coarse positions alone lie on straight lines by themselves
     x = np.column_stack([g.run.q, g.run.tau])
     x = x[:, np.ptp(x, axis=0) > 0.0]
     steps = g.steps[:, None]

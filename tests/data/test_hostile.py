@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bz2
-import os
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -64,14 +63,6 @@ def test_absurd_numbers_end_in_a_sentence(
     (report,) = check(two_link, path)
     assert "missing numbers" in [f.kind for f in report.problems]
     assert len(report.mended.t) == len(run.t) - 1
-
-
-def test_devices_and_pipes_are_refused_at_once(tmp_path: Path) -> None:
-    pipe = tmp_path / "pipe.csv"
-    os.mkfifo(pipe)
-    for path in (pipe, Path("/dev/zero")):
-        with pytest.raises(InputError, match="no regular file"):
-            read_run(path)
 
 
 def ros1_chunk(compression: bytes, packed: bytes, claimed: int) -> bytes:

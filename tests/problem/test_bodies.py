@@ -18,8 +18,9 @@ from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
-from sdp_vs_penalty.robot import Body, inertia
+from sdp_vs_penalty.robot import Body, Joint, Robot, inertia
 from sdp_vs_penalty.robot.body import around
+from sdp_vs_penalty.robot.geometry import Geometry
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -45,6 +46,28 @@ def test_a_body_holds_its_points_and_little_else(seed: int) -> None:
     np.testing.assert_allclose(np.sort(body.half_axes), np.sort(np.sqrt(3.0) * half), rtol=0.03)
     back = Body.from_dict(body.to_dict())
     np.testing.assert_array_equal(back.quadric, body.quadric)
+
+
+def test_a_body_is_as_large_as_what_it_is_known_from_says() -> None:
+    """Of one link: a metre where nothing is known, twice the ellipsoid of the inertial, 1.2 times the
+    least ellipsoid of a box and a layer of 3 cm, a decimetre about an exact centre of mass."""
+    robot = Robot("pendulum", (Joint("j", "revolute", -1, np.eye(4), np.eye(3)[2], np.eye(4)),))
+    nothing, nowhere = np.zeros((1, 10)), np.tile([-np.inf, np.inf], (1, 3, 1))
+    half, centre = np.array([0.4, 0.3, 0.2]), np.array([0.5, 0.0, 0.0])
+    lifted = np.append(centre, 1.0)
+    second = np.pad(np.diag(half**2 / 5.0), (0, 1)) + np.outer(lifted, lifted)
+    inertial = inertia.from_pseudo_inertia(2.0 * second)[None]
+    box = np.array(np.meshgrid(*np.outer(half, [-1.0, 1.0]))).reshape(3, -1).T
+    exact = np.zeros((1, 3, 2))
+    for expected, source, *given_ones in (
+        (np.ones(3), "kinematics", nowhere, nothing),
+        (2.0 * half, "inertial", nowhere, inertial),
+        (1.2 * np.sqrt(3.0) * half + 0.03, "geometry", nowhere, nothing, [Geometry(box, 0.192)]),
+        (np.full(3, 0.1), "bounds", exact, nothing),
+    ):
+        (body,) = link_bodies(robot, *given_ones)
+        assert body.source == source
+        np.testing.assert_allclose(np.sort(body.half_axes), np.sort(expected), rtol=1e-6)
 
 
 @settings(max_examples=20, deadline=None, derandomize=True)
