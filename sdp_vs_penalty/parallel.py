@@ -6,8 +6,12 @@ recording.
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import multiprocessing
 import os
+import select
+import signal
 import threading
 import time
 import warnings
@@ -152,6 +156,23 @@ class Guarded(Generic[Item, Result]):
         while os.getppid() == self.parent:
             time.sleep(0.5)
         os._exit(1)
+
+
+def end_with_asker(handle: int) -> None:
+    """End this process and its children, whatever they do, when nobody writes to the pipe any more."""
+    asker = select.poll()
+    asker.register(handle, 0)  # a hang-up alone: requests are read elsewhere
+    asker.poll()
+    for child in multiprocessing.active_children():
+        kill(child)
+    os._exit(0)
+
+
+def kill(child: Any) -> None:
+    """End a child process with whatever it has started."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, signal.SIGKILL)
+    child.kill()
 
 
 def _connected(scheduler: str) -> Any:

@@ -245,7 +245,7 @@ def diagnosis(
     for curve in result.curves:
         explain(f"curve: {curve.sentence(units)}")
     beyond = np.sqrt(np.maximum(result.unexplained, 0.0)) * result.noise_floor
-    known = result.noise_source != "residual"
+    known = result.noise_known
     left = ", ".join(f"{x:.2g} {plain_unit(u)}" for x, u in zip(beyond, units, strict=True))
     say(f"error left beyond the noise, per joint: {left if known else 'not known'}")
     lines = event_lines(result.events, verbose)
@@ -279,7 +279,7 @@ def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding])
     title = f"Held-out RMSE [{kinds}] of each joint below {number(result.band_hz)} Hz"
     errors = [result.held_out_rmse_before, result.effects[0].held_out_rmse_before][: 1 + retuned]
     errors += [f.held_out_rmse_after for f in shown]
-    noise = "noise?" if result.noise_source == "residual" else "noise"
+    noise = "noise" if result.noise_known else "noise?"
     names = ["model", "retuned"][: 1 + retuned]
     weak = (" weak" if f.confidence == "weak" else "" for f in shown)
     names += [*(f"+ {k}.{mark}" for k, mark in enumerate(weak, start=1)), noise]

@@ -21,9 +21,9 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Constraint:
-    """F_0 + sum_i theta[indices[i]] F_i in a cone.
+    """F_0 + sum_i theta[indices[i]] F_i in a cone; a key of what belongs to it, equal to itself only.
 
     family : what kind of demand it is ("pseudo-inertia", "mass", ...); name : of whom ("link 3").
     cone : "psd" (constant (d, d), coefficients (k, d, d)), "soc" or "nonnegative" (constant (d,),

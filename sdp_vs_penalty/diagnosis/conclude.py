@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.constants import HARMONIC, INVISIBLE
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.events import events, outliers
@@ -20,7 +21,7 @@ from sdp_vs_penalty.diagnosis.findings import (
     Invisible,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
-from sdp_vs_penalty.diagnosis.reasons import INVISIBLE, REASONS, Evidence, reasons
+from sdp_vs_penalty.diagnosis.reasons import REASONS, Evidence, reasons
 from sdp_vs_penalty.diagnosis.remaining import Remainder, remainder, residual_beside
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.score import Term
@@ -34,10 +35,6 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
-
-#: Share by which the order of a wave differs at most from a multiple of the slowest one's, of which it
-#: is a harmonic: what a refined order is uncertain by.
-HARMONIC = 0.02
 
 
 @dataclass(frozen=True)

@@ -12,17 +12,10 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited
 from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
+from sdp_vs_penalty.diagnosis.constants import OUTSIDE, RAISES
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.held_out import (
-    RAISES,
-    HeldOut,
-    folds_of,
-    lowers,
-    on_folds,
-    on_test,
-    raises,
-)
+from sdp_vs_penalty.diagnosis.held_out import HeldOut, folds_of, lowers, on_folds, on_test, raises
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.retunes import shape_estimate, told
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
@@ -38,10 +31,6 @@ from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sente
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
-
-#: Share of the test run's rows outside of a curve's table from which it is not offered: it would be
-#: judged by what is held constant there.
-OUTSIDE = 0.5
 
 
 def quiet(_: str) -> None:

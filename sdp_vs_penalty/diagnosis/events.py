@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from sdp_vs_penalty.diagnosis.constants import MOST_EVENTS, MOST_OF_IT
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import FAINT, REPETITION, SAME_PHASE, differences, rate_features
@@ -32,13 +33,9 @@ from sdp_vs_penalty.signals.stillness import SLOW
 
 Mask = NDArray[np.bool_]
 
-#: Events are rare: what fills more than this share of a joint's rows is something else.
-MOST_EVENTS = 0.15
 #: Hz: below, lines are the motion's own harmonics. In units of the row rate: above, what the low-pass
 #: folds has no flat surroundings.
 _SLOWEST_HUM, _FASTEST_HUM = 0.8, 0.45
-#: Share of a window's squares that its loudest rows hold, to which an event is cut down.
-_MOST_OF_IT = 0.98
 
 
 @dataclass(frozen=True)
@@ -91,7 +88,7 @@ def _loudest(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
     longer than what happens in them."""
     squares = residual[group] ** 2
     order = np.argsort(-squares)
-    count = int(np.searchsorted(np.cumsum(squares[order]), _MOST_OF_IT * squares.sum())) + 1
+    count = int(np.searchsorted(np.cumsum(squares[order]), MOST_OF_IT * squares.sum())) + 1
     kept = np.sort(order[:count])
     return group[kept[0] : kept[-1] + 1]
 

@@ -20,7 +20,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_json
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, Table
-from sdp_vs_penalty.signals.noise import REPETITION
+from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
 from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, SPECTRUM_KNOWN
 
 EFFECT_MISSING, NOTHING_MISSING, UNKNOWN = "effect_missing", "nothing_missing", "unknown_effect"
@@ -200,11 +200,16 @@ class Diagnosis(Shown):
         return replace(self, effects=chosen, retuned=retuned, curves=curves, minor=())
 
     @property
+    def noise_known(self) -> bool:
+        """Whether the noise is told from the error, if only within a factor of two (by a spectrum)."""
+        return self.noise_source != RESIDUAL
+
+    @property
     def headline(self) -> str:
         """What is missing, and what happened once, in one or two sentences."""
         found = [(f.effect, f.joints, f.confidence) for f in self.effects]
         constants = [(r.effect, (r.joint,), r.confidence) for r in self.retuned]
-        text = diagnosis_verdict(self.unknown, found, self.noise_source != "residual", constants)
+        text = diagnosis_verdict(self.unknown, found, self.noise_known, constants)
         if self.noise_source == SPECTRUM:
             text += f" The noise is {SPECTRUM_KNOWN}: no motion repeats."
         where = sorted({e.joint + 1 for e in self.events})

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.constants import FOLDS, MINOR, RAISES, REPAID
 from sdp_vs_penalty.diagnosis.refit import fitted_parameters, model_beside, weighting_of
 from sdp_vs_penalty.diagnosis.rows import with_estimate
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, model_columns, spread_columns, stretches
@@ -32,15 +33,6 @@ from sdp_vs_penalty.regression.regression import (
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
 from sdp_vs_penalty.signals.stillness import STILL
-
-#: Share by which a finding, a curve or a retuned constant may raise the held-out error of any joint; and
-#: how many times as much those of the others have to fall (in logarithms) where one rises by more: on
-#: the Panda the hysteresis of joint 7 takes 63 % of its error, and a refit adds 17 % to joint 6.
-RAISES, REPAID = 0.02, 3.0
-#: Share by which a held-out error has to fall: less is minor.
-MINOR = 0.01
-#: Folds by phase.
-FOLDS = 5
 
 
 @dataclass(frozen=True)

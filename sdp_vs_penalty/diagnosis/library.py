@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.constants import STANDS
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, filled
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
@@ -25,8 +26,6 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 #: (effect name, joint from 0; None: the whole robot).
 Key = tuple[str, int | None]
-#: Share of a joint's rows at standstill from which the law of what holds it is looked for.
-STANDS = 0.02
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.constants import APART, FAR, INVISIBLE, SHARED, UNCERTAIN
 from sdp_vs_penalty.diagnosis.held_out import lowers
-from sdp_vs_penalty.diagnosis.search import APART
 from sdp_vs_penalty.effects.effect import Effect, Seen
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -27,15 +27,6 @@ REASONS: Mapping[str, str] = {
     "pieces": "with others of its kind it makes one function of the position, which has no name",
     "curve": "a measured curve explains the joint better",
 }
-#: Relative standard deviation of a size from which it is uncertain.
-_UNCERTAIN = 0.2
-#: Share of an effect's energy that the model makes, from which nobody sees it beside the model; and that
-#: other findings make, from which its size is not its own: standard deviations are then 32 and 2.2 times
-#: as large as alone, 1 / sqrt(1 - share).
-INVISIBLE, _SHARED = 0.999, 0.8
-#: A torque is not plausible that is larger (RMS) than all of its joint's, and a size that is so many
-#: standard deviations from what its effect says of it.
-_TORQUE, _FAR = 1.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -70,13 +61,13 @@ def reasons(e: Evidence) -> dict[str, str]:
     looks_like = e.effect.looks_like(e.size, e.seen)
     holds = {
         "rivals": e.rivals,
-        "uncertain": not e.std <= _UNCERTAIN * abs(e.size),
+        "uncertain": not e.std <= UNCERTAIN * abs(e.size),
         "small": not e.J > 2.0 * APART,
         "not_held_out": not lowers(e.before[on], e.after[on]),
         "more_left": bool(explained < np.sum(e.left[on] ** 2)),
-        "shared": e.shared > _SHARED,
+        "shared": e.shared > SHARED,
         "absorbed": e.absorbed > INVISIBLE,
-        "implausible": e.torque > _TORQUE or e.plausible > _FAR,
+        "implausible": e.torque > 1.0 or e.plausible > FAR,
         "looks_like": bool(looks_like),
         "pieces": e.pieces,
     }

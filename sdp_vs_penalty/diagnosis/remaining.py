@@ -13,25 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, MISFIT, MISFIT_SPECTRUM, NOMINAL
 from sdp_vs_penalty.diagnosis.score import Fit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.stillness import SLOW, STILL
-
-#: Variance of what is left over that of the noise, in rows that are evidence, from which something is
-#: left, beside what chance makes of a noise that is known from few repetitions.
-MISFIT = 1.3
-#: Chance that a joint's noise is known as too low as that makes it.
-CHANCE = 1e-3
-#: The same where the noise comes from a spectrum, which is right within a factor of two (.52 to 1.3 of
-#: the truth on 38 logs of two simulators, most of them too low): 2^2 times as much.
-MISFIT_SPECTRUM = 6.0
-#: Share by which it has to raise a joint's error above its noise to matter.
-MATTERS = 0.1
-#: Share of a joint's torque (RMS) below which nothing is told from links that are not quite as long as
-#: the model says: 1 mm in 0.3 m, and 0.1 degrees.
-NOMINAL = 0.005
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.constants import APART, AT_END, FAR, MOVES
 from sdp_vs_penalty.diagnosis.score import Term
-from sdp_vs_penalty.diagnosis.search import APART
 from sdp_vs_penalty.diagnosis.sizes import Size
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -17,11 +17,6 @@ from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import plain_unit
-
-#: Share of the range, in its own scale, nearer to an end than which a constant lies at it.
-_AT_END = 0.02
-#: A constant moves by so many standard deviations, and by this share, which less makes no other torque.
-_FAR, _MOVES = 3.0, 0.05
 
 
 @dataclass(frozen=True)
@@ -78,7 +73,7 @@ def shape_estimate(term: Term, estimate: Estimate, size: Size) -> ShapeEstimate:
     shape = effect.shapes[name].on(estimate.robot.joints[joint].kind)
     ends = shape.bounds or (1e-9, 1e9)
     low, high = np.log(ends[0]), np.log(shape.earned or ends[1])
-    near = _AT_END * (high - low)
+    near = AT_END * (high - low)
     at_end = not low + near < np.log(after) < high - near
     std = after * size.constants.get(name, np.inf)
     return ShapeEstimate(effect.name, joint, name, now.shape[name], after, std, term.J, bool(at_end))
@@ -87,7 +82,7 @@ def shape_estimate(term: Term, estimate: Estimate, size: Size) -> ShapeEstimate:
 def told(s: ShapeEstimate, before: Array, after: Array) -> bool:
     """Whether the data tell a constant from the model's, and its joint's held-out error falls."""
     spread = s.std / s.after if np.isfinite(s.std) else 0.0
-    moves = abs(np.log(s.after / s.before)) >= max(_FAR * spread, _MOVES)
+    moves = abs(np.log(s.after / s.before)) >= max(FAR * spread, MOVES)
     return bool(moves and s.gain > APART and after[s.joint] < before[s.joint])
 
 

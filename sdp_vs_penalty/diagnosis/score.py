@@ -27,15 +27,11 @@ import numpy as np
 import scipy.linalg
 from scipy.optimize import nnls
 
+from sdp_vs_penalty.diagnosis.constants import ABSORBED, ALPHA
 from sdp_vs_penalty.diagnosis.library import Batch, Form
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Rows of a joint beyond which more of them tell no law better. Of six weak effects (seed 61001) 300
-#: name none and 1000 name two.
-ALPHA = 1000.0
-#: Share of a column's energy below which the model makes it itself, and a form is judged without it.
-ABSORBED = 1e-3
 #: Share of a column below which what others leave of it is rounding.
 _DEPENDENT = 1e-5
 #: Turns in which the joints' levels and the fit are made to agree.

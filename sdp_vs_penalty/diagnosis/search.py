@@ -7,26 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.constants import APART, EQUIVALENT, FORM, LIKELY, LOOKED_AT
 from sdp_vs_penalty.diagnosis.library import Form, Library, eligible
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Evidence (twice the log of the odds) from which a term is taken: odds of 150 to 1, "very strong"
-#: (Kass, Raftery, JASA 1995, sec. 3.2).
-APART = 10.0
-#: Evidence by which another form must fall short to be told from a term: odds of 20 to 1, "strong"
-#: (ibid.).
-EQUIVALENT = 6.0
-#: A law is right to this share of what it explains: so much of it looks like something else.
-FORM = 0.04
-#: Candidates that are looked at closely, and steps at most.
-LOOKED_AT, STEPS = 10, 30
+#: Steps at most.
+STEPS = 30
 #: Shape constants are refined on a lattice: ratio of neighbours at first, and how often it is halved.
 _FIRST, _HALVINGS = 1.6, 5
-#: Of a candidate's laws (choices among which nothing is refined) those that take at least this share of
-#: what its best one takes are looked at.
-_LIKELY = 0.9
 #: How often a constant that is as large as its effect (a delay's) is made so.
 _SIZED = 2
 
@@ -144,7 +134,7 @@ class Search:
         for value, form, columns in sorted(best.values(), key=lambda b: -b[0]):
             if len(tops) == most and form.key not in tops:
                 continue
-            if value >= _LIKELY * tops.setdefault(form.key, value):
+            if value >= LIKELY * tops.setdefault(form.key, value):
                 found.append(self.score.judged(fit, form, columns))
                 self._kept.setdefault(form.effect.text, columns)
         return found

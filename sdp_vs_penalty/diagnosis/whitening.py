@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.constants import PHASE_CLUSTERS, TIME_CLUSTERS
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
@@ -17,10 +18,6 @@ from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, spectral_floor
 from sdp_vs_penalty.signals.phases import MotionClock, PhaseFolds, motion_clocks
 from sdp_vs_penalty.signals.repetition import is_part
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
-
-#: Clusters of rows: stretches of time in all runs, and stretches of each motion's phase. 30 to 60 are
-#: what cluster-robust variances need (Cameron, Miller, J. Human Resources 2015, sec. VI).
-TIME_CLUSTERS, PHASE_CLUSTERS = 60, 40
 
 
 @dataclass(frozen=True)

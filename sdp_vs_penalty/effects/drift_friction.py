@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from sdp_vs_penalty.effects.drift import Drift
 from sdp_vs_penalty.effects.effect import Array, Motion
 from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.robot.robot import Robot
 
 
 class DriftFriction(Drift):
@@ -24,6 +27,11 @@ class DriftFriction(Drift):
     # Where temperatures are logged they are the cause, for which the clock can only stand.
     refines = ("coulomb_friction", "viscous_friction", "warming_friction")
     shapes = {**Drift.shapes, "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
+
+    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
+        super().__init__(robot, joints, **shape)
+        plain = "viscous_friction" if self.viscous else "coulomb_friction"
+        self.refines = (plain, "warming_friction")
 
     @property
     def viscous(self) -> bool:

@@ -120,7 +120,7 @@ class Effect(ABC):
     #: What dry friction does at rest by this law: "holds" is tried where joints do, "turns" elsewhere.
     at_rest: ClassVar[Literal["", "holds", "turns"]] = ""
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
-    refines: ClassVar[tuple[str, ...]] = ()
+    refines: tuple[str, ...] = ()
 
     #: True of a table that stands for a law which is not known.
     tabulated: ClassVar[bool] = False

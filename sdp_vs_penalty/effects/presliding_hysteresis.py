@@ -23,7 +23,7 @@ class PreslidingHysteresis(Remembering, OneAJoint):
     symbol = "f_h"
     units = ("N*m", "N")
     lower = 0.0
-    refines: ClassVar[tuple[str, ...]] = ("coulomb_friction",)
+    refines: tuple[str, ...] = ("coulomb_friction",)
     at_rest: ClassVar[Literal["", "holds", "turns"]] = "turns"
     shapes = {
         "d": Shape(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 
@@ -19,7 +17,7 @@ class Stiction(PreslidingHysteresis):
     )
     reference = "Karnopp, ASME J. Dyn. Sys. Meas. Control 1985; Stewart, SIAM Review 2000"
     symbol = "f_s"
-    refines: ClassVar[tuple[str, ...]] = ("coulomb_friction",)
+    refines: tuple[str, ...] = ("coulomb_friction",)
     at_rest = "holds"
     #: Short travels, over which the computed state forgets what the filter makes of a joint at rest.
     shapes = {

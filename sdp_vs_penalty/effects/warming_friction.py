@@ -31,7 +31,7 @@ class WarmingFriction(JointEffect):
     symbol = "f_w"
     units = ("N*m", "N")
     lower = 0.0
-    refines = ("coulomb_friction", "viscous_friction")
+    refines = ("coulomb_friction", "viscous_friction")  # each law its own
     shapes = {
         "law": Shape(1.0, choices=(1.0, 2.0), words=("coulomb", "viscous")),
         "by": Shape(1.0, choices=(1.0, 2.0), words=("temperature", "clock")),
@@ -42,6 +42,7 @@ class WarmingFriction(JointEffect):
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
         super().__init__(robot, joints, **shape)
+        self.refines = ("viscous_friction" if self.law == "viscous" else "coulomb_friction",)
         self.follows_clock = self.shape["by"] == 2.0
         self.needs_temperature = not self.follows_clock
 

@@ -101,6 +101,7 @@ def pose(
     settings = settings.resolve(data) if data.torque_logged else servo_filters(settings, data)
     model = problem.model(options.effects)
     details: dict[str, Any] = {}
+    errors = independent_gains(options.gain_uncertainty, problem.robot.n)
     if data.torque_logged:
         progress("estimating shape constants")
         shapes = estimate_shapes(model, data, settings, options.weighting, workers=workers)
@@ -112,10 +113,11 @@ def pose(
     else:
         wanted = options.known, options.weighting, progress, options.instruments != "none"
         chosen = options.effects is not None
-        servo = servo_log(problem, model.effects, data, settings, *wanted, chosen)
+        loads = options.known_loads
+        servo = servo_log(problem, model.effects, data, settings, *wanted, chosen, loads)
         model, data, details = servo.model, servo.measurements, {"servo": servo.details}
-    errors = independent_gains(options.gain_uncertainty, problem.robot.n)
-    if options.known_loads:
+        errors = np.column_stack([errors, np.full(problem.robot.n, servo.scale_error)])
+    if options.known_loads and data.torque_logged:
         progress("determining the gains from the known loads")
         spread = float(np.max(options.gain_uncertainty))
         found = gains_from_loads(model, data, options.known_loads, settings, spread)

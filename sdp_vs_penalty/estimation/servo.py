@@ -16,16 +16,18 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.effects.payload import Payload
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.servo_law import LAWS, Law, find_law
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, with_shapes
 from sdp_vs_penalty.estimation.simulated_motion import with_simulated_motion
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.estimators.task import joint_weights, make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import Regression, compress
 from sdp_vs_penalty.robot.arrays import Array
@@ -39,6 +41,8 @@ _HARMONICS = 5.0
 _SIMULATIONS, _SAME = 3, 1e-3
 #: A parameter counts as determined where others leave this share of its column.
 _DETERMINED = 1e-5
+#: Passes in which joints are weighted by what a load leaves.
+_WEIGHTINGS = 3
 #: Velocities over which dry friction may turn round while the law is sought [rad/s, m/s]; doublings of
 #: the widest one of its law that are tried: a simulator's friction is that soft.
 _TURNS, _BEYOND = (0.01, 0.05, 0.25), 3
@@ -50,11 +54,13 @@ _STEPS, _LARGEST, _ARRIVED, _RANK = 30, 1.0, 1e-4, 1e-9
 @dataclass(frozen=True)
 class ServoLog:
     """model : with the law's effects and the given parameters; measurements : with the motion that the
-    law makes of the command (None of it where instruments were not wanted); details : plain JSON."""
+    law makes of the command (None of it where instruments were not wanted); details : plain JSON;
+    scale_error : relative standard deviation of the scale that loads set."""
 
     model: Model
     measurements: Measurements
     details: dict[str, Any]
+    scale_error: float = 0.0
 
 
 def parsed_known(text: str) -> dict[str, float]:
@@ -95,12 +101,14 @@ def servo_log(
     progress: Progress,
     instruments: bool = True,
     chosen: bool = True,
+    loads: Sequence[tuple[Source, float]] = (),
 ) -> ServoLog:
     """What stands for the torque in a log without one.
 
     effects : the model's; where servo effects are among them, the law is given, with its delay where
     that is; settings : resolved; known : parameters by name, which set the scale; chosen : whether the
-    effects were asked for: if not, rotors turn with the joints as well.
+    effects were asked for: if not, rotors turn with the joints as well; loads : further runs, each with
+    the mass [kg] that the last link carried, which set the scale.
     Raises InputError for a log without commands, and for a scale that is none.
     """
     if "qcmd" not in data.groups:
@@ -135,9 +143,17 @@ def servo_log(
             fitted = model.with_known(make_estimator(DEFAULT_METHOD).fit(task).theta)
             data = with_simulated_motion(data, model, fitted)
     assert law is not None
-    details = {"law": "as given" if drives else law.name, "delay": law.delay, "held_out": law.errors}
+    details: dict[str, Any] = {}
+    error = 0.0
+    if loads:
+        factor, error = _weighed(model, loads, settings)
+        scale = {name: factor * x for name, x in scale.items()}
+        model = replace(model, known=scale, reference=factor * np.asarray(model.reference))
+    details |= {"law": "as given" if drives else law.name, "delay": law.delay, "held_out": law.errors}
     details |= {"shapes": [s.to_dict() for s in shapes], "known": dict(scale)}
-    return ServoLog(model, data, details | {"scale": _scale_said(known, scale)})
+    said = [f"a load of {mass:g} kg" for _, mass in loads]
+    said += [f"{name} = {x:g}" for name, x in known.items()]
+    return ServoLog(model, data, details | {"scale": ", ".join(said) or _no_scale(scale)}, error)
 
 
 def with_instruments(
@@ -318,8 +334,36 @@ def _factor(model: Model, theta: Array, scale: Mapping[str, float]) -> float:
 _SCALES = "give a gain (kp2=600), a parameter that motion shows alone (m1 of a slide, mx6), or a load"
 
 
-def _scale_said(known: Mapping[str, float], scale: Mapping[str, float]) -> str:
-    if known:
-        return ", ".join(f"{name} = {x:g}" for name, x in known.items())
+def _no_scale(scale: Mapping[str, float]) -> str:
     gain = ", ".join(f"{name} = {x:.4g}" for name, x in scale.items())
     return f"unknown: all torques, masses and gains share one factor ({gain} if links weigh as stated)"
+
+
+def _weighed(
+    model: Model, loads: Sequence[tuple[Source, float]], settings: Preprocessing
+) -> tuple[float, float]:
+    """The factor on all of a model's torques with which the loads weigh what they weigh, and its
+    relative standard deviation. What the model leaves of a run with a load is the load, and where
+    integrals began."""
+    robot, theta = model.robot, model.with_known(np.asarray(model.reference))
+    own = (Payload(robot), effect_types()["torque_offset"](robot))
+    wide = Model(robot, (*model.effects, *own), gains=model.gains, changes=True)
+    found, information = [], []
+    for source, mass in loads:
+        if not 0.0 < mass < np.inf:
+            raise InputError(f"a known load of {mass:g} kg", "give the mass that was on the last link")
+        runs = as_measurements(source, robot.n, robot.joint_names, "identify(known_loads=...)")
+        left = compress(runs, wide, settings).beside(theta)
+        weights = np.ones(robot.n)
+        for _ in range(_WEIGHTINGS):
+            data = left.least_squares(weights)
+            x = _inverse(data.R) @ data.rho
+            weights = joint_weights(left, x)
+        if data.own_torque[0] <= _DETERMINED * data.column_norms[0] or x[0] <= 0.0:
+            raise InputError(
+                f"--known-load: these runs do not show {mass:g} kg", "move the joints that lift the load"
+            )
+        variance = left.oversampling * data.loss(x) / max(data.rows, 1)
+        found.append(mass / x[0])
+        information.append(x[0] ** 2 * data.own_torque[0] ** 2 / max(variance, 1e-300))
+    return float(np.average(found, weights=information)), float(np.sum(information) ** -0.5)

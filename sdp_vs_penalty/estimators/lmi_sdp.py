@@ -293,8 +293,8 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
         if not np.all(np.isfinite(solution.x)):
             continue
         theta = repair(constraints, problem.theta(solution), interior)
-        own = {id(c): m for c, m in zip(sent, problem.multipliers(solution), strict=True)}
-        multipliers = [own.get(id(c), np.zeros_like(c.constant)) for c in constraints.convex]
+        own = dict(zip(sent, problem.multipliers(solution), strict=True))
+        multipliers = [own.get(c, np.zeros_like(c.constant)) for c in constraints.convex]
         slopes = problem.entropy_slopes(solution)
         details = {"solver": solver_name, "solver_said": said}
         fit = Fit(theta, objective, constraints, multipliers, slopes, interior, task.bound, details)

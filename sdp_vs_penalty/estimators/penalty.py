@@ -176,13 +176,13 @@ class ScaledProblem:
 
     def multipliers(self, constraints: ConstraintSet, minimum: Minimum) -> list[Array]:
         """The shifts as dual variables of the convex constraints, in units of loss per F."""
-        found: dict[int, Array] = {}
+        found: dict[Constraint, Array] = {}
         stacks = self.received.stacks  # the first of the parts, in this order
         for stack, part, shift in zip(stacks, self.penalty.parts, minimum.shifts, strict=False):
             assert isinstance(part, AffinePart)
             for member, scale, multiplier in zip(stack.members, part.scale, shift, strict=True):
-                found[id(member)] = self.loss_scale * scale * multiplier
-        return [found.get(id(c), np.zeros_like(c.constant)) for c in constraints.convex]
+                found[member] = self.loss_scale * scale * multiplier
+        return [found.get(c, np.zeros_like(c.constant)) for c in constraints.convex]
 
 
 def _not_implied(convex: tuple[Constraint, ...]) -> tuple[Constraint, ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.page.part import Stage, Verdict, model_verdict
 from sdp_vs_penalty.page.parts.check import CHECK
@@ -64,9 +63,7 @@ def _diagnosed(session: Session) -> Verdict | None:
         told = told or "no joint changed its error by more than 5 %."
         said = f"{told[0].upper()}{told[1:]} {said}".strip()
     elif found is not None and not found.effects:
-        known = found.noise_source == "repetition"
-        said = "Nothing is missing that these measurements could show."
-        said = said if known else f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}"
+        said = found.headline
     return Verdict("", said) if said else None
 
 

@@ -1,6 +1,6 @@
 """Runs each solver in a process of its own, cheaply: a parent that has imported everything forks.
 
-    python -m sdp_vs_penalty.shootout.process_runner
+    python -m sdp_vs_penalty.shootout.watched
 
 reads one request a line on standard input (JSON) and answers each with one line on standard output.
 A request names an instance, which is built here and kept, and a contestant; the forked child solves,
@@ -17,10 +17,8 @@ import math
 import multiprocessing
 import os
 import resource
-import select
 import signal
 import sys
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -29,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.parallel import kill
 from sdp_vs_penalty.shootout.contestants import Contestant, contestants
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import instance
@@ -49,7 +48,6 @@ def main() -> None:
     silence = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silence, 1)
     os.dup2(silence, 2)
-    threading.Thread(target=_end_with_asker, args=(sys.stdin.fileno(),), daemon=True).start()
     everyone, warm = contestants(), set()
     for line in _lines(sys.stdin.fileno()):
         request = json.loads(line)
@@ -66,23 +64,6 @@ def main() -> None:
             reply = {"error": f"{type(error).__name__}: {error}"}
         answers.write(json.dumps(reply) + "\n")
         answers.flush()
-
-
-def _end_with_asker(handle: int) -> None:
-    """End this process and its children, whatever they do, when nobody writes to the pipe any more."""
-    asker = select.poll()
-    asker.register(handle, 0)  # a hang-up alone: requests are read elsewhere
-    asker.poll()
-    for child in multiprocessing.active_children():
-        _kill(child)
-    os._exit(0)
-
-
-def _kill(child: Any) -> None:
-    """A child with whatever it has started."""
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(child.pid, signal.SIGKILL)
-    child.kill()
 
 
 def _lines(handle: int) -> Any:
@@ -192,7 +173,7 @@ def in_child(work: Callable[[], Any], limit: float, memory: float) -> tuple[str,
         with contextlib.suppress(EOFError):  # it has died
             told = reader.recv()
     else:
-        _kill(child)
+        kill(child)
     child.join()
     reader.close()
     seconds = time.monotonic() - start
@@ -236,7 +217,3 @@ def _address_space() -> int:
             return int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
         return int(8e9)
-
-
-if __name__ == "__main__":
-    main()

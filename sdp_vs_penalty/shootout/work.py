@@ -66,7 +66,7 @@ class ProcessRunner:
     def _started(self) -> subprocess.Popen[str]:
         if self._process is None or self._process.poll() is not None:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "sdp_vs_penalty.shootout.process_runner"],
+                [sys.executable, "-m", "sdp_vs_penalty.shootout.watched"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,

@@ -107,7 +107,7 @@ class Columns:
 
     def _known(self, effect: Effect) -> list[Block] | None:
         kept = (self._modelled if depends(effect) else self._derived).get(_key(effect))
-        for asked, blocks in () if kept is None else kept[1]:
+        for asked, blocks in () if kept is None or kept[0] is not effect.robot else kept[1]:
             if self._widths.same(asked):
                 found: list[Block] = blocks
                 return found
@@ -119,8 +119,9 @@ class Columns:
         if effect_types().get(effect.name) is not type(effect):
             return
         kept, key = self._modelled if depends(effect) else self._derived, _key(effect)
-        # The robot is kept as well: its number in the key stays its own.
-        known = kept.setdefault(key, (effect.robot, []))[1]
+        robot, known = kept.get(key, (None, []))
+        if robot is not effect.robot:
+            _, known = kept[key] = effect.robot, []
         known.append((asked, blocks))
         del known[:-_WIDTHS]
         if not among_many:
@@ -133,4 +134,4 @@ class Columns:
 
 
 def _key(effect: Effect) -> Hashable:
-    return type(effect), effect.joints, tuple(effect.shape.items()), id(effect.robot)
+    return type(effect), effect.joints, tuple(effect.shape.items())

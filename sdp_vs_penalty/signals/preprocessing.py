@@ -57,7 +57,7 @@ _PRODUCTS, _STOPS = 4.0, 1.4
 #: Filters that need more than so many lengths of the run are not made at all.
 _LONGER = 1.5
 #: Samples of a run that is not kept worked on at a time: bounds the memory whatever the run's length.
-_CHUNK = 1 << 15
+_CHUNK = 1 << 14
 #: Filtered instants at a time: each has a row as long as the kernel.
 _FILTERED = 512
 #: Samples of a stretch of which a few are chosen.
@@ -260,13 +260,13 @@ def filtered_rows(
     pieces: Iterable[_Piece] = (
         _pieces(run, settings, whole, whole, moving) if kept is None else kept.pieces
     )
-    for piece in pieces:
-        known = {} if kept is None else kept.known(model, piece)
+    for number, piece in enumerate(pieces):
+        known = {} if kept is None else kept.known(model, number)
         smooth = None if model.needs_reference else piece.smooth
         for k, made in model.blocks(piece.around, known, smooth).items():
             known[k] = piece.low_passed(made, smooth is not None and model.effects[k].smooth)
         if kept is not None:
-            kept.keep(model, piece, known)
+            kept.keep(model, number, known)
         columns = model.joined(known, len(piece.torque))
         columns, torque = model.explaining(columns, piece.torque)
         yield Rows(piece.rows, torque, columns)
@@ -339,7 +339,7 @@ class _Kept:
 
     def __init__(self, key: tuple[Preprocessing, bool], pieces: list[_Piece]) -> None:
         self.key, self.pieces = key, pieces
-        #: By piece: for each effect itself, over which velocities signs turned, and its columns.
+        #: By piece's number: each effect itself, over which velocities signs turned, its columns.
         self._columns: dict[int, list[tuple[Effect, Any, list[Block]]]] = {}
 
     @classmethod
@@ -353,9 +353,9 @@ class _Kept:
             run.derived["filtered"] = kept
         return kept
 
-    def known(self, model: Model, piece: _Piece) -> dict[int, list[Block]]:
+    def known(self, model: Model, piece: int) -> dict[int, list[Block]]:
         """The low-passed columns of a model's effects that are known, by their places in it."""
-        known = self._columns.get(id(piece), [])
+        known = self._columns.get(piece, [])
         return {
             k: blocks
             for k, effect in enumerate(model.effects)
@@ -363,9 +363,9 @@ class _Kept:
             if one is effect and (effect.signless or width == model.sign_width)
         }
 
-    def keep(self, model: Model, piece: _Piece, made: dict[int, list[Block]]) -> None:
+    def keep(self, model: Model, piece: int, made: dict[int, list[Block]]) -> None:
         """For the next model."""
-        self._columns[id(piece)] = [
+        self._columns[piece] = [
             (model.effects[k], model.sign_width, blocks)
             for k, blocks in made.items()
             if not depends(model.effects[k])

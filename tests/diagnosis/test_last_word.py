@@ -81,6 +81,7 @@ def test_a_finding_without_a_reason_is_confident() -> None:
         ("shared", {"shared": 0.95}),
         ("implausible", {"torque": 12.0}),
         ("implausible", {"plausible": 10.0}),
+        ("pieces", {"pieces": True}),
         ("looks_like", {"said": "less than one wave"}),
     ],
 )

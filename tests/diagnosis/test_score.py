@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
+from sdp_vs_penalty.diagnosis.constants import ALPHA
 from sdp_vs_penalty.diagnosis.library import Batch, Form
-from sdp_vs_penalty.diagnosis.score import ALPHA, Fit, Score, _bounded, orthonormal
+from sdp_vs_penalty.diagnosis.score import Fit, Score, _bounded, orthonormal
 
 n, M, p = 2, 300, 5
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.diagnosis.conclude import in_pieces
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.remaining import Remainder, remainder
 from sdp_vs_penalty.diagnosis.sentences import _turning
@@ -84,6 +85,19 @@ def test_events_are_left_out_and_an_unknown_noise_proves_nothing() -> None:
     data.known = False
     found: Remainder = remainder(data, fit, residual, ignore)
     assert (found.matters, found.known) == ((), False)
+
+
+def test_waves_that_are_no_harmonics_are_pieces_of_one_function() -> None:
+    def wave(k: float | None, joint: int = 0) -> Any:
+        return SimpleNamespace(
+            key=("wave", joint), form=SimpleNamespace(effect=SimpleNamespace(waves=k))
+        )
+
+    for orders, pieces in (((2.0,), False), ((2.0, 6.02), False), ((1.9, 2.1), True)):
+        terms = [wave(k) for k in orders]
+        assert [in_pieces(t, terms) for t in terms] == [pieces] * len(terms)
+    assert not in_pieces(wave(1.9), [wave(1.9), wave(2.1, joint=1)])
+    assert not in_pieces(wave(None), [wave(None), wave(None)])
 
 
 def test_many_events_are_one_line() -> None:

@@ -51,8 +51,9 @@ def log(
     delay: float = 0.0,
     seed: int = 0,
     torque: bool = False,
+    load: float = 0.0,
 ) -> Measurements:
-    """20 s at 100 Hz; steps of 0.5 ms."""
+    """20 s at 100 Hz; steps of 0.5 ms; load [kg]."""
     h = 5e-4
     t = np.arange(0.0, 20.0, h)
     told, late = command(t, seed), command(np.maximum(t - delay, 0.0), seed)
@@ -63,7 +64,7 @@ def log(
         sums += h * (late[k] - x)
         drive = KP * (late[k] - x) - KD * v + ki * sums - kh * (x - start)
         tau[k] = drive
-        v += h * (drive - VISCOUS * v - COULOMB * np.tanh(v / 0.05) - OFFSET) / MASS
+        v += h * (drive - VISCOUS * v - COULOMB * np.tanh(v / 0.05) - OFFSET) / (MASS + load)
         x += h * v
     rng = np.random.default_rng(seed + 1)
     logged = q[::20] + noise * rng.normal(size=len(t[::20]))
@@ -122,6 +123,24 @@ def test_without_a_scale_it_is_said_that_there_is_none(arm: str) -> None:
     found = identify(arm, log(), effects=EFFECTS)
     assert found.details["servo"]["scale"].startswith("unknown: all torques, masses and gains share")
     assert value(found, "kp1") / value(found, "m1") == pytest.approx(KP / MASS, rel=0.02)
+
+
+def test_a_known_load_sets_the_scale(arm: str) -> None:
+    found = identify(arm, log(), effects=EFFECTS, known_loads=[(log(seed=5, load=1.5), 1.5)])
+    assert found.details["servo"]["scale"] == "a load of 1.5 kg"
+    assert value(found, "kp1") == pytest.approx(KP, rel=0.03)
+    assert value(found, "m1") == pytest.approx(MASS, rel=0.03)
+    with pytest.raises(InputError, match="a known load of -1 kg"):
+        identify(arm, log(), effects=EFFECTS, known_loads=[(log(seed=5, load=1.5), -1.0)])
+
+
+def test_law_and_delay_do_not_depend_on_what_is_known(arm: str) -> None:
+    run = log(1e-3, ki=700.0, delay=0.02)
+    told = [{"m1": MASS}, {"m1": 50.0 * MASS}, {"kp1": KP}, {}]
+    found = [identify(arm, run, effects=EFFECTS, known=known).details["servo"] for known in told]
+    assert {f["law"] for f in found} == {"PID"}
+    assert np.ptp([f["delay"] for f in found]) < 1e-5
+    assert found[0]["delay"] == pytest.approx(0.02, abs=3e-3)
 
 
 def test_the_law_is_chosen_and_its_delay_found(arm: str) -> None:

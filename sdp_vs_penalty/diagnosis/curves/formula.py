@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.constants import EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Basis
 from sdp_vs_penalty.diagnosis.curves.laws import Law, dictionary
 from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit
 from sdp_vs_penalty.diagnosis.score import Score
-from sdp_vs_penalty.diagnosis.search import EQUIVALENT, FORM
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit

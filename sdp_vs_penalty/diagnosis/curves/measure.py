@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.constants import APART, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
 from sdp_vs_penalty.diagnosis.curves.formula import LawFit, law_of, recognised, written
@@ -16,7 +17,7 @@ from sdp_vs_penalty.diagnosis.curves.laws import Law
 from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit, band, smoothed
 from sdp_vs_penalty.diagnosis.library import Form
 from sdp_vs_penalty.diagnosis.score import Term
-from sdp_vs_penalty.diagnosis.search import APART, EQUIVALENT, FORM, Search
+from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.effects.effect import follows_alone
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array

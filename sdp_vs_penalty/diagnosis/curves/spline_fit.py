@@ -15,14 +15,13 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.constants import ABSORBED_CURVE, ALPHA
 from sdp_vs_penalty.diagnosis.curves.bases import Basis
-from sdp_vs_penalty.diagnosis.score import ALPHA, Fit, Score
+from sdp_vs_penalty.diagnosis.score import Fit, Score
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Weights of the roughness that are tried, relative to the data's.
 _WEIGHTS = 10.0 ** np.arange(-5.0, 5.5, 1.0)
-#: Share of a direction's energy below which the model's columns make it.
-ABSORBED = 0.02
 #: Prior, as a share of the rows, of the model's own parameters in fits without a fold.
 _HELD = 0.003
 
@@ -131,7 +130,7 @@ class SplineFit:
         """(k, k) onto what the model's own columns cannot make, nor the smoothing alone decides."""
         metric = self.columns.raw + self.P
         values, vectors = scipy.linalg.eigh(self.columns.D, metric)
-        kept = vectors[:, values > ABSORBED]
+        kept = vectors[:, values > ABSORBED_CURVE]
         return np.asarray(kept @ kept.T @ metric)
 
     @property

@@ -88,7 +88,7 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
             if finding.joints
             else min(range(len(before)), key=lambda j: after[j] / before[j] if before[j] else 1.0)
         )
-        known = found.noise_source != "residual"
+        known = found.noise_known
         _fall(before[joint], after[joint], found.noise_floor[joint], known, joint, units[joint])
         if added:
             tag("p", "Added to the model.", "chosen")
@@ -171,7 +171,7 @@ def _rest(found: Diagnosis) -> None:
     for remark in found.remarks:
         note(remark)
     over = ", ".join(f"{(1.0 + max(x, 0.0)) ** 0.5:.2g}" for x in found.unexplained)
-    over = "not known" if found.noise_source == "residual" else over
+    over = over if found.noise_known else "not known"
     note(f"Held-out error over noise with everything found, joint by joint: {over}.")
     if found.invisible:
         with details("Not identifiable from these runs", "invisible"):

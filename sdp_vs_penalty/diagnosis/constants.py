@@ -1,0 +1,89 @@
+"""The numbers that decide what a diagnosis says: unit, meaning, and source or sensitivity of each.
+
+Evidence is twice the logarithm of odds (Kass, Raftery, JASA 1995); shares have no unit.
+"""
+
+from __future__ import annotations
+
+# The score.
+
+#: Rows of a joint beyond which more of them tell no law better (Miller, Dunson, JASA 2019). Of six weak
+#: effects (seed 61001) 300 name none and 1000 name two.
+ALPHA = 1000.0
+#: Share of a column's energy below which the model makes it itself, and a form is judged without it: its
+#: standard deviation is then 32 times as large as alone.
+ABSORBED = 1e-3
+#: The same for what splines make of a curve, whose roughness is in doubt as well.
+ABSORBED_CURVE = 0.02
+#: Clusters of rows, by time and by phase of the motion: 30 to 60 are what cluster-robust variances need
+#: (Cameron, Miller, J. Human Resources 2015, sec. VI).
+TIME_CLUSTERS, PHASE_CLUSTERS = 60, 40
+
+# The search.
+
+#: Evidence from which a term is taken: odds of 150 to 1, "very strong" (Kass, Raftery, sec. 3.2).
+APART = 10.0
+#: Evidence by which another form must fall short to be told from a term: odds of 20 to 1, "strong"
+#: (ibid.).
+EQUIVALENT = 6.0
+#: A law is right to this share of what it explains: so much of it looks like something else.
+FORM = 0.04
+#: Candidates that are looked at closely; and of a candidate's laws those that take at least this share
+#: of what its best one takes.
+LOOKED_AT, LIKELY = 10, 0.9
+#: Share of a joint's rows at standstill from which the law of what holds it is looked for.
+STANDS = 0.02
+
+# Data left out.
+
+#: Folds by phase (five or ten: Hastie, Tibshirani, Friedman, Elements of Statistical Learning, 7.10).
+FOLDS = 5
+#: Share by which a finding, a curve or a retuned constant may raise the held-out error of any joint; and
+#: how many times as much those of the others have to fall (in logarithms) where one rises by more: on
+#: the Panda the hysteresis of joint 7 takes 63 % of its error, and a refit adds 17 % to joint 6.
+RAISES, REPAID = 0.02, 3.0
+#: Share by which a held-out error has to fall: less is minor.
+MINOR = 0.01
+#: Share of the test run's rows outside of a curve's table from which it is not offered: it would be
+#: judged by what is held constant there.
+OUTSIDE = 0.5
+
+# What is left.
+
+#: Variance of what is left over that of the noise, in rows that are evidence, from which something is
+#: left, and the chance that repetitions as few as these show the noise as too low as that makes it: with
+#: 1000 degrees of freedom together 1.5.
+MISFIT, CHANCE = 1.3, 1e-3
+#: The same where the noise comes from a spectrum, which is right within a factor of two (.52 to 1.3 of
+#: the truth on 38 logs of two simulators, most of them too low): 2^2 times as much.
+MISFIT_SPECTRUM = 6.0
+#: Share by which it has to raise a joint's error above its noise to matter.
+MATTERS = 0.1
+#: Share of a joint's torque (RMS) below which nothing is told from links that are not quite as long as
+#: the model says: 1 mm in 0.3 m, and 0.1 degrees.
+NOMINAL = 0.005
+#: Share by which the order of a wave differs at most from a multiple of the slowest one's, of which it
+#: is a harmonic: what a refined order is uncertain by.
+HARMONIC = 0.02
+
+# Confidence.
+
+#: Relative standard deviation of a size from which it is uncertain.
+UNCERTAIN = 0.2
+#: Share of an effect's energy that the model makes, from which nobody sees it beside the model; and that
+#: other findings make, from which its size is not its own: standard deviations are then 32 and 2.2 times
+#: as large as alone, 1 / sqrt(1 - share).
+INVISIBLE, SHARED = 1.0 - ABSORBED, 0.8
+#: Standard deviations from which a size is not what its effect says is plausible, and a constant another
+#: one ("three sigma").
+FAR = 3.0
+#: Share by which a shape constant has to move: less makes no other torque; and of the range, in its own
+#: scale, nearer to an end than which it lies there.
+MOVES, AT_END = 0.05, 0.02
+
+# Events.
+
+#: Events are rare: what fills more than this share of a joint's rows is something else.
+MOST_EVENTS = 0.15
+#: Share of a window's squares that its loudest rows hold, to which an event is cut down.
+MOST_OF_IT = 0.98
