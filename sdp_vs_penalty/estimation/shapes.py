@@ -39,7 +39,7 @@ from sdp_vs_penalty.estimation.joint_shapes import settled
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.partial import partialled, visible
-from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress_cells, triangular
+from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -120,7 +120,7 @@ def estimate_shapes(
         theta = np.linalg.lstsq(whole.R, whole.rho, rcond=1e-10)[0]
         weights = joint_weights(folds, theta)
     profile = _Profile.of(folds, weights, base, banks)
-    found = _confirmed(profile, profile.estimates(), folds, weights)
+    found = _confirmed(profile, profile.estimates(), folds, weights, base)
     fine = {
         (s.effect, s.joint, s.shape)
         for s in found
@@ -197,11 +197,20 @@ class _Bank:
     ends: tuple[float, float]
 
     @cached_property
-    def weights(self) -> Any:
-        """From ln u to weights (K,) of the columns that are known."""
+    def _spline(self) -> tuple[Array, Array]:
+        """Knots (K,) of ln u, and the cubics (4, K - 1, K) of each column's weight between them."""
         from scipy.interpolate import CubicSpline
 
-        return CubicSpline(np.log(self.values), np.eye(len(self.values)))
+        found = CubicSpline(np.log(self.values), np.eye(len(self.values)))
+        return found.x, found.c
+
+    def weights(self, u: float) -> tuple[Array, Array]:
+        """Of the columns that are known (K,) at a value's logarithm, and their derivatives."""
+        knots, (a, b, c, d) = self._spline
+        k = min(max(int(np.searchsorted(knots, u, "right")) - 1, 0), len(knots) - 2)
+        z = u - knots[k]
+        w = ((a[k] * z + b[k]) * z + c[k]) * z + d[k]
+        return w, (3.0 * a[k] * z + 2.0 * b[k]) * z + c[k]
 
     @property
     def start(self) -> float:
@@ -270,17 +279,15 @@ class _Grid(Effect):
 class _Profile:
     """What least squares in all other columns leave of the banks' (r, P) and of the torque (r,).
 
-    variance : of a row times how often rows repeat each other; base (b,), pool (P,) : where the other
-    columns and the banks' stand in the data; explained (b, P + 1) : coefficients of the former in the
-    latter."""
+    variance : of a row times how often rows repeat each other; shown (b, k) : directions of the other
+    columns that the data show.
+    """
 
     columns: Array
     torque: Array
     banks: list[_Bank]
     variance: float
-    base: NDArray[np.intp]
-    pool: NDArray[np.intp]
-    explained: Array
+    shown: Array
 
     @classmethod
     def of(
@@ -291,15 +298,13 @@ class _Profile:
         pool = np.concatenate([bank.columns.ravel() for bank in banks])
         both = np.column_stack([data.R[:, pool], data.rho])
         shown, V = visible(data.R[:, base])
-        explained = V @ (shown.T @ both)
         left = triangular([both - shown @ (shown.T @ both)])
         U, _ = visible(left[:, :-1])
         error = float(np.sum(partialled(left[:, :-1], left[:, -1]) ** 2)) + data.residual_norm**2
         # Exact data have no variance; their constants still have a best value.
         error = max(error, 1e-12 * data.tau_squared, 1e-300)
         free = max(data.rows - folds.oversampling * (U.shape[1] + shown.shape[1]), 1.0)
-        variance = folds.oversampling * error / free
-        return cls(left[:, :-1], left[:, -1], banks, variance, base, pool, explained)
+        return cls(left[:, :-1], left[:, -1], banks, folds.oversampling * error / free, V)
 
     @cached_property
     def now(self) -> Array:
@@ -308,8 +313,8 @@ class _Profile:
 
     def at(self, u: Array) -> tuple[Array, Array, Array]:
         """What is left of the torque (r,) at constants ln u (B,), its slopes (r, B), and the
-        coefficients (M,). Columns of an effect that would push instead of brake are left out."""
-        A, D, _ = self._columns(u)
+        coefficients (P,) of the banks' columns. What would push instead of brake is left out."""
+        A, D, C = self._columns(u)
         used, theta = np.ones(A.shape[1], bool), np.zeros(A.shape[1])
         while True:
             U, V = visible(A[:, used])
@@ -319,18 +324,18 @@ class _Profile:
                 break
             used &= ~pushes
         slopes = np.add.reduceat(D * theta, self._first, axis=1)
-        return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes, theta
+        left = self.torque - U @ (U.T @ self.torque)
+        return left, U @ (U.T @ slopes) - slopes, C @ theta
 
     def _columns(self, u: Array) -> tuple[Array, Array, Array]:
         """(r, M) columns at constants ln u (B,), their derivatives, and (P, M) what they are made of."""
         C, D = (np.zeros((self.columns.shape[1], len(self._brakes))) for _ in range(2))
         row = column = 0
-        for bank, x in zip(self.banks, u, strict=True):
-            k = bank.columns.shape[1]
-            for c in range(column, column + k):
-                C[row + c - column : row + bank.columns.size : k, c] = bank.weights(x)
-                D[row + c - column : row + bank.columns.size : k, c] = bank.weights(x, 1)
-            row, column = row + bank.columns.size, column + k
+        for bank, x in zip(self.banks, u.tolist(), strict=True):
+            k, stop = bank.columns.shape[1], row + bank.columns.size
+            for c in range(k):
+                C[row + c : stop : k, column + c], D[row + c : stop : k, column + c] = bank.weights(x)
+            row, column = stop, column + k
         return self.columns @ C, self.columns @ D, C
 
     @cached_property
@@ -431,41 +436,56 @@ class _Profile:
         each = np.where(np.eye(len(u), dtype=bool), self.now, u)
         return np.array([self.loss(other) - least for other in each]) / self.variance
 
-    def errors(self, data: LeastSquares, u: Array) -> Array:
-        """(r,) what this profile's parameters at constants ln u (B,) leave of other data's torque."""
-        _, _, theta = self.at(u)
-        both = np.append(self._columns(u)[2] @ theta, -1.0)
-        both = (
-            data.R[:, self.pool] @ both[:-1] - data.rho - data.R[:, self.base] @ (self.explained @ both)
-        )
-        return np.asarray(-both)
-
 
 def _confirmed(
-    profile: _Profile, found: list[ShapeEstimate], folds: Regression, weights: Array
+    profile: _Profile,
+    found: list[ShapeEstimate],
+    folds: Regression,
+    weights: Array,
+    base: NDArray[np.intp],
 ) -> list[ShapeEstimate]:
     """What was found, where folds that are left out confirm it; elsewhere as it was."""
     moved = np.array([k for k, s in enumerate(found) if s.after != s.before], int)
     count = len(folds.blocks)
     if not len(moved) or count < 2:
         return found
-    u, now, base, banks = np.log([s.after for s in found]), profile.now, profile.base, profile.banks
+    u, now = np.log([s.after for s in found]), profile.now
+    own = _products(folds, weights, base, profile)
+    rest, b = own.sum(axis=0) - own, own.shape[1] - profile.columns.shape[1] - 1
+    across = rest[:, :b, b:]
+    explained = np.linalg.pinv(rest[:, :b, :b], rcond=1e-12, hermitian=True) @ across
+    values, vectors = np.linalg.eigh(rest[:, b:, b:] - np.swapaxes(across, 1, 2) @ explained)
+    left = np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2)
     gains, changes = np.zeros((2, len(moved), count))
-    for b in range(count):
-        rest = folds.select([k for k in range(count) if k != b])
-        tested, own = folds.select([b]).least_squares(weights), _Profile.of(rest, weights, base, banks)
-        there = own.best(np.where(np.isin(np.arange(len(u)), moved), u, now), moved)
-        plain = own.errors(tested, now)
-        for m, k in enumerate(moved):
-            one = own.errors(tested, np.where(np.arange(len(u)) == k, there, now))
-            gains[m, b], changes[m, b] = plain @ plain - one @ one, np.sum((one - plain) ** 2)
+    for k, (rows, base_of, squares) in enumerate(zip(left, explained, own, strict=True)):
+        fold = replace(profile, columns=rows[:, :-1], torque=rows[:, -1])
+        there = fold.best(np.where(np.isin(np.arange(len(u)), moved), u, now), moved)
+        tried = [now, *(np.where(np.arange(len(u)) == m, there, now) for m in moved)]
+        theta = np.array([np.append(fold.at(x)[2], -1.0) for x in tried])
+        theta = np.hstack([-theta @ base_of.T, theta])
+        loss = np.einsum("tk,kl,tl->t", theta, squares, theta)
+        apart = theta[1:] - theta[0]
+        gains[:, k], changes[:, k] = loss[0] - loss[1:], np.einsum("tk,kl,tl->t", apart, squares, apart)
     out = list(found)
-    for m, k in enumerate(moved):
-        white = 4.0 * profile.variance * changes[m].sum()
-        noise = np.sqrt(max(np.sum((gains[m] - changes[m]) ** 2), white))
-        if not gains[m].sum() > stdtrit(count - 1, 0.975) * noise:
+    for row, k in enumerate(moved):
+        white = 4.0 * profile.variance * changes[row].sum()
+        noise = np.sqrt(max(np.sum((gains[row] - changes[row]) ** 2), white))
+        if not gains[row].sum() > stdtrit(count - 1, 0.975) * noise:
             out[k] = replace(out[k], after=out[k].before, std=np.inf, gain=0.0, at_end=False)
     return out
+
+
+def _products(folds: Regression, weights: Array, base: NDArray[np.intp], profile: _Profile) -> Array:
+    """(F, q, q) products of each block's rows [Y_base V, Y_banks, tau], V the profile's ``shown``."""
+    p = folds.p
+    squares = np.zeros((len(folds.blocks), p + 1, p + 1))
+    for f in folds.factors:
+        places = np.append(f.indices, p)
+        squares[f.block][np.ix_(places, places)] += weights[f.joint] ** 2 * f.triangle.T @ f.triangle
+    pool = np.concatenate([*(bank.columns.ravel() for bank in profile.banks), [p]])
+    into = np.zeros((p + 1, profile.shown.shape[1] + len(pool)))
+    into[base, : profile.shown.shape[1]], into[pool, np.arange(-len(pool), 0)] = profile.shown, 1.0
+    return np.asarray(into.T @ squares @ into)
 
 
 def alone(effect: Effect, joint: int, **shape: float) -> Effect:
