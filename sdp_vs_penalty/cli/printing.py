@@ -78,11 +78,17 @@ def servo(result: Estimate, told: dict[str, Any]) -> None:
     say(f"scale: {told['scale']}")
     model, std = result.model, result.standard_deviations
     rows = [
-        [p.name, f"{x:.4g}", "given" if p.name in model.known else f"{1.96 * s:.2g}", plain_unit(p.unit)]
+        [p.name, f"{x:.4g}", _spread(p.name in model.known, x, s), plain_unit(p.unit)]
         for p, x, s, drive in zip(model.parameters, result.theta, std, model.drives, strict=True)
         if drive
     ]
     table("Gains; kd holds viscous friction too", ["gain", "value", "+-", "unit"], rows)
+
+
+def _spread(given: bool, value: float, std: float) -> str:
+    """Half a gain's interval; where that holds zero, no motion of this log tells it."""
+    told = 1.96 * std < abs(value)
+    return "given" if given else f"{1.96 * std:.2g}" if told else "not determined"
 
 
 def verdict(said: Verdict, name: str = "") -> None:

@@ -25,7 +25,7 @@ class DriftFriction(Drift):
     symbol = "f_df"
     units = ("N*m", "N")
     # Where temperatures are logged they are the cause, for which the clock can only stand.
-    refines = ("coulomb_friction", "viscous_friction", "warming_friction")
+    refines: tuple[str, ...] = ("coulomb_friction", "viscous_friction", "warming_friction")
     shapes = {**Drift.shapes, "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:

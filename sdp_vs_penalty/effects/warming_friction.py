@@ -31,7 +31,7 @@ class WarmingFriction(JointEffect):
     symbol = "f_w"
     units = ("N*m", "N")
     lower = 0.0
-    refines = ("coulomb_friction", "viscous_friction")  # each law its own
+    refines: tuple[str, ...] = ("coulomb_friction", "viscous_friction")  # each law its own
     shapes = {
         "law": Shape(1.0, choices=(1.0, 2.0), words=("coulomb", "viscous")),
         "by": Shape(1.0, choices=(1.0, 2.0), words=("temperature", "clock")),

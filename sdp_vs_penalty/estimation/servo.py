@@ -348,7 +348,7 @@ def _weighed(
     robot, theta = model.robot, model.with_known(np.asarray(model.reference))
     own = (Payload(robot), effect_types()["torque_offset"](robot))
     wide = Model(robot, (*model.effects, *own), gains=model.gains, changes=True)
-    found, information = [], []
+    found, information = list[float](), list[float]()
     for source, mass in loads:
         if not 0.0 < mass < np.inf:
             raise InputError(f"a known load of {mass:g} kg", "give the mass that was on the last link")

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from scipy import linalg, signal
 
 from sdp_vs_penalty import InputError, Measurements, Problem, compare, identify, load_problem
-from sdp_vs_penalty.data import save
-from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
 from sdp_vs_penalty.simulation.simulate import innovation_share, simulate
@@ -55,14 +53,6 @@ def test_an_ideal_sensor_shows_the_truth(panda: Problem) -> None:
     # The regressor's torque against Newton-Euler's: two routes to the same number.
     expected = panda.robot.inverse_dynamics(x.links, q, dq, ddq)
     np.testing.assert_allclose(m.tau, expected, atol=1e-10)
-
-
-def test_sources_add_up(two_link: Problem) -> None:
-    x = experiment(two_link)
-    sensor = Sensor.ideal(2)
-    both = simulate(x.trajectory, [*x.sources, lambda m: np.ones_like(m.q)], sensor)
-    alone = simulate(x.trajectory, x.sources, sensor)
-    np.testing.assert_allclose(both.tau - alone.tau, 1.0, atol=1e-12)
 
 
 def test_sigmoid_friction_is_the_papers_formula(panda: Problem) -> None:
@@ -162,9 +152,3 @@ def test_any_robot_has_an_experiment(tmp_path: Path) -> None:
     estimate = identify(problem, x.training_run(), effects=x.effects)
     judged = compare(estimate, x.validation_runs()[0])[0]
     assert judged.relative_error_percent < 3.0
-
-
-def test_a_simulated_run_reads_back_from_a_file(two_link: Problem, tmp_path: Path) -> None:
-    run = experiment(two_link).training_run().window(0.0, 1.0)
-    save(run, tmp_path / "run.csv")
-    assert load_measurements(tmp_path / "run.csv", joints=2).data_hash == run.data_hash

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sdp_vs_penalty.simulation import worlds
 from sdp_vs_penalty.simulation.worlds.arm import ARMS, inverse_dynamics, load_arm
@@ -18,7 +16,7 @@ from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES, Conditions, d
 from sdp_vs_penalty.simulation.worlds.friction import DryFriction, bristles
 from sdp_vs_penalty.simulation.worlds.motion import KINDS, TrueMotion, plan
 from sdp_vs_penalty.simulation.worlds.runs import draw_motion, log_run
-from sdp_vs_penalty.simulation.worlds.servo import _held, _smooth, driven
+from sdp_vs_penalty.simulation.worlds.servo import driven
 from sdp_vs_penalty.simulation.worlds.world import draw_world
 
 FOLDER = Path(worlds.__file__).parent
@@ -103,17 +101,6 @@ def test_a_driven_joint_sticks_and_friction_holds_it_below_the_coulomb_torque() 
     assert np.abs(m.q - planned.q).max() < 0.02
     assert np.abs(np.gradient(m.q, t, axis=0) - m.dq)[1:-1].max() < 0.01
     assert np.abs(np.diff(world.torque(m), axis=0)).max() < 0.1 * np.ptp(world.torque(m))
-
-
-@given(*[st.floats(-x, x) for x in (50.0, 1.0)], st.floats(1e-4, 5.0), st.floats(1e-5, 0.05))
-def test_one_joints_step_solves_its_equation(r: float, z: float, m: float, c: float) -> None:
-    v, share = _held(m, c, r, z, 1e-4)
-    assert m * v + c * share == pytest.approx(r, abs=1e-9)
-    assert abs(share) <= 1.0
-    a = v / 1e-4
-    assert share == pytest.approx((z + a) / (1.0 + abs(a)), abs=1e-6)
-    v, share = _smooth(m, c, r, 0.01, 0.0)
-    assert m * v + c * np.tanh(v / 0.01) == pytest.approx(r, abs=1e-6)
 
 
 def test_channels_and_noise_are_what_they_say() -> None:
