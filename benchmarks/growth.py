@@ -126,12 +126,12 @@ def growing(problem: Problem, run: Measurements) -> dict[str, Callable[[], Serie
     def of_samples(count: int) -> Callable[[], object]:
         some = run if count <= len(run.t) else to_and_fro(run, -(-count // len(run.t)))
         part = some.rows(slice(0, count))
-        return lambda: identify(problem, part, METHOD)
+        return lambda: identify(problem, part, METHOD, check=False)
 
     def of_runs(count: int) -> Callable[[], object]:
         noise = 1e-4 * rng.normal(size=(count, *piece.tau.shape))
         pieces = [Measurements(piece.t + 10.0 * k, piece.q, piece.tau + x) for k, x in enumerate(noise)]
-        return lambda: identify(problem, pieces, METHOD)
+        return lambda: identify(problem, pieces, METHOD, check=False)
 
     def of_joints(count: int) -> Callable[[], object]:
         task = standard_instances.chain_task(count)
@@ -151,7 +151,7 @@ def memory(run: Measurements, problem: Problem, rows: Sequence[int]) -> list[lis
     verbs = ("identify", "check", "compare", "convert", "diagnose")
     lines = []
     with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
-        true = identify(problem, run)
+        true = identify(problem, run, check=False)
         true.save(Path(folder, "model.json"))
         log, model, out = (str(Path(folder, x)) for x in ("run.csv", "model.json", "out.json"))
         imports = {v: measured(*commands(log + "x", model, out)[v]) for v in verbs}

@@ -1,11 +1,13 @@
-"""`check` before a verb's work: for Python (``check=False`` leaves it out) and the command line."""
+"""What the verbs do beyond their functions: `check` first (Python's ``check=False`` leaves it out), and
+a misspelt keyword is named."""
 
 from __future__ import annotations
 
+import difflib
+import functools
 import inspect
 import warnings
 from collections.abc import Callable
-from functools import wraps
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty import show
@@ -68,7 +70,7 @@ def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
     from sdp_vs_penalty.estimation.sources import as_estimate
     from sdp_vs_penalty.problem.load import as_problem
 
-    @wraps(verb)
+    @functools.wraps(verb)
     def checked(first: Any, measurements: Any, *more: Any, check: bool = True, **settings: Any) -> Any:
         name = verb.__name__
         if name == "identify":
@@ -84,7 +86,7 @@ def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
         if ask:
             gains = bool(settings.get("known_loads"))
             for text in refuse_meaningless(problem, measurements, name, gains=gains):
-                warnings.warn(text, stacklevel=2)
+                warnings.warn(text, stacklevel=3)  # past with_suggestions
         made = verb(first, measurements, *more, **settings)
         if name == "identify":
             made.provenance["checked"] = check
@@ -95,3 +97,34 @@ def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
     checked.__signature__ = given.replace(parameters=[*given.parameters.values(), asked])  # type: ignore[attr-defined]
     checked.__doc__ = f"{(verb.__doc__ or '').rstrip()}{_DOC}"
     return checked
+
+
+class _Shown:
+    """A default value as help() shows it: by its name, not its address."""
+
+    def __init__(self, value: Any) -> None:
+        self.name = getattr(value, "__name__", type(value).__name__)
+
+    def __repr__(self) -> str:
+        return str(self.name)
+
+
+def with_suggestions(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function, whose TypeError for an unknown keyword names the nearest one, and whose
+    signature shows defaults by their names."""
+    known = inspect.signature(verb)
+
+    @functools.wraps(verb)
+    def call(*given: Any, **named: Any) -> Any:
+        for word in named.keys() - known.parameters.keys():
+            near = difflib.get_close_matches(word, known.parameters, 1, 0.5)
+            there = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known.parameters)}"
+            raise TypeError(f"{verb.__name__}() has no argument {word!r}: {there}")
+        return verb(*given, **named)
+
+    shown = (
+        p.replace(default=_Shown(p.default)) if " at 0x" in repr(p.default) else p
+        for p in known.parameters.values()
+    )
+    call.__signature__ = known.replace(parameters=list(shown))  # type: ignore[attr-defined]
+    return call

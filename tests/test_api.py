@@ -260,7 +260,7 @@ def test_everything_shows_itself_in_five_lines(
         "two_link": estimate,
         "7: ": panda,
         "dq": load_measurements(*files),
-        "relative error": comparisons[0],
+        "fit against noise": comparisons[0],
         "Comparisons": comparisons,
         diagnosis.headline: diagnosis,
         "worst violation": estimate.certificate,
@@ -314,3 +314,18 @@ def test_what_follows_the_clock_is_predicted_at_a_time(files: list[Path]) -> Non
     with pytest.raises(InputError, match="drift_offset depends on time: pass t"):
         found.predict(rest, rest, rest)
     assert found.predict(rest, rest, rest, t=np.arange(3.0)).shape == (3, 2)
+
+
+def test_a_misspelt_keyword_is_named_and_signatures_hold_no_addresses() -> None:
+    import inspect
+
+    import sdp_vs_penalty
+
+    with pytest.raises(TypeError, match=r"has no argument 'efects': did you mean 'effects'"):
+        sdp_vs_penalty.identify("two_link", [], efects="rigid_body")  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match=r"add\(\) has no argument 'zzz': it has estimate"):
+        sdp_vs_penalty.add("m.json", "rotor_inertia", [], zzz=1)  # type: ignore[call-arg]
+    for name in sdp_vs_penalty.__all__:
+        verb = getattr(sdp_vs_penalty, name)
+        if inspect.isfunction(verb):
+            assert " at 0x" not in str(inspect.signature(verb)), name

@@ -21,6 +21,7 @@ from sdp_vs_penalty.files import read_json
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
+from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, SPECTRUM_KNOWN
 
 EFFECT_MISSING, NOTHING_MISSING, UNKNOWN = "effect_missing", "nothing_missing", "unknown_effect"
 _VERDICTS = (EFFECT_MISSING, NOTHING_MISSING, UNKNOWN)
@@ -209,8 +210,8 @@ class Diagnosis(Shown):
         found = [(f.effect, f.joints, f.confidence) for f in self.effects]
         constants = [(r.effect, (r.joint,), r.confidence) for r in self.retuned]
         text = diagnosis_verdict(self.unknown, found, self.noise_known, constants)
-        if self.noise_source == "spectrum":
-            text += " The noise is known within a factor of two: no motion repeats."
+        if self.noise_source == SPECTRUM:
+            text += f" The noise is {SPECTRUM_KNOWN}: no motion repeats."
         where = sorted({e.joint + 1 for e in self.events})
         if where:
             text += f" Besides, {show.count(len(self.events), 'event')} on {show.joints(where)}."

@@ -14,6 +14,7 @@ from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
+from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM_KNOWN
 
 #: Below this share of all rows' error that of motion is told apart.
 _MOSTLY = 0.5
@@ -77,8 +78,8 @@ def _noise(source: str) -> str:
             "than one period."
         )
     return (
-        "No motion repeats: the noise is that of the torque's spectrum above the motion's band, right "
-        "within a factor of two. Record a run with more than one period to know it better."
+        f"No motion repeats: the noise is that of the torque's spectrum above the motion's band, "
+        f"{SPECTRUM_KNOWN}. Record a run with more than one period to know it better."
     )
 
 

@@ -37,6 +37,7 @@ from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, finite, plain_unit, words
 from sdp_vs_penalty.signals.excerpt import excerpt
+from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
 
@@ -176,7 +177,7 @@ def where_it_fails(
     repeated = rows
     if not same:
         repeated = with_estimate(segmented(excerpt(given, settings), settings), estimate)
-    floors, _ = noise_level(estimate.problem, given, settings)
+    floors, source = noise_level(estimate.problem, given, settings)
     folds = phase_folds(rows, clocks_of(rows, None if same else repeated))
     known, runs = states(rows), measurements.runs()
     keep = np.asarray(rows.keep.all(axis=1), bool)
@@ -187,7 +188,8 @@ def where_it_fails(
         error = residual[:, j] - residual[keep, j].mean()
         rmse = float(np.sqrt(np.mean(residual[keep, j] ** 2)))
         floor = None if floors is None else float(floors[j])
-        explainable = None if floor is None or rmse == 0.0 else max(0.0, 1.0 - (floor / rmse) ** 2)
+        repeats = floor is not None and source == REPETITION and rmse > 0.0
+        explainable = max(0.0, 1.0 - (floor / rmse) ** 2) if floor is not None and repeats else None
         full = [_full_rate(runs[s.run], s, j) for s in rows.segments]
         orders = _orders(full) if estimate.robot.joints[j].kind == "revolute" else ()
         velocity = known["velocity"][:, j]

@@ -122,6 +122,9 @@ class Effect(ABC):
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
     refines: tuple[str, ...] = ()
 
+    #: True of a table that stands for a law which is not known.
+    tabulated: ClassVar[bool] = False
+
     #: |theta| stays below this, in SI units.
     range: ClassVar[float] = PARAMETER_RANGE
     #: Which parameters say how large the effect is: their norm, or the value of a single one.

@@ -14,7 +14,8 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.excerpt import excerpt
-from sdp_vs_penalty.signals.noise import REPETITION, noise_floor
+from sdp_vs_penalty.signals.noise import REPETITION, noise_floor, noise_in
+from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, spectral_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
 
@@ -26,8 +27,9 @@ def noise_level(
 
     From repetition: r(t) - r(t + T) of a residual r. The residual is that of unconstrained least squares
     of the problem's own effects on these measurements, so that the floor does not depend on which models
-    are judged beside it. None and "" where nothing repeats. settings : resolved; of long recordings
-    windows are looked at.
+    are judged beside it. Where nothing repeats, from the torque's spectrum above the motion's band
+    (:mod:`~signals.noise_spectrum`), at most that residual; None and "" where the logs hold nothing
+    there. settings : resolved; of long recordings windows are looked at.
     """
     shown = excerpt(measurements, settings)
     runs = segmented(shown, settings)
@@ -35,8 +37,12 @@ def noise_level(
         return None, ""
     model = problem.model().reference_free
     theta = make_task(problem, model, compress(shown, model, settings), "none").ols
-    floor = noise_floor(with_parameters(runs, model, theta))
-    return floor, "" if floor is None else REPETITION
+    runs = with_parameters(runs, model, theta)
+    if (floor := noise_floor(runs)) is not None:
+        return floor, REPETITION
+    if (floor := spectral_floor(runs)) is None:
+        return None, ""
+    return np.minimum(floor, noise_in(runs, runs.residual).floor), SPECTRUM
 
 
 def with_parameters(runs: SegmentedRuns, model: Model, theta: Array) -> SegmentedRuns:

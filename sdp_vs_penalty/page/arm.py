@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from nicegui import ui
+from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.page.controls import button, note, tag
@@ -17,11 +18,12 @@ from sdp_vs_penalty.page.view import View
 #: The colour is full where the error is so many times its noise floor, or where that is not known its
 #: own root mean square.
 _FULL = 4.0
-#: The camera's direction and angle of view (NiceGUI's), and the share of the picture that is filled.
+#: The camera's direction, its angle of view [deg], the share of the picture that the arm fills, and the
+#: poses to either side that it follows.
 _TOWARDS = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
-_ANGLE, _FILLED = np.deg2rad(75.0), 0.94
+_ANGLE, _FILLED, _SLOW = 14.0, 0.97, 3
 #: Half axes beyond this [m] belong to links that the data hardly determine: they may leave the picture.
-_LONGEST = 0.3
+_LONGEST = 0.5
 #: Colours of the measured arm (where no error colours it) and of the simulated one, and how solid.
 _LOOKS = (("link", "#0072b2", 0.75), ("simulated", "#d55e00", 0.45))
 
@@ -50,6 +52,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
             grid=False,
             background_color="#f8f9fb",
             on_click=clicked,
+            camera=ui.scene.perspective_camera(fov=_ANGLE),
         ) as scene:
             groups = [g for look in _LOOKS[:arms] for g in _one_arm(scene, about, reach, *look)]
         frame.props["data-arm"] = scene.id
@@ -70,14 +73,12 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
         turned = Rotation.from_matrix(read["poses"][..., :3, :3].reshape(-1, 3, 3)).as_quat()
         turned = turned.reshape(*read["poses"].shape[:2], 4)
         placed = np.concatenate([read["poses"][..., :3, 3], turned], axis=-1)
-        camera, centre = _camera(read["poses"][:, : len(joints)], bodies)
-        (x, y, z), (a, b, c) = camera.tolist(), centre.tolist()
-        scene.move_camera(x, y, z, a, b, c, duration=0.0)
         moves = {
             "groups": [g.id for g in groups],
             "t": np.round(read["tf"] - read["t"][0], 3).tolist(),
             "poses": np.round(placed, 4).tolist(),
             "errors": errors.tolist(),
+            "cameras": np.round(_camera(read["poses"][:, : len(joints)], bodies), 4).tolist(),
         }
         ui.run_javascript(f"(arms[{scene.id}] ??= new Arm({scene.id})).load({json.dumps(moves)})")
 
@@ -112,25 +113,27 @@ def _capsule(scene: Any, end: Any, radius: float) -> None:
     rod.move(*(0.5 * end)).rotate_R(turned.as_matrix().tolist())
 
 
-def _camera(poses: Any, bodies: list[dict[str, Any]]) -> tuple[Any, Any]:
-    """Where a camera stands (3,), and what it looks at, so that base, joints and links in all poses
-    (F, k, 4, 4) of a run fill its picture."""
-    places = [np.zeros((1, 3)), poses[..., :3, 3].reshape(-1, 3)]
+def _camera(poses: Any, bodies: list[dict[str, Any]]) -> Any:
+    """(F, 6) where a camera stands and what it looks at, from one side: it follows the arm slowly, so
+    that base, joints and links of every pose (F, k, 4, 4) fill its picture."""
+    places = [np.zeros((len(poses), 1, 3)), poses[..., :3, 3]]
     for body in bodies:
         frames = poses[:, body["joint"]] @ np.array(body["place"])
-        for k, half in enumerate(body["half"]):
-            arm = min(half, _LONGEST) * frames[:, :3, k]
-            places += [frames[:, :3, 3] + arm, frames[:, :3, 3] - arm]
-    points = np.vstack(places)
-    right = np.cross(_TOWARDS, [0.0, 0.0, 1.0])
-    axes = np.stack([right / np.linalg.norm(right), np.zeros(3), _TOWARDS])
-    axes[1] = np.cross(axes[0], axes[2])  # across, up (or down), towards the camera
-    seen = points @ axes.T
-    middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
-    seen = np.abs(seen - middle) * [1.0, 1.0, 0.0] + (seen - middle) * [0.0, 0.0, 1.0]
-    away = float(np.max(seen[:, 2] + seen[:, :2].max(axis=1) / (_FILLED * np.tan(0.5 * _ANGLE))))
+        reach = np.minimum(body["half"], _LONGEST) * frames[:, :3, :3]
+        places += [(frames[:, :3, 3, None] + sign * reach).swapaxes(1, 2) for sign in (1.0, -1.0)]
+    points = np.concatenate(places, axis=1)  # (F, k, 3)
+    right = np.cross([0.0, 0.0, 1.0], _TOWARDS)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(_TOWARDS, right), _TOWARDS])  # across, up, towards the camera
+    x = points @ axes.T
+    size = (2 * _SLOW + 1, 1)
+    low, high = minimum_filter(x.min(axis=1), size), maximum_filter(x.max(axis=1), size)
+    low, high = uniform_filter(low, size), uniform_filter(high, size)
+    middle = 0.5 * (low + high)
+    across = np.maximum(*(high - low)[:, :2].T) / (2.0 * _FILLED * np.tan(0.5 * np.deg2rad(_ANGLE)))
+    away = (high - middle)[:, 2] + np.maximum(across, 0.05)
     centre = middle @ axes
-    return centre + max(away, 0.05) * _TOWARDS, centre
+    return np.concatenate([centre + away[:, None] * _TOWARDS, centre], axis=1)
 
 
 def torque_errors(model: ModelStep, read: Mapping[str, Any]) -> Any:

@@ -19,10 +19,8 @@ from sdp_vs_penalty.reports.plots import (
     COLOURS,
     SIGNALS,
     Curves,
-    correlation_figure,
     envelope,
     friction_figure,
-    history_figure,
     missing_figure,
     residual_figure,
     scatter_rows,
@@ -37,11 +35,10 @@ def torque_chart(
     joint: int,
     units: Sequence[str],
     span: tuple[float, float] | None = None,
-    marked: Sequence[float] = (),
 ) -> dict[str, Any]:
     """Measured and modelled torque of one joint (from 0), and below it what is left.
 
-    span : the seconds to look at; a long run shows more detail there; marked : instants [s] to ring.
+    span : the seconds to look at; a long run shows more detail there.
     """
     t, unit, cut = run.t - run.t[0], units[joint], slice(None)
     ranges = {}
@@ -54,18 +51,12 @@ def torque_chart(
     values = [envelope(t[cut], y) for y in (measured, *(y for pair in both for y in pair))]
     axes = {"xaxis": ranges, "xaxis2": ranges}
     axes |= {"yaxis": _title(f"joint {joint + 1} [{unit}]"), "yaxis2": _title(f"left [{unit}]")}
-    made = _filled(_torque_frame(tuple(run.modelled)), values, axes)
-    if marked:
-        rows = np.searchsorted(t, marked).clip(0, len(t) - 1)
-        left = (run.torque - list(run.modelled.values())[-1])[rows, joint]
-        ring: dict[str, Any] = {"mode": "markers", "name": "selected", "xaxis": "x2", "yaxis": "y2"}
-        ring["marker"] = {"size": 7, "symbol": "circle-open", "color": COLOURS[3]}
-        made["data"] = [*made["data"], {**ring, "x": _short(t[rows]), "y": _short(left)}]
-    return made
+    return _filled(_torque_frame(tuple(run.modelled)), values, axes)
 
 
 def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
-    """Positions, velocities and torques of all joints on one time axis."""
+    """Positions, velocities and torques of all joints on one time axis; what the check would put in
+    place of a measured value, as crosses."""
     plot = Figure(rows=3, gap=0.04)
     t = read["t"] - read["t"][0]
     for row, name in enumerate(("q", "dq", "torque")):
@@ -73,6 +64,12 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
             line = {"color": COLOURS[j % len(COLOURS)], "width": 1.2}
             named = {"name": f"joint {j + 1}", "legendgroup": f"{j}", "showlegend": row == 0}
             plot.add(trace("scatter", x=t, y=read[name][:, j], line=line, **named), row)
+            there = read.get(f"repaired_{name}")
+            if there is None or not (rows := np.isfinite(there[:, j])).any():
+                continue
+            cross: dict[str, Any] = {"mode": "markers", "name": f"joint {j + 1}, repaired"}
+            cross["marker"] = {"symbol": "x", "size": 5, "color": COLOURS[j % len(COLOURS)]}
+            plot.add(trace("scatter", x=t[rows], y=there[rows, j], legendgroup=f"{j}", **cross), row)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
     for row, said in enumerate((f"q [{kinds}]", f"dq [{kinds}/s]", "tau")):
         plot.update_axes("y", row, title=said)
@@ -110,38 +107,6 @@ def asked_span(event: Any) -> tuple[float, float] | bool | None:
     return False
 
 
-def asked_instants(event: Any) -> tuple[float, ...]:
-    """The instants [s] that a plotly_selected event has of a :func:`residual_chart`.
-
-    >>> asked_instants([2.5, None, 1, 2.5])
-    (1.0, 2.5)
-    """
-    given = event if isinstance(event, list) else []
-    return tuple(sorted({float(x) for x in given if isinstance(x, int | float)}))
-
-
-def history_chart(
-    names: Sequence[str],
-    rmse: Sequence[Sequence[float]],
-    units: Sequence[str],
-    floor: Sequence[float | None],
-) -> dict[str, Any]:
-    """The error of every joint from model to model, over its noise where that is known of all."""
-    numbers, known = [f"{k}" for k in range(1, len(names) + 1)], [f for f in floor if f]
-    if len(known) == len(units):
-        over = [[e / f for e, f in zip(errors, known, strict=True)] for errors in rmse]
-        plot = history_figure(numbers, over, [""] * len(units))
-        plot.update_axes("y", title="RMS error / noise floor")
-        across = {"type": "line", "xref": "x domain", "x0": 0, "x1": 1, "y0": 1.0, "y1": 1.0}
-        plot.update_layout(shapes=[{**across, "line": {"dash": "dot"}}])
-    else:
-        plot = history_figure(numbers, rmse, units)
-    for made in plot.data:
-        made["line"]["shape"] = "hvh"
-    plot.update_axes("x", title="model", type="category")
-    return _ready(styled(plot, 360))
-
-
 def friction_chart(curve: Mapping[str, Any], joint: int, unit: str) -> dict[str, Any]:
     """Friction of a joint (from 0) over its velocity; curve : velocity, torque, half."""
     v, torque, half = (np.asarray(curve[name]) for name in ("velocity", "torque", "half"))
@@ -168,40 +133,24 @@ def residual_chart(
     reads: Sequence[Mapping[str, Any]],
     joint: int,
     signal: str,
-    shown: str,
     unit: str,
     floor: float | None,
     span: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
-    """What one or two models leave of a joint's torque ("error"), the last one's reversals ringed, or
-    one of SIGNALS, against one of SIGNALS; span : only these seconds of the run."""
+    """What one or two models leave of a joint's torque against one of SIGNALS, the last one's reversals
+    ringed; span : only these seconds of the run."""
     read = reads[-1]
     t = read["t"] - read["t"][0]
     cut = slice(None) if span is None else slice(*np.searchsorted(t, span))
     if len(t[cut]) < 2:
         cut = slice(None)
-
-    def along(r: Mapping[str, Any], name: str) -> Array:
-        return np.asarray(t if name == "t" else r[name][:, joint])[cut]
-
-    error = shown == "error"
-    x, lefts = along(read, signal), [_error(r, joint)[cut] if error else along(r, shown) for r in reads]
+    x = np.asarray(t if signal == "t" else read[signal][:, joint])[cut]
+    lefts = [_error(r, joint)[cut] for r in reads]
     keep, turns = scatter_rows(read["dq"][cut, joint])
     values = [(x[keep], left[keep]) for left in lefts] + [(x[turns], lefts[-1][turns])]
-    instants = [*(_short(t[cut][keep]) for _ in lefts), _short(t[cut][turns])]
-    said = f"error of joint {joint + 1} [{unit}]" if error else SIGNALS[shown]
-    axes = {"xaxis": _title(SIGNALS[signal]), "yaxis": _title(said)}
-    made = _filled(_residual_frame(floor if error else None, len(reads) > 1), values, axes)
-    names = [d["name"] if error else d["name"].replace("error", SIGNALS[shown]) for d in made["data"]]
-    told = zip(made["data"], names, instants, strict=True)
-    return {**made, "data": [{**d, "name": name, "customdata": at} for d, name, at in told]}
-
-
-def correlation_chart(reads: Sequence[Mapping[str, Any]], joint: int) -> dict[str, Any]:
-    """Of what one or two models leave of a joint's torque, with itself and with the velocity."""
-    names = ("error of the first model", "error")[-len(reads) :]
-    lefts = {name: _error(r, joint) for name, r in zip(names, reads, strict=True)}
-    return _ready(styled(correlation_figure(reads[-1]["t"], lefts, reads[-1]["dq"][:, joint]), 260))
+    title = f"error of joint {joint + 1} [{unit}]"
+    axes = {"xaxis": _title(SIGNALS[signal]), "yaxis": _title(title)}
+    return _filled(_residual_frame(floor, len(reads) > 1), values, axes)
 
 
 def _error(read: Mapping[str, Any], joint: int) -> Array:
@@ -211,8 +160,8 @@ def _error(read: Mapping[str, Any], joint: int) -> Array:
 @lru_cache(32)
 def _residual_frame(floor: float | None, two: bool) -> dict[str, Any]:
     zeros = np.zeros(2)
-    plot = _ready(styled(residual_figure(zeros, zeros, zeros, floor, zeros if two else None), 320))
-    return {**plot, "layout": {**plot["layout"], "dragmode": "select"}}
+    plot = residual_figure(zeros, zeros, zeros, floor, zeros if two else None)
+    return _ready(styled(plot, 320))
 
 
 def merged(first: Curves, last: Curves) -> Curves:

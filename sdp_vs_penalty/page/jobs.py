@@ -106,7 +106,7 @@ def _known(problem: Problem) -> str:
     )
     return (
         f"Bounds on {bounds.sum()} of {10 * len(bounds)} link parameters; filters of states and torque: "
-        f"{', '.join(cutoffs)}. The step Model, or a folder with a problem.toml, sets others."
+        f"{', '.join(cutoffs)}. The stage Identify, or a folder with a problem.toml, sets others."
     )
 
 

@@ -1,4 +1,4 @@
-"""What a step of the page is, and the sentence that it ends in."""
+"""What a stage of the page and its parts are, and the sentence that a stage ends in."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a step has come to, in a sentence; level : its colour, "" for none; word : what it begins
-    with. Only the step Verdict grades the model (estimation/verdict.py)."""
+    """What a stage has come to, in a sentence; level : its colour, "" for none; word : what it begins
+    with. Only estimation/verdict.py grades a model (:func:`model_verdict`)."""
 
     level: Literal["good", "usable", "bad", ""]
     text: str
@@ -35,40 +35,48 @@ def model_verdict(model: ModelStep) -> Verdict:
     return Verdict(_COLOURS[grade], said["lines"][0]["text"], grade.capitalize())
 
 
-def no_verdict(session: Session) -> Verdict | None:
+def _nothing(session: Session) -> None:
     return None
 
 
 @dataclass(frozen=True)
 class Part:
-    """anchor, title : where and what; ready : whether it can be taken yet, else ``before`` says what
-    comes first; depends : everything that its content is made of, so that it is redrawn only when that
-    changes; draw : fills it; verdict : the sentence that it ends in, None while nothing can be judged.
-    """
+    """anchor, title : where and what; ready : whether it is shown yet; depends : everything that its
+    content is made of, so that it is drawn anew only when that changes; draw : fills it."""
+
+    anchor: str
+    title: str
+    ready: Callable[[Session], bool]
+    depends: Callable[[Session], Any]
+    draw: Callable[[View], None]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One screen. before : what comes first, while none of its parts is ready; verdict : the sentence
+    that it ends in, None while nothing can be judged."""
 
     anchor: str
     title: str
     before: str
-    ready: Callable[[Session], bool]
-    depends: Callable[[Session], Any]
-    draw: Callable[[View], None]
-    verdict: Callable[[Session], Verdict | None] = no_verdict
+    parts: tuple[Part, ...]
+    verdict: Callable[[Session], Verdict | None] = _nothing
+
+    def ready(self, session: Session) -> bool:
+        return any(part.ready(session) for part in self.parts)
 
 
 def after_model(
     anchor: str,
     title: str,
     draw: Callable[[View], None],
-    verdict: Callable[[Session], Verdict | None] = no_verdict,
-    also: Callable[[Session], Any] = no_verdict,
+    also: Callable[[Session], Any] = _nothing,
 ) -> Part:
-    """A step that can be taken once there is a model; it depends on the history and on ``also``."""
+    """A part that is shown once there is a model; it depends on the models and on ``also``."""
     return Part(
         anchor,
         title,
-        "Identify a model first.",
         lambda s: s.model is not None,
         lambda s: ([model.file for model in s.history], also(s)),
         draw,
-        verdict,
     )

@@ -190,7 +190,7 @@ def keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[
     (found,) = check(problem, part, thorough=False)
     file = f"run-{part.data_hash[:16]}.npz"
     save(part, folder / file)
-    _preview(problem, part, folder / f"view-{part.data_hash[:16]}.npz")
+    _preview(problem, part, found.mended, folder / f"view-{part.data_hash[:16]}.npz")
     seconds = float(part.t[-1] - part.t[0])
     return {
         "file": file,
@@ -212,12 +212,25 @@ def keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[
 _DRAWN = 1200
 
 
-def _preview(problem: Problem, part: Measurements, out: Path) -> None:
-    """What the page shows of a run at once: t, q, dq, tau at some instants, and the arm's poses."""
-    keep = np.unique(np.linspace(0, len(part.t) - 1, _DRAWN).astype(int))
-    t, q = part.t[keep], part.q[keep]
+def _preview(problem: Problem, part: Measurements, mended: Measurements, out: Path) -> None:
+    """What the page shows of a run at once: t, q, dq, tau at some instants, the positions and torques
+    that the check would put there (NaN where it changes nothing), and the arm's poses."""
+    raw = np.hstack([part.q, part.tau])
+    repaired = np.full(raw.shape, np.nan)
+    if len(mended.t) == len(part.t) or np.all(np.diff(mended.t) > 0.0):
+        values = np.hstack([mended.q, mended.tau]).T
+        there = values.T
+        if len(mended.t) != len(part.t):
+            there = np.column_stack([np.interp(part.t, mended.t, x) for x in values])
+        changed = np.abs(there - raw) > 1e-9 + 1e-6 * np.nanmax(np.abs(raw), axis=0)
+        repaired[changed] = there[changed]
+    keep = np.linspace(0, len(part.t) - 1, _DRAWN).astype(int)
+    rare = np.flatnonzero(np.isfinite(repaired).any(axis=1))
+    keep = np.unique(np.concatenate([keep, rare[:: 1 + len(rare) // _DRAWN]]))
+    t, q, n = part.t[keep], part.q[keep], part.n
     dq = np.gradient(part.q, part.t, axis=0)[keep] if part.dq is None else part.dq[keep]
     arrays = {"t0": t, "q0": q, "dq0": dq, "torque0": part.tau[keep], "modelled0": part.tau[keep]}
+    arrays |= {"repaired_q0": repaired[keep, :n], "repaired_torque0": repaired[keep, n:]}
     arrays["tf0"], arrays["poses0"] = placed(problem.robot, part.t, part.q)
     save_arrays(out, arrays)
 

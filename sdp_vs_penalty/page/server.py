@@ -29,10 +29,10 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.auth_middleware import KEY, LOOPBACK, guarded
-from sdp_vs_penalty.page.parts import PARTS
 from sdp_vs_penalty.page.parts.take_away import FILES, LOAD, MADE, MORE
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.state import internal_error
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
@@ -254,7 +254,7 @@ def make_app(page: Page) -> FastAPI:
 def _build(page: Page, session: Session) -> None:
     client = ui.context.client
     limits = f"<script>const LARGEST = {uploads.LARGEST_FILE};</script>"
-    shown = ", ".join(f"[data-at={s.anchor}] [data-part={s.anchor}]" for s in PARTS)
+    shown = ", ".join(f"[data-at={s.anchor}] [data-stage={s.anchor}]" for s in STAGES)
     look = f"{(_HERE / 'look.css').read_text()}\n{PICTURES}\n:is({shown}) {{ display: block; }}"
     ui.add_head_html(f"<style>{look}</style>")
     ui.add_head_html(f"{limits}<script>{(_HERE / 'workbench.js').read_text()}</script>")

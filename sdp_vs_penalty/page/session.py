@@ -179,7 +179,6 @@ class Session(TabState):
         self.findings = Diagnosis.from_dict(answer["diagnosis"])
         self.curve_texts = answer["curves"]
         self.found_for, self.found_in = len(self.history), answer["seconds"]
-        self.changed()
 
     def add(self, texts: list[str]) -> None:
         """Add effects to the current model, a step of the history each."""

@@ -34,11 +34,10 @@ class Hiding:
 class View:
     """The view state of one tab.
 
-    joint, run, span : what every step shows (span : seconds of the run, None for all of it); signal,
-    shown : the two axes of the error's scatter, marked : instants [s] selected in it; followers :
-    by step, what to call when they change; behind : likewise, once the browser has drawn what those
-    changed; methods : ticked for comparison; hiding : what the form for
-    simulated runs holds.
+    joint, run, span : what every part shows (span : seconds of the run, None for all of it); signal :
+    what the error is drawn against; followers : by part, what to call when they change; behind :
+    likewise, once the browser has drawn what those changed; methods : ticked for comparison; hiding :
+    what the form for simulated runs holds.
     """
 
     session: Session
@@ -50,8 +49,6 @@ class View:
     run: str = ""
     span: tuple[float, float] | None = None
     signal: str = "dq"
-    shown: str = "error"
-    marked: tuple[float, ...] = ()
     followers: dict[str, Callable[[], None]] = field(default_factory=dict)
     behind: dict[str, Callable[[], None]] = field(default_factory=dict)
     methods: set[str] = field(default_factory=lambda: {"lmi-sdp", "ols", "penalty"})
@@ -63,7 +60,7 @@ class View:
     def look(self, **at: Any) -> None:
         """Look at another joint, run, span or signals, in every step at once."""
         if at.get("run", self.run) != self.run:
-            self.span, self.marked = None, ()
+            self.span = None
         for name, value in at.items():
             setattr(self, name, value)
         for follow in list(self.followers.values()):

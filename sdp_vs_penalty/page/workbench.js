@@ -19,22 +19,20 @@ const workbench = {
     }
     if (kind === "runs") await fetch(`${base}/sent`, { method: "POST" });
   },
-  show(step) {
-    document.body.dataset.at = step; // look.css shows that stage, and on a phone all of them
-    localStorage.setItem(location.pathname, step);
-    for (const link of document.querySelectorAll("nav.steps a")) {
-      if (link.dataset.to === step) {
+  show(stage, part) {
+    document.body.dataset.at = stage; // look.css shows that screen
+    localStorage.setItem(location.pathname, stage);
+    for (const link of document.querySelectorAll("nav.stages a")) {
+      if (link.dataset.to === stage) {
         link.setAttribute("aria-current", "step");
         link.scrollIntoView({ block: "nearest", inline: "center" });
       } else link.removeAttribute("aria-current");
     }
-    const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    if (matchMedia("(max-width: 640px)").matches)
-      document
-        .querySelector(`[data-part="${step}"]`)
-        ?.scrollIntoView({ behavior: still ? "auto" : "smooth", block: "start" });
+    const first = document.querySelector(`[data-stage="${stage}"] [data-part]`);
+    const to = part && document.querySelector(`[data-part="${part}"]`);
+    if (to && to !== first) to.scrollIntoView({ block: "start" });
     else scrollTo(0, 0);
-    document.querySelector(`[data-part="${step}"] h2`)?.focus({ preventScroll: true });
+    document.querySelector(`[data-stage="${stage}"] h2`)?.focus({ preventScroll: true });
     dispatchEvent(new Event("resize")); // charts drawn out of sight learn how wide they are
   },
   key: null,
@@ -67,13 +65,14 @@ document.addEventListener("focusin", (event) => {
 document.addEventListener("pointerdown", (event) => {
   if (!event.target.closest("[data-key]")) workbench.key = null;
 });
+document.addEventListener("toggle", () => dispatchEvent(new Event("resize")), true); // so do these
 addEventListener("DOMContentLoaded", () => {
-  document.body.dataset.at = localStorage.getItem(location.pathname) ?? "robot";
+  document.body.dataset.at = localStorage.getItem(location.pathname) ?? "measure";
   const arrive = new MutationObserver(() => {
-    if (!document.querySelector("nav.steps a")) return;
+    if (!document.querySelector("nav.stages a")) return;
     arrive.disconnect();
     document
-      .querySelector(`nav.steps a[data-to="${document.body.dataset.at}"]`)
+      .querySelector(`nav.stages a[data-to="${document.body.dataset.at}"]`)
       ?.setAttribute("aria-current", "step");
   });
   arrive.observe(document.body, { childList: true, subtree: true });
@@ -97,6 +96,8 @@ class Arm {
   }
   load(moves) {
     this.moves = moves;
+    this.turned = false;
+    this.tries = 0;
     this.at(0);
     this.settle();
   }
@@ -118,7 +119,10 @@ class Arm {
         last = hidden ? "" : state;
       };
     }
-    for (const later of [300, 1500]) setTimeout(() => this.at(this.time), later); // objects arrive one by one
+    this.at(this.time);
+    const whole = this.moves.groups.every((group) => scene.objects.get(group)?.mesh);
+    if (!whole && this.tries++ < 300) setTimeout(() => this.settle(), 200); // objects arrive one by one
+    else setTimeout(() => this.at(this.time), 1000); // and what hangs on them
   }
   at(time) {
     const { t, poses, errors, groups } = this.moves;
@@ -137,6 +141,7 @@ class Arm {
       const other = mesh.quaternion.clone().set(...b.slice(3));
       mesh.quaternion.set(...a.slice(3)).slerp(other, share);
     }
+    this.look(k, share);
     for (const object of objects?.values() ?? []) {
       const link = /^link-(\d+)$/.exec(object.mesh?.name ?? "");
       if (!link) continue;
@@ -148,8 +153,20 @@ class Arm {
     this.frame.querySelector("[data-clock]").textContent = `${this.time.toFixed(1)} s`;
     this.cursor();
   }
+  look(k, share) {
+    const scene = getElement(this.id);
+    if (!scene?.controls) return;
+    if (!this.watched) scene.$el.addEventListener("pointerdown", () => (this.turned = true));
+    this.watched = true;
+    if (this.turned) return; // the person looks from elsewhere
+    const [a, b] = [this.moves.cameras[k - 1], this.moves.cameras[k]];
+    const x = a.map((v, i) => v + share * (b[i] - v));
+    scene.camera.position.set(...x.slice(0, 3));
+    scene.controls.target.set(...x.slice(3));
+    scene.camera.lookAt(...x.slice(3));
+  }
   cursor() {
-    for (const chart of this.frame.closest(".step").querySelectorAll(".chart.timed")) {
+    for (const chart of this.frame.closest(".part").querySelectorAll(".chart.timed")) {
       const plot = chart.classList.contains("js-plotly-plot") ? chart : chart.querySelector(".js-plotly-plot");
       const axis = plot?._fullLayout?.xaxis2 ?? plot?._fullLayout?.xaxis;
       if (!axis?.l2p) continue;

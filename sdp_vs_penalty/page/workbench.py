@@ -1,4 +1,4 @@
-"""The page of one tab: header, steps, and the dock that says what is going on."""
+"""The page of one tab: header, the rail of stages, their screens, and the dock of what is going on."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
-from sdp_vs_penalty.page.part import Part, Verdict
-from sdp_vs_penalty.page.parts import PARTS, STAGES
+from sdp_vs_penalty.page.part import Part, Stage
+from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import View
 
 _COLOURS = frozenset({"good", "usable", "bad"})
 _THEMES = {None: "Colours: auto", False: "Colours: light", True: "Colours: dark"}
+_NEXT = dict(itertools.pairwise(STAGES[:-1]))
 
 
 class Workbench:
@@ -23,12 +24,9 @@ class Workbench:
 
     def __init__(self, view: View) -> None:
         self.view, self.session, self.client = view, view.session, view.client
+        #: By anchor, the element and what it was last drawn from.
         self._drawn: dict[str, str] = {}
-        self._bodies: dict[str, Any] = {}
-        self._sections: dict[str, Any] = {}
-        self._links: dict[str, Any] = {}
-        self._levels: dict[str, Any] = {}
-        self._ends: dict[str, Any] = {}
+        self._at: dict[str, Any] = {}
         self._seen = self._marks()
         self._met = False
         view.client.on_connect(self._meet)
@@ -43,8 +41,8 @@ class Workbench:
                 with tag("div", style="intro"):
                     tag("h1", "Identify your robot, see what the model is missing, add it")
                     tag("p", "Everything is computed on this computer, and no data leave it.", "lead")
-                for k, step in enumerate(PARTS, start=1):
-                    self._stage(k, step)
+                for stage in STAGES:
+                    self._screen(stage)
         self._skip.props["href"] = f"#{self._main.html_id}"
         self._dock()
         self.session.watchers.append(self)
@@ -70,8 +68,10 @@ class Workbench:
             self.close()
             return
         with self.client:
-            for step in PARTS:
-                self._redraw_step(step)
+            for stage in STAGES:
+                for part in stage.parts:
+                    self._redraw_part(part)
+                self._redraw_stage(stage)
             self._redraw_dock()
             self._lead_on()
 
@@ -91,27 +91,28 @@ class Workbench:
             tag("a", "Start over", "action quiet", href="/new", data_key="start-over")
 
     def _rail(self) -> None:
-        with tag("nav", style="steps", aria_label="Steps"):
-            k = 0
-            for stage, steps in STAGES.items():
-                tag("span", stage, "stage", aria_hidden="true")
-                for step in steps:
-                    k += 1
-                    with tag("a", href="#", data_key=f"nav-{k}", data_to=step.anchor) as link:
+        with tag("nav", style="stages", aria_label="Stages"):
+            for k, stage in enumerate(STAGES, start=1):
+                extra = "" if stage in STAGES[:-1] else "aside"
+                with tag("a", style=extra, href="#", data_key=f"nav-{k}", data_to=stage.anchor) as link:
+                    if not extra:
                         tag("span", str(k), "number", aria_hidden="true")
-                        tag("span", step.title)
-                        self._levels[step.anchor] = tag("span", style="unseen")
-                    self._links[step.anchor] = link
+                    tag("span", stage.title)
+                    self._at[f"level-{stage.anchor}"] = tag("span", style="unseen")
+                self._at[f"link-{stage.anchor}"] = link
 
-    def _stage(self, k: int, step: Part) -> None:
-        with tag("section", style="step", data_part=step.anchor) as section:
-            self._sections[step.anchor] = section
-            with tag("div", style="title"):
-                tag("span", str(k), "number", aria_hidden="true")
-                heading = tag("h2", step.title, tabindex="-1")
-                section.props["aria-labelledby"] = heading.html_id
-            self._bodies[step.anchor] = tag("div", style="body")
-            self._ends[step.anchor] = tag("div", style="end")
+    def _screen(self, stage: Stage) -> None:
+        with tag("section", style="stage", data_stage=stage.anchor) as section:
+            heading = tag("h2", stage.title, tabindex="-1")
+            section.props["aria-labelledby"] = heading.html_id
+            self._at[stage.anchor] = section
+            self._at[f"said-{stage.anchor}"] = tag("div", style="said")
+            for part in stage.parts:
+                with tag("div", style="part", data_part=part.anchor) as self._at[f"part-{part.anchor}"]:
+                    if part.title:
+                        tag("h3", part.title)
+                    self._at[f"body-{part.anchor}"] = tag("div", style="body")
+            self._at[f"end-{stage.anchor}"] = tag("div", style="end")
 
     def _dock(self) -> None:
         with tag("div", style="dock", aria_label="Status", role="region"):
@@ -129,49 +130,59 @@ class Workbench:
         if (working := self.session.working) is not None:
             self._clock.text = f"{time.monotonic() - working.since:.0f} s"
 
-    def _redraw_step(self, step: Part) -> None:
-        session, body = self.session, self._bodies[step.anchor]
-        # What the steps after the first offer comes when the first worker has loaded everything.
-        ready = step.ready(session) and (step is PARTS[0] or "effects" in self.view.catalogue)
-        self._redraw_end(step, step.verdict(session) if ready else None, ready)
-        state = json.dumps(step.depends(session) if ready else None, default=str)
-        if self._drawn.get(step.anchor) == state:
-            return
-        self._drawn[step.anchor] = state
-        for place in (self._links[step.anchor], self._sections[step.anchor]):
-            place.classes(add="" if ready else "later", remove="later" if ready else "")
-        self.view.forget(step.anchor)
-        body.clear()
-        with body:
-            if ready:
-                step.draw(self.view)
-            else:
-                note(step.before)
+    def _changed(self, what: str, state: Any) -> bool:
+        """Whether something is to be drawn from another state than last time."""
+        text = json.dumps(state, default=str)
+        before = self._drawn.get(what)
+        self._drawn[what] = text
+        return before != text
 
-    def _redraw_end(self, step: Part, verdict: Verdict | None, ready: bool) -> None:
-        """The sentence that a step ends in, and the way to the next one."""
-        following = dict(itertools.pairwise(PARTS)).get(step)
-        on = ready and following is not None and following.ready(self.session)
-        state = json.dumps(
-            [None if verdict is None else (verdict.level, verdict.word, verdict.text), on]
-        )
-        if self._drawn.get(f"end-{step.anchor}") == state:
+    def _ready(self, part: Part) -> bool:
+        # What most parts offer comes when the first worker has loaded everything.
+        first = part is STAGES[0].parts[0]
+        return part.ready(self.session) and (first or "effects" in self.view.catalogue)
+
+    def _redraw_part(self, part: Part) -> None:
+        ready = self._ready(part)
+        if not self._changed(part.anchor, part.depends(self.session) if ready else None):
             return
-        self._drawn[f"end-{step.anchor}"] = state
+        self._at[f"part-{part.anchor}"].set_visibility(ready)
+        self.view.forget(part.anchor)
+        body = self._at[f"body-{part.anchor}"]
+        body.clear()
+        if ready:
+            with body:
+                part.draw(self.view)
+
+    def _redraw_stage(self, stage: Stage) -> None:
+        """Its mark on the rail, the sentence that it ends in, and the way to the next one."""
+        session, following = self.session, _NEXT.get(stage)
+        ready = any(map(self._ready, stage.parts))
+        verdict = stage.verdict(session) if ready else None
+        on = ready and following is not None and following.ready(session)
+        said = None if verdict is None else (verdict.level, verdict.word, verdict.text)
+        if not self._changed(f"stage-{stage.anchor}", [ready, said, on]):
+            return
         level = "" if verdict is None else verdict.level
-        self._links[step.anchor].classes(add=level, remove=" ".join(_COLOURS - {level}))
-        self._levels[step.anchor].text = "" if verdict is None else verdict.word
-        end = self._ends[step.anchor]
+        for place in (self._at[f"link-{stage.anchor}"], self._at[stage.anchor]):
+            place.classes(add="" if ready else "later", remove="later" if ready else "")
+        self._at[f"link-{stage.anchor}"].classes(add=level, remove=" ".join(_COLOURS - {level}))
+        self._at[f"level-{stage.anchor}"].text = "" if verdict is None else verdict.word
+        above, end = self._at[f"said-{stage.anchor}"], self._at[f"end-{stage.anchor}"]
+        above.clear()
         end.clear()
-        with end:
+        with above:
+            if not ready:
+                note(stage.before)
             if verdict is not None:
                 with tag("p", style=f"verdict {level}"):
                     if verdict.word:
                         tag("strong", f"{verdict.word}. ")
                     tag("span", verdict.text)
+        with end:
             if on and following is not None:
                 style = "action primary" if verdict is not None and level != "bad" else "action"
-                at = {"data_to": following.anchor, "data_key": f"next-{step.anchor}"}
+                at = {"data_to": following.anchor, "data_key": f"next-{stage.anchor}"}
                 tag("a", f"Next: {following.title}", style, href="#", **at)
 
     def _redraw_dock(self) -> None:
@@ -192,10 +203,8 @@ class Workbench:
             (self._alert, notice is not None and notice.error),
             (self._news, notice is not None and not notice.error),
         ):
-            state = json.dumps(notice.texts if mine and notice is not None else None)
-            if self._drawn.get(f"notice-{place.id}") == state:
+            if not self._changed(f"notice-{place.id}", notice.texts if mine and notice else None):
                 continue
-            self._drawn[f"notice-{place.id}"] = state
             place.clear()
             if mine and notice is not None:
                 with place:
@@ -216,12 +225,10 @@ class Workbench:
         self._seen = self._marks()
         to = None
         if models == 1 and had == 0:
-            to = "fit"
-        elif found and not had_found:
-            to = "findings"
-        elif models > had > 0:
-            to = "history"
+            to = "identify", "fit"
+        elif models > had > 0 or (found and not had_found):
+            to = "diagnose", "history" if models > had else "findings"
         elif compared and not had_compared:
-            to = "methods"
+            to = "advanced", "methods"
         if to is not None:
-            ui.run_javascript(f"workbench.show({json.dumps(to)})")
+            ui.run_javascript(f"workbench.show({json.dumps(to[0])}, {json.dumps(to[1])})")

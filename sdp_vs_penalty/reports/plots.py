@@ -113,8 +113,8 @@ SIGNALS = {
     "torque": "measured torque",
     "t": "time [s]",
 }
-#: Points of a scatter, and reversals that it rings at most; lags of a correlation.
-_SCATTER, _TURNS, _LAGS = 1500, 200, 40
+#: Points of a scatter, and reversals that it rings at most.
+_SCATTER, _TURNS = 1500, 200
 
 
 def scatter_rows(dq: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -149,34 +149,6 @@ def residual_figure(
         plot.add(trace("scatter", x=x[rows], y=y[rows], mode="markers", name=name, marker=marker))
     if floor is not None:
         plot.update_layout(shapes=noise_band(1.96 * floor))
-    return plot
-
-
-def correlation(a: Array, b: Array, lags: int = _LAGS) -> Array:
-    """(lags + 1,) of a(t) with b(t + lag), normalised by the lengths of both."""
-    a, b = a - a.mean(), b - b.mean()
-    scale = np.sqrt((a @ a) * (b @ b))
-    if scale == 0.0:
-        return np.zeros(lags + 1)
-    return np.array([float(a[: len(a) - k] @ b[k:]) for k in range(lags + 1)]) / scale
-
-
-def correlation_figure(t: Array, lefts: Mapping[str, Array], dq: Array) -> Any:
-    """Correlation of what models leave of a joint (M,) with itself and with its velocity (M,) at later
-    instants; the band holds 95 % of those of unrelated signals."""
-    # Filtered rows are oversampled twice: every second one is a sample of its own.
-    t, dq = t[::2], dq[::2]
-    lags = min(_LAGS, len(t) // 4)
-    x = np.arange(lags + 1) * float(np.median(np.diff(t)))
-    plot = Figure()
-    for m, (name, left) in enumerate(lefts.items()):
-        for what, other, dash in (("itself", left[::2], "solid"), ("the velocity", dq, "dot")):
-            line = {"color": COLOURS[m % len(COLOURS)], "dash": dash}
-            y, called = correlation(left[::2], other, lags), f"{name}: with {what}"
-            plot.add(trace("scatter", x=x, y=y, name=called, mode="lines", line=line))
-    plot.update_layout(shapes=noise_band(1.96 / np.sqrt(max(len(t), 1))))
-    plot.update_axes("x", title="lag [s]")
-    plot.update_axes("y", title="correlation", range=[-1.05, 1.05])
     return plot
 
 

@@ -55,8 +55,9 @@ class Contestant:
     def told(self, accuracy: float) -> str:
         """What it is told, in its documentation's names."""
         if self.options is None:
-            return "nothing: its own defaults"
-        return ", ".join(f"{key} {value}" for key, value in self.options(accuracy).items())
+            return ""
+        told = self.options(accuracy).items()
+        return ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in told)
 
     def refuses(self, instance: Instance) -> str | None:
         """Why an instance cannot be posed to it, or None."""
@@ -69,8 +70,6 @@ def contestants() -> dict[str, Contestant]:
     found = [_shipped(), *_baselines()]
     for name, module in solver_modules().items():
         found += [_conic(name, module), _certified(name, module)]
-        if hasattr(module, "DEFAULT_ACCURACY"):
-            found.append(_untuned(name, module))
         found += [_variant(name, module, variant) for variant in getattr(module, "VARIANTS", ())]
     return {c.name: c for c in sorted(found, key=lambda c: c.name)}
 
@@ -98,7 +97,7 @@ def _shipped() -> Contestant:
 
 
 def _conic(name: str, module: ModuleType, *variant: str) -> Contestant:
-    def solve(instance: Instance, accuracy: float | None) -> Answer:
+    def solve(instance: Instance, accuracy: float) -> Answer:
         sdp = instance.sdp
         solution = module.solve(sdp.conic, accuracy, *variant)
         seen, x, z = solution.seen or (sdp.conic, solution.x, solution.z)
@@ -123,19 +122,6 @@ def _conic(name: str, module: ModuleType, *variant: str) -> Contestant:
         module.options,
         entropy="exp" in module.CONES,
         warm_up=lambda: warm_up(module),
-    )
-
-
-def _untuned(name: str, module: ModuleType) -> Contestant:
-    """The solver told nothing: its own tolerances, which its documentation calls sensible."""
-    told = _conic(name, module)
-    return replace(
-        told,
-        name=f"{name} untuned",
-        description=f"{name} with its own default settings",
-        solve=lambda instance, accuracy: told.solve(instance, None),  # type: ignore[arg-type]
-        options=None,
-        promise=module.DEFAULT_ACCURACY,
     )
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import importlib.util
 import io
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,8 +19,8 @@ from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.shootout.judge import SLACK
 from sdp_vs_penalty.shootout.results import Row
 
-#: Solvers in the figure: those that were right most often.
-_CURVES = 11
+#: Solvers in the figure ran on at least this share of the problems.
+_MOST = 0.8
 
 
 def reached(row: Row, accuracy: float) -> bool:
@@ -63,10 +63,7 @@ def profile(rows: Sequence[Row], accuracy: float) -> dict[str, tuple[np.ndarray,
 
 
 def plot_profile(rows: Sequence[Row], path: Path) -> bool:
-    """SVG: standard problems above, ill-conditioned ones below, an accuracy a column.
-
-    False where matplotlib (extra [plot]) is absent.
-    """
+    """SVG of the solvers that ran on most problems, an accuracy a panel; False without matplotlib."""
     if importlib.util.find_spec("matplotlib") is None:
         return False
     import matplotlib
@@ -74,52 +71,29 @@ def plot_profile(rows: Sequence[Row], path: Path) -> bool:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    shown = _shown(rows)
-    parts = {
-        "standard": [r for r in rows if "ill-conditioned" not in r["group"]],
-        "ill-conditioned": [r for r in rows if "ill-conditioned" in r["group"]],
-    }
-    parts = {name: part for name, part in parts.items() if part}
-    columns = accuracies(rows) or [1e-8]
+    asked = accuracies(rows) or [1e-8]
+    ran = {(r["solver"], r["problem"]) for r in rows if not r["solver"].endswith(" certified")}
+    count = Counter(solver for solver, _ in ran)
+    shown = sorted(s for s, k in count.items() if k >= _MOST * max(count.values()))
     with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
-        figure, axes = plt.subplots(
-            len(parts), len(columns), figsize=(3.2 * len(columns) + 1.6, 2.8 * len(parts)),
-            squeeze=False, sharex=True, sharey=True, layout="constrained",
-        )  # fmt: skip
-        for down, (name, part) in enumerate(parts.items()):
-            for across, accuracy in enumerate(columns):
-                panel = axes[down][across]
-                curves = profile(part, accuracy)
-                for solver, style in shown.items():
-                    ratios, shares = curves.get(solver, (np.zeros(0), np.zeros(0)))
-                    if len(ratios):
-                        ends = np.append(ratios, 1e5), np.append(shares, shares[-1])
-                        panel.step(*ends, where="post", label=solver, **style)
-                panel.set_title(f"{name}, {accuracy:.0e}")
-                panel.grid(alpha=0.3)
-        axes[0][0].set(xscale="log", xlim=(0.9, 1e4), ylim=(0.0, 1.03))
-        for panel in axes[-1]:
+        size = (3.2 * len(asked) + 1.6, 3.4)
+        figure, axes = plt.subplots(1, len(asked), figsize=size, sharey=True, layout="constrained")
+        for panel, accuracy in zip(np.atleast_1d(axes), asked, strict=True):
+            curves = profile(rows, accuracy)
+            for k, solver in enumerate(shown):
+                ratios, shares = curves.get(solver, (np.zeros(0), np.zeros(0)))
+                ends = np.append(ratios, 1e5), np.append(shares, shares[-1:] if len(shares) else 0.0)
+                style = {"color": f"C{k % 10}", "linestyle": "-" if k < 10 else "--"}
+                width = 2.2 if solver == "lmi-sdp" else 1.2
+                panel.step(*ends, where="post", label=solver, linewidth=width, **style)
+            panel.set(xscale="log", xlim=(0.9, 1e4), ylim=(0.0, 1.03), title=f"{accuracy:.0e}")
             panel.set_xlabel("time over the fastest that was right")
-        for panel in axes[:, 0]:
-            panel.set_ylabel("share of problems got right")
-        named = {t: h for a in axes.flat for h, t in zip(*a.get_legend_handles_labels(), strict=True)}
-        order = [solver for solver in shown if solver in named]
-        figure.legend([named[s] for s in order], order, loc="outside right upper", frameon=False)
+            panel.grid(alpha=0.3)
+        np.atleast_1d(axes)[0].set_ylabel("share of problems got right")
+        handles = np.atleast_1d(axes)[0].get_legend_handles_labels()
+        figure.legend(*handles, loc="outside right upper", frameon=False)
         file = io.BytesIO()
         figure.savefig(file, format="svg", metadata={"Date": None})
         plt.close(figure)
     write_bytes(path, file.getvalue())
     return True
-
-
-def _shown(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
-    """The solvers by themselves that get most right, best first, and how each is drawn."""
-    right: dict[str, int] = {}
-    for r in rows:
-        if not r["solver"].endswith((" certified", " untuned")):
-            right[r["solver"]] = right.get(r["solver"], 0) + reached(r, r["accuracy"])
-    runs = {s: sum(r["solver"] == s for r in rows) for s in right}
-    best = sorted(right, key=lambda s: (-right[s] / runs[s], s))[:_CURVES]
-    ours = {"lmi-sdp": {"color": "black", "linewidth": 2.2, "zorder": 3}}
-    styles = [{"color": f"C{k % 10}", "linestyle": "-" if k < 10 else "--"} for k in range(len(best))]
-    return {s: ours.get(s, style) for s, style in zip(best, styles, strict=True)}

@@ -127,8 +127,8 @@ def links(row: Row) -> int | None:
 def ranking(rows: Sequence[Row]) -> list[Row]:
     """The contestants on arms of LINKS links, those that reach ACCURACY most often first.
 
-    A problem that cannot be posed to a contestant is one that it does not solve. seconds : the median
-    where it was right.
+    run : on how many of the ``problems`` it ran: log det cannot be posed to all, time ran out for some.
+    seconds : the median where it was right.
     """
     mine = at_accuracy([r for r in rows if links(r) == LINKS], ACCURACY)
     out = []
@@ -139,6 +139,7 @@ def ranking(rows: Sequence[Row]) -> list[Row]:
             {
                 "solver": solver,
                 "right": len(right),
+                "run": len({r["problem"] for r in runs}),
                 "problems": len({r["problem"] for r in mine}),
                 "silently wrong": sum(r["class"] == "silently_wrong" for r in runs),
                 "seconds": float(np.median([r["seconds"] for r in right])) if right else np.inf,
@@ -165,11 +166,12 @@ def answer(rows: Sequence[Row]) -> str:
         "",
     ]
     cells = [
-        (r["solver"], f"{r['right']} of {r['problems']}", str(r["silently wrong"]),
+        (r["solver"], str(r["right"]), str(r["run"]), str(r["silently wrong"]),
          milliseconds(r["seconds"]), f"{r['attempts']:.1f}")
         for r in table
     ]  # fmt: skip
-    text += markdown_table(("solver", "right", "silently wrong", "median [ms]", "attempts"), cells)
+    heads = ("solver", "right", "of problems run", "silently wrong", "median [ms]", "attempts")
+    text += markdown_table(heads, cells)
     return "\n".join(text) + "\n"
 
 
@@ -219,7 +221,7 @@ def write_summary(
         missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
     asked = accuracies(rows)
     ran = [people[name] for name in sorted({r["solver"] for r in rows}) if name in people]
-    told = [[c.name, c.told(a)] for c in ran for a in (asked[:1] + asked[-1:] if c.tunable else [1.0])]
+    told = [[c.name, c.told(a)] for c in ran if c.tunable for a in (*asked[:1], *asked[-1:])]
     cells = [[_short(h, row[h]) for h in _COLUMNS] for row in table]
     # The text is a file beside this one.
     said = (

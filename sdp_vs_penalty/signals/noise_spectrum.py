@@ -16,6 +16,8 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 #: What the noise is known from.
 SPECTRUM = "spectrum"
+#: How well (.52 to 1.3 of the true floor): said wherever it is used.
+SPECTRUM_KNOWN = "right within a factor of two"
 #: In torque cut-offs: where the motion has ended. In sample rates: the last frequency, and the last one
 #: at which the band may begin.
 _ABOVE, _LAST, _LATEST = 2.0, 0.45, 0.33

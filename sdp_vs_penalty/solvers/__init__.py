@@ -4,9 +4,8 @@ NAME : on the command line; EXTRA : what installs it (None: the core installatio
 ("package", module) or ("program", command) without which it is absent; CONES : what it takes, after
 rewriting where it lacks quadratic objectives, equalities or second-order cones; options(accuracy), what
 the solver is told. Where they are needed: warm_up(), what a first call pays for; licence(), why it
-must not run; SYSTEM_PACKAGE, Debian's name of a program's package; DEFAULT_ACCURACY, what it asks of
-itself if solve() is given None; FINEST, what a loop around it may ask; VARIANTS, further parameter sets
-of its manual by name, the third argument of solve() and options().
+must not run; SYSTEM_PACKAGE, Debian's name of a program's package; FINEST, what a loop around it
+may ask; VARIANTS, further parameter sets of its manual, the third argument of solve() and options().
 """
 
 from __future__ import annotations

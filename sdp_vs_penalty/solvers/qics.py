@@ -17,9 +17,6 @@ EXTRA = "solvers"
 REQUIRES = ("package", "qics")
 CONES = frozenset({"zero", "nonnegative", "soc", "psd", "exp"})
 
-#: What QICS asks of itself where it is told nothing.
-DEFAULT_ACCURACY = 1e-8
-
 _CLAIMS = {
     "optimal": "optimal",
     "near_optimal": "inaccurate",
@@ -30,17 +27,15 @@ _CLAIMS = {
 }
 
 
-def options(accuracy: float | None) -> dict[str, Any]:
-    """What the solver is told, in its own words, for a relative gap and feasibility; None: nothing.
+def options(accuracy: float) -> dict[str, Any]:
+    """What the solver is told, in its own words, for a relative gap and feasibility.
 
     Iterative refinement and third-order adjustments are on by default, as its documentation recommends.
     """
-    if accuracy is None:
-        return {}
     return {"tol_gap": accuracy, "tol_feas": accuracy, "max_iter": 200}
 
 
-def solve(problem: ConicProblem, accuracy: float | None = 1e-9) -> Solution:
+def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     """Solve to the accuracy asked for (gap and feasibility)."""
     import qics
 

@@ -17,25 +17,23 @@ EXTRA = "solvers"
 REQUIRES = ("package", "scs")
 CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
 
-#: What SCS asks of itself where it is told nothing; what our loop asks of a first-order method.
-DEFAULT_ACCURACY, FINEST = 1e-4, 1e-7
+#: What our loop asks of a first-order method.
+FINEST = 1e-7
 
 _CLAIMS = {1: "optimal", 2: "inaccurate", -1: "unbounded", -2: "infeasible", -6: "unbounded"}
 _CLAIMS[-7] = "infeasible"
 
 
-def options(accuracy: float | None) -> dict[str, Any]:
-    """What the solver is told, in its own words, for a relative gap and feasibility; None: nothing.
+def options(accuracy: float) -> dict[str, Any]:
+    """What the solver is told, in its own words, for a relative gap and feasibility.
 
     The rest are its defaults, which its documentation recommends (adaptive scale, normalisation,
     Anderson acceleration over 10 steps).
     """
-    if accuracy is None:
-        return {}
     return {"eps_abs": accuracy, "eps_rel": accuracy, "max_iters": 100_000}
 
 
-def solve(problem: ConicProblem, accuracy: float | None = 1e-9) -> Solution:
+def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     """Solve to the accuracy asked for (absolute and relative residuals)."""
     import scs
 

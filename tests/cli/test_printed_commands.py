@@ -96,7 +96,7 @@ def robot(kind: str, folder: Path) -> str:
 
 #: Arms, and whether what they miss is searched for (in half a minute) or told.
 KINDS = [
-    ("URDF named two_link", True), ("folder", False), ("SCARA", False),
+    ("URDF named two_link", True), ("folder", False),
     *(pytest.param(kind, True, marks=pytest.mark.slow) for kind in ("panda", "folder", "SCARA")),
 ]  # fmt: skip
 
@@ -157,7 +157,7 @@ def test_on_the_real_panda(run: Run, data_folder: Path) -> None:
     assert load_estimate(Path("m2.json")).certificate.gap is not None
 
 
-@pytest.mark.parametrize("kind", ["two_link", "URDF named two_link", "folder"])
+@pytest.mark.parametrize("kind", ["two_link", pytest.param("folder", marks=pytest.mark.slow)])
 def test_the_check_repairs_what_it_says(kind: str, run: Run, tmp_path: Path) -> None:
     """One run, and two, with a torque's sign flipped: the copies that it offers to write are clean."""
     source = robot(kind, tmp_path)

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from random_robots import repeating_run as run_of
 
-from sdp_vs_penalty import Problem, compare, export, load_estimate, report
+from sdp_vs_penalty import Problem, compare, export, identify, load_estimate, report
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.measurements import Runs
+from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.page.summary import summary
 
 #: Method, effects, and the run it is judged on; the usual effects where there are none.
@@ -64,6 +65,9 @@ def test_one_grade_everywhere(
         shown = capsys.readouterr()
         assert stop.value.code == 0, shown.err
     run, estimate = load_measurements(folder / f"{judged}.csv"), load_estimate(model)
+    mine = identify("two_link", folder / "train.csv", method, effects=effects or None)
+    recorded = (Verdict.from_dict(one.provenance["verdict"]) for one in (mine, estimate))
+    assert len(set(recorded)) == 1
     found = compare({"model": estimate}, run)[0].verdict
     assert found.headline.split(".")[0] in shown.out
     said = json.loads(figures.read_text())["models"][0]["verdict"]
@@ -82,8 +86,6 @@ def test_one_grade_everywhere(
 
 
 def test_the_grades_are_not_all_the_same(folder: Path, two_link: Problem) -> None:
-    from sdp_vs_penalty import identify
-
     train, other = (load_measurements(folder / f"{name}.csv") for name in ("train", "other"))
     good = identify(two_link, train)
     assert compare(good, other)[0].verdict.grade == "good"

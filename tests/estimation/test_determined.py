@@ -60,6 +60,9 @@ def test_a_model_says_who_decides_and_export_what_is_implausible(arm: Problem, t
     # One sentence names the links that are not weighed, and a mass that is far from its nominal value.
     assert "link" in made.unweighed
     assert "far from nominal" not in made.unweighed
+    drawn = replace(made.problem, nominal_from=("kinematics",) * made.problem.robot.links)
+    assert "drawn" not in made.unweighed
+    assert "not measured: no file states it" in replace(made, problem=drawn).unweighed
     heavy = made.theta.copy()
     heavy[names.index("m1")] *= 5.0
     assert "far from nominal: 39.8 kg for 8 (link 1)" in replace(made, theta=heavy).unweighed

@@ -34,7 +34,7 @@ if CHROMIUM is None:
 DESKTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 ROOT = str(Path(__file__).parents[2])
 #: Milliseconds that a job may take on a busy computer.
-PATIENCE = 60_000
+PATIENCE = 240_000
 ARM = """<robot name="arm"><link name="base"/><link name="column"/><link name="slider"/>
   <joint name="turn" type="continuous"><parent link="base"/><child link="column"/>
     <origin xyz="0 0 0.3"/><axis xyz="0 1 0"/></joint>
@@ -95,8 +95,8 @@ def serving(temporary: Path, *arguments: str) -> Iterator[Server]:
     finally:
         family = psutil.Process(made.process.pid).children(recursive=True)
         made.process.terminate()
-        made.process.wait(10)
-    _, alive = psutil.wait_procs(family, 5)
+        made.process.wait(60)
+    _, alive = psutil.wait_procs(family, 30)
     assert not alive, alive
     assert list(made.temporary.glob("sdp-vs-penalty-page-*")) == []
     assert list(made.temporary.glob("pymp-*")) == []  # Python's own, of its processes
@@ -173,25 +173,24 @@ def busy(server: Server) -> list[Any]:
     raise AssertionError("nothing computes")
 
 
-def go(page: Page, step: str) -> None:
-    """To a step by the rail."""
-    page.click(f"nav.steps [data-to={step}]")
+def go(page: Page, stage: str) -> None:
+    """To a stage by the rail."""
+    page.click(f"nav.stages [data-to={stage}]")
 
 
 def pick(page: Page, robot: str) -> None:
-    """A built-in robot, and on to its runs."""
+    """A built-in robot."""
     page.click(key(f"robot-{robot}"))
     page.wait_for_selector(key("drop-runs"), state="attached")
-    go(page, "runs")
 
 
 def choose(page: Page, robot: str, data: list[Path]) -> None:
-    """A robot and files with its runs, and on to the model."""
+    """A robot and files with its runs, and on to Identify."""
     pick(page, robot)
     page.set_input_files(key("drop-runs"), [str(path) for path in data])
     page.wait_for_selector(f"table.runs tbody tr:nth-child({len(data)})")
     idle(page)
-    go(page, "model")
+    go(page, "identify")
 
 
 def errors(page: Page) -> list[list[float]]:

@@ -71,11 +71,11 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
     page.click(key("simulate"))
     page.wait_for_selector("table.runs")
     idle(page)
-    go(page, "model")
+    go(page, "identify")
     page.click(key("identify"))
     page.wait_for_selector("[data-part=fit] .js-line")
     idle(page)
-    go(page, "methods")
+    go(page, "advanced")
     for name in ("lmi-sdp", "ols", "penalty"):
         page.uncheck(key(f"method-{name}"))
     for name in ("penalty-paper", "penalty-paper-two-step", "penalty-two-step", "lmi-sdp-entropic"):
@@ -89,11 +89,11 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
     again = open_page(context, server, "")
     assert again.url == address
     again.wait_for_selector("table.runs", state="attached")
-    go(again, "fit")
+    go(again, "identify")
     again.wait_for_selector("[data-part=fit] .js-line")
     assert again.locator("table.runs tbody tr").count() == 4
     assert again.locator("table.methods").count() == 0
-    go(again, "findings")
+    go(again, "diagnose")
     again.click(key("diagnose"))  # and it goes on
     again.wait_for_selector(key("add-0"))
 
@@ -130,7 +130,7 @@ def test_two_tabs_are_independent(context: BrowserContext, server: Server) -> No
     for page, joints in ((first, 7), (second, 1)):
         page.wait_for_selector("table.runs")
         assert page.locator(f"{key('hide-joint')} option").count() == joints
-        go(page, "robot")
+        go(page, "measure")
     assert "torques in N." in second.inner_text("[data-part=robot]")
     assert "torques in N m." in first.inner_text("[data-part=robot]")
 
@@ -302,11 +302,9 @@ def test_the_folder_is_offered_and_kept_as_it_is(
         assert "arm.urdf" in offered
         assert "not_mine" not in offered
         pick(page, "with_bounds")
-        go(page, "robot")
         page.wait_for_selector("text=with_bounds has 2 joints")
         page.click(key("robot-two_link"))
         page.wait_for_selector("text=two_link has 2 joints")  # the runs of the other one are gone
-        go(page, "runs")
         page.wait_for_selector(key("read-folder"))
         assert "elsewhere.csv" not in page.inner_text("[data-part=runs]")
         page.get_by_label("run1.csv").check()

@@ -22,7 +22,6 @@ from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.reports.parameters import ellipsoid
-from sdp_vs_penalty.reports.plots import correlation
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation import experiment
 
@@ -269,16 +268,6 @@ def test_how_long_it_takes_on_the_real_panda(panda: Problem, panda_run: Measurem
     html = make_report({"ols": estimate}, panda_run)
     assert time.process_time() - begin < 5.0
     assert len(html) < 2.5e6
-
-
-def test_correlations_of_unrelated_signals_keep_their_band_and_a_delay_is_seen() -> None:
-    rng = np.random.default_rng(0)
-    a, b = rng.normal(size=(2, 2000))
-    inside = np.abs(correlation(a, b)) < 1.96 / np.sqrt(len(a))
-    assert inside.mean() > 0.8
-    assert int(np.argmax(correlation(a, np.roll(a, 7)))) == 7
-    assert correlation(a, a)[0] == pytest.approx(1.0)
-    assert not correlation(np.ones(50), b[:50]).any()
 
 
 def test_measured_curves_are_drawn_with_band_and_data(

@@ -60,8 +60,7 @@ def verb(
     """
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.data.measurements import Measurements
-    from sdp_vs_penalty.diagnosis.comparison import compare as compare_models
-    from sdp_vs_penalty.estimation.identify import identify as run_identification
+    from sdp_vs_penalty.diagnosis.identification import identified
     from sdp_vs_penalty.estimation.known_load import parsed_known_load
     from sdp_vs_penalty.estimation.servo import parsed_known
     from sdp_vs_penalty.estimators import with_solver
@@ -76,10 +75,11 @@ def verb(
             warn_or_refuse(robot, given, "identify", gains=bool(known_load))
         begin = time.perf_counter()
         try:
-            estimate = run_identification(
+            estimate, fit = identified(
                 robot,
                 given,
                 estimator,
+                noise_from=whole if isinstance(whole, Measurements) else None,
                 effects=effects,
                 seed=seed,
                 progress=progress,
@@ -96,11 +96,6 @@ def verb(
             raise
         seconds = time.perf_counter() - begin
         estimate.provenance.update({"data": words(data, window), "checked": not no_check})
-        # A black box's answers are no torque along a motion: the certificate's loss is all there is.
-        fit = None
-        if isinstance(given, Measurements):
-            fit = compare_models({estimate.method: estimate}, given, noise_from=whole)[0]
-            estimate.provenance["verdict"] = fit.verdict.to_dict()
         estimate.save(out)
     printing.estimate(estimate, fit, seconds)
     console.written(out)

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, note, tag
-from sdp_vs_penalty.page.part import Part, Verdict
+from sdp_vs_penalty.page.part import Part
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import View
 
@@ -48,15 +47,17 @@ def _draw(view: View) -> None:
         parts["chart"] = chart(drawn, "Positions, velocities and torques of all joints over time")
         parts["chart"].classes("timed")
         parts["arm"] = draw_arm(view, session.arm["drawn"], "nominal links")
-    note("Positions, velocities and torques on one time axis: drag to look closer, Play moves the arm.")
+    note("Crosses: what the check would put there. Drag to look closer; Play moves the arm.")
     move()
 
 
 def _findings(session: Session) -> None:
     """What the check says, each with its repair; a tick where it says nothing."""
+    with tag("p", style="row"):
+        for run, findings in session.checked:
+            if not findings:
+                tag("span", f"✓ {run['name']}", "tick")
     for run, findings in session.checked:
-        if not findings:
-            tag("p", f"✓ {run['name']}: nothing wrong.", "tick")
         for found in findings:
             with tag("p", style=f"finding {found['severity']}"):
                 tag("strong", f"{run['name']}: {found['kind']}. ")
@@ -70,24 +71,14 @@ def _findings(session: Session) -> None:
                     "primary",
                 )
         if any(found["mends"] for found in run["findings"]):
-            button(f"Repair {run['name']}", partial(session.mend, run["file"]), f"mend-{run['file']}")
-
-
-def _verdict(session: Session) -> Verdict | None:
-    if session.meaningless:
-        return Verdict("bad", f"{session.meaningless[0]}.", "Check failed")
-    warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
-    if warned:
-        return Verdict("usable", f"It found {show.words(warned)}.", "Check")
-    return Verdict("good", f"Nothing wrong in {show.count(len(session.runs), 'run')}.", "Check")
+            apply = partial(session.mend, run["file"])
+            button(f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary")
 
 
 CHECK = Part(
     "check",
-    "Look at the data",
-    "Add measurements first.",
+    "",
     lambda session: bool(session.runs),
     _depends,
     _draw,
-    _verdict,
 )

@@ -9,8 +9,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import event_lines
 from sdp_vs_penalty.page.charts import missing_chart
 from sdp_vs_penalty.page.controls import button, chart, check, details, draw_form, note, tag, text_field
-from sdp_vs_penalty.page.part import Verdict, after_model
-from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.part import after_model
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import (
     change,
@@ -39,8 +38,12 @@ def _draw(view: View) -> None:
             "that did not select it."
         )
         return
-    tag("p", found.headline, f"verdict {found.verdict}")
     added = session.added
+    if not added:
+        tag("p", found.headline, f"verdict {found.verdict}")
+    else:  # the headline is about the model before
+        names = show.words([text.partition("@")[0] for text in sorted(added)])
+        tag("p", f"Added: {names}. Diagnose again to see what is missing now.", "verdict")
     sure = [f.text for f in found.effects if f.confidence == "confident" and f.text not in added]
     with tag("ol", style="findings"):
         for k, finding in enumerate(found.effects):
@@ -59,7 +62,7 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
     units = session.arm["units"]
     with tag("li", style="card finding-card" + (" done" if added else "")):
         with tag("div", style="head"):
-            tag("h3", f"{plain_name(finding.effect)} · {where(finding.joints)}")
+            tag("h4", f"{plain_name(finding.effect)} · {where(finding.joints)}")
             tag("span", finding.confidence, f"badge {finding.confidence}")
         unit = show.plain_unit(finding.unit)
         size = f"{finding.size:.4g} ± {finding.std:.1g} {unit}".strip()
@@ -118,7 +121,7 @@ def _curves(view: View, found: Diagnosis) -> None:
     units = session.arm["units"]
     for k, (curve, text) in enumerate(zip(found.curves, session.curve_texts, strict=True)):
         with tag("div", style="card finding-card"):
-            tag("h3", f"Missing torque without a name · joint {curve.joint}")
+            tag("h4", f"Missing torque without a name · joint {curve.joint}")
             tag("p", curve.sentence(units))
             if session.model is not None:
                 read = session.recording(session.model, view.run)
@@ -152,7 +155,7 @@ def _fall(before: float, after: float, floor: float, known: bool, joint: int, un
                     tag("div", style=f"fill {name}").style(f"width: {100.0 * value / largest:.1f}%")
                     tag("div", style="floor").style(f"left: {min(100.0 * floor / largest, 99.5):.1f}%")
                 tag("span", with_unit(value, unit), "value")
-        guess = "" if known else " (estimated: no motion repeats)"
+        guess = "" if known else " (at most: the model's own error is in it)"
         tag("span", f"{change(before, after)}; noise {with_unit(floor, unit)}{guess}", "soft")
 
 
@@ -167,9 +170,9 @@ def _rest(found: Diagnosis) -> None:
                 tag("li", f"{line.capitalize()}.")
     for remark in found.remarks:
         note(remark)
-    share = ", ".join(f"{k}: {100 * max(x, 0.0):.0f} %" for k, x in enumerate(found.unexplained, 1))
-    share = share if found.noise_known else "not known"
-    note(f"Unexplained variance / noise variance, per joint: {share}.")
+    over = ", ".join(f"{(1.0 + max(x, 0.0)) ** 0.5:.2g}" for x in found.unexplained)
+    over = over if found.noise_known else "not known"
+    note(f"Held-out error over noise with everything found, joint by joint: {over}.")
     if found.invisible:
         with details("Not identifiable from these runs", "invisible"):
             note("The model's existing parameters absorb the torque of:")
@@ -178,24 +181,9 @@ def _rest(found: Diagnosis) -> None:
                     tag("li", f"{plain_name(item.effect)}, {where(item.joints)}")
 
 
-def _verdict(session: Session) -> Verdict | None:
-    found = session.findings
-    if found is None:
-        return None
-    left = sum(f.text not in session.added for f in found.effects)
-    if found.unknown:
-        return Verdict("", f"Missing: {found.unknown}.")
-    if left:
-        return Verdict("", f"{show.count(left, 'missing effect')} can be added.")
-    if found.effects:
-        return Verdict("", "All that was found is added.")
-    return Verdict("", found.headline)
-
-
 FINDINGS = after_model(
     "findings",
     "What is missing",
     _draw,
-    _verdict,
     lambda s: (s.found_for, s.frozen, s.findings and s.findings.to_dict()),
 )

@@ -11,17 +11,14 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import new_motion
 from sdp_vs_penalty.page.arm import draw_arm, torque_errors
 from sdp_vs_penalty.page.charts import (
-    asked_instants,
     asked_span,
-    correlation_chart,
     merged,
     residual_chart,
     torque_chart,
     with_shades,
 )
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, framed, note, tag
-from sdp_vs_penalty.page.part import Verdict, after_model, model_verdict
-from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.part import after_model
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held, with_unit
@@ -59,7 +56,7 @@ def _draw(view: View) -> None:
         curves = session.curves(model, view.run)
         if len(session.history) > 1:
             curves = merged(session.curves(session.history[0], view.run), curves)
-        shown = torque_chart(curves, view.joint or 0, units, view.span, view.marked)
+        shown = torque_chart(curves, view.joint or 0, units, view.span)
         return with_shades(shown, _stretches(view, model))
 
     def reads() -> list[Any]:
@@ -69,10 +66,7 @@ def _draw(view: View) -> None:
     def against() -> dict[str, Any]:
         j = view.joint or 0
         floor = comparison["noise_floor"][j]
-        return residual_chart(reads(), j, view.signal, view.shown, units[j], floor, view.span)
-
-    def correlated() -> dict[str, Any]:
-        return correlation_chart(reads(), view.joint or 0)
+        return residual_chart(reads(), j, view.signal, units[j], floor, view.span)
 
     def zoom(event: Any) -> None:
         span = asked_span(event.args)
@@ -84,7 +78,7 @@ def _draw(view: View) -> None:
         for k in {seen.get("chip", j), j}:
             chips[k].classes(add="on" if k == j else "", remove="" if k == j else "on")
             chips[k].props["aria-pressed"] = "true" if k == j else "false"
-        at = j, view.run, view.span, view.marked
+        at = j, view.run, view.span
         if seen.get("chart") != at:
             parts["chart"].update_figure(options())
         if seen.get("run") != view.run and "arm" in parts:
@@ -94,11 +88,9 @@ def _draw(view: View) -> None:
         parts["words"].text = _words(model, j, units[j])
 
     def follow_behind() -> None:
-        at = view.joint or 0, view.run, view.signal, view.shown, view.span
+        at = view.joint or 0, view.run, view.signal, view.span
         if seen["against"] != at:
             parts["against"].update_figure(against())
-        if seen["against"][:2] != at[:2]:
-            parts["correlated"].update_figure(correlated())
         seen["against"] = at
 
     with tag("div", style="pair"):
@@ -113,30 +105,17 @@ def _draw(view: View) -> None:
         found = session.findings if session.found_for == len(session.history) else None
         _heat(view, model.failures, found)
     with tag("div", style="pick"):
-        across = list(SIGNALS.items())
-        up = [("error", "error"), *across]
-        choice("Show", up, view.shown, lambda name: view.look(shown=name), "shown")
-        choice("against", across, view.signal, lambda name: view.look(signal=name), "signal")
+        signals = list(SIGNALS.items())
+        choice("Error against", signals, view.signal, lambda name: view.look(signal=name), "signal")
     parts["against"] = chart(against(), "Error of the joint against a signal")
-    parts["against"].on(
-        "plotly_selected", lambda e: view.look(marked=asked_instants(e.args)), js_handler=_INSTANTS
-    )
-    parts["against"].on("plotly_deselect", lambda: view.look(marked=()))
-    said = (
-        "Drag over points: the same instants are ringed above; a double click ends that. Below, the "
-        "correlation of the error with itself and with the velocity at later instants; grey: where 95 % "
-        "of the correlations of unrelated signals lie."
-    )
-    note(said)
-    parts["correlated"] = chart(correlated(), "Correlations of the joint's error")
-    seen: dict[str, Any] = {"chart": (view.joint, view.run, view.span, view.marked)}
-    seen["against"] = view.joint, view.run, view.signal, view.shown, view.span
+    seen: dict[str, Any] = {"chart": (view.joint, view.run, view.span)}
+    seen["against"] = view.joint, view.run, view.signal, view.span
     view.followers["fit"], view.behind["fit"] = follow, follow_behind
     follow()
     if model.on_bounds:
         note(
             f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}. "
-            "The step Model changes bounds."
+            "More options above change bounds."
         )
 
 
@@ -154,7 +133,7 @@ def _figures(model: ModelStep) -> None:
             "time": f"{model.seconds:.2g} s",
         }
     )
-    for line in comparison["verdict"]["lines"]:
+    for line in comparison["verdict"]["lines"][1:]:  # the first one stands above
         tag("p", f"{line['about'].capitalize()} ({line['grade']}): {line['text']}", "line")
 
 
@@ -213,7 +192,7 @@ def _stretches(view: View, model: ModelStep) -> list[tuple[float, float, str]]:
 
 def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -> None:
     """Which cause explains how much of each joint's error: darker is more; findings first."""
-    tag("h3", "Where it fails, and why")
+    tag("h4", "Where it fails, and why")
     note(
         "Share of each joint's error that a function of a cause explains on held-out data, in per "
         "cent; causes that explain nothing are left out. Click a cell to see the joint."
@@ -247,15 +226,4 @@ _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
   if (cell) emit([cell.dataset.joint, cell.dataset.signal]); }"""
 
 
-#: What selected points send: their instants.
-_INSTANTS = "(e) => emit(((e && e.points) || []).map(p => p.customdata))"
-
-
-def _verdict(session: Session) -> Verdict:
-    """The model's verdict, the only grade on the page."""
-    return model_verdict(session.current)
-
-
-FIT = after_model(
-    "fit", "Verdict: measured against modelled", _draw, _verdict, lambda s: (s.found_for, s.found_in)
-)
+FIT = after_model("fit", "Measured against modelled", _draw, lambda s: (s.found_for, s.found_in))

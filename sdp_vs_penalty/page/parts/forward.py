@@ -9,8 +9,7 @@ import numpy as np
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import torque_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, note, table, tag
-from sdp_vs_penalty.page.part import Verdict, after_model
-from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.part import after_model
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.reports.plots import Curves
 
@@ -35,6 +34,7 @@ def _draw(view: View) -> None:
             "and predictive controllers need this; a model of torques can be good without it."
         )
         return
+    tag("p", made["verdict"], "words")
     table(made["heads"], made["rows"], "Errors of the simulated motion", "numbers")
     note(made["explained"])
     if made["left_out"]:
@@ -77,11 +77,4 @@ def _replay(view: View, made: dict[str, Any]) -> None:
     follow()
 
 
-def _verdict(session: Session) -> Verdict | None:
-    made: Any = session.answer("forward")
-    if made is None:
-        return None
-    return Verdict("", made["verdict"])
-
-
-FORWARD = after_model("forward", "Run forward", _draw, _verdict, lambda s: s.answer("forward"))
+FORWARD = after_model("forward", "Run forward", _draw, lambda s: s.answer("forward"))

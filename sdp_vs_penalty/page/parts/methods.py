@@ -70,4 +70,4 @@ def _draw(view: View) -> None:
     )
 
 
-METHODS = after_model("methods", "Compare methods", _draw, also=lambda s: s.answer("methods"))
+METHODS = after_model("methods", "Compare methods", _draw, lambda s: s.answer("methods"))

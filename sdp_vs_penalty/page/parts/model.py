@@ -31,10 +31,19 @@ _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset",
 def _depends(session: Session) -> Any:
     chosen = session.method, session.seed, session.effects, session.anyway
     bounds = session.options.get("bounds")
-    return (session.robot or {}).get("source"), *chosen, session.meaningless, bounds
+    has_model = session.model is not None
+    return (session.robot or {}).get("source"), *chosen, session.meaningless, bounds, has_model
 
 
 def _draw(view: View) -> None:
+    if view.session.model is None:
+        _form(view)
+    else:
+        with details("Effects, method, options: identify again", "model-form"):
+            _form(view)
+
+
+def _form(view: View) -> None:
     session = view.session
     effects = {e["name"]: e for e in view.catalogue["effects"] if not e["frozen_only"]}
 
@@ -65,7 +74,7 @@ def _draw(view: View) -> None:
         with details(f"More effects ({chosen} of {len(rest)} chosen)", "more-effects") as more:
             if chosen:
                 more.props["open"] = True
-            note("The step What is missing tells which are needed.")
+            note("The stage Diagnose tells which are needed.")
             with tag("div", style="checks"):
                 for name in rest:
                     box(name)
@@ -169,8 +178,7 @@ def _name(effect: str) -> str:
 
 MODEL = Part(
     "model",
-    "Model",
-    "Add measurements first.",
+    "",
     lambda session: any(run["use"] != "test" for run in session.runs),
     _depends,
     _draw,

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from functools import partial
 
-import numpy as np
+from nicegui import ui
 
-from sdp_vs_penalty.estimation.verdict import changes
-from sdp_vs_penalty.page.charts import history_chart
-from sdp_vs_penalty.page.controls import button, chart, details, note, table, tag
-from sdp_vs_penalty.page.part import Verdict, after_model
-from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.controls import button, details, note, table, tag
+from sdp_vs_penalty.page.part import after_model
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import change, figure
+from sdp_vs_penalty.reports.pictures import bars
 
 
 def _draw(view: View) -> None:
@@ -31,12 +29,11 @@ def _draw(view: View) -> None:
         if session.undone:
             button(f"Redo {session.undone[-1].label}", session.redo, "redo")
     if len(history) == 1:
-        note("Add what is missing and watch the error of each joint fall here.")
         return
     errors = [model.comparison["rmse"] for model in history]
     floor = history[-1].comparison["noise_floor"]
-    names = [m.label for m in history]
-    chart(history_chart(names, errors, units, floor), "Error of each joint over its noise")
+    known = None if None in floor else floor
+    ui.html(bars(errors[0], errors[-1], known, units), sanitize=False)
     rows = [
         [
             f"{j + 1} [{unit}]",
@@ -78,22 +75,9 @@ def _all_models(view: View) -> None:
                         button("Go on from it", partial(session.take_up, m), f"take-up-{k}")
 
 
-def _verdict(session: Session) -> Verdict | None:
-    """What became of each joint's error."""
-    if len(session.history) == 1:
-        return None
-    first, last = (session.history[k].comparison for k in (0, -1))
-    floor = None if None in last["noise_floor"] else np.array(last["noise_floor"], float)
-    said = changes(np.array(first["rmse"]), np.array(last["rmse"]), floor)
-    whole = [figure(c["relative_error_percent"]) for c in (first, last)]
-    said = said or "No joint's error changed by more than 5 %."
-    return Verdict("", f"{said} All joints together: {whole[0]} % became {whole[1]} %.")
-
-
 HISTORY = after_model(
     "history",
-    "The falling error",
+    "The model so far",
     _draw,
-    _verdict,
     lambda s: ([m.file for m in s.models], len(s.undone)),
 )

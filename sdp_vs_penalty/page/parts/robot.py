@@ -5,10 +5,9 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from sdp_vs_penalty import show
 from sdp_vs_penalty.checks.urdf import HEADS
 from sdp_vs_penalty.page.controls import button, details, drop, note, table, tag, text_field
-from sdp_vs_penalty.page.part import Part, Verdict
+from sdp_vs_penalty.page.part import Part
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES
 from sdp_vs_penalty.page.view import View
@@ -17,10 +16,32 @@ from sdp_vs_penalty.page.view import View
 def _depends(session: Session) -> Any:
     robot = session.robot
     found = session.answers.get("check_urdf")
-    return robot and (robot["source"], robot["title"], robot["gravity"], found)
+    return robot and (robot["source"], robot["title"], robot["gravity"], found, bool(session.runs))
 
 
 def _draw(view: View) -> None:
+    session, robot = view.session, view.session.robot
+    if robot is not None and session.runs:
+        with details("Another robot", "another-robot"):
+            _choose(view)
+    else:
+        _choose(view)
+    if robot is not None and robot["file"]:
+        tag("p", f"{robot['file']}: {robot['name']}, {robot['title']}", "chosen")
+    elif robot is not None:
+        tag("p", f"{robot['name']}: {robot['title']}", "chosen")
+    if robot is not None:
+        note(f"{_joints(robot)} {robot['known']}")
+        (gravity,) = view.forms.get("robot", [None])
+        if gravity is not None:
+            now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
+            text_field(gravity.help, now, session.mount, "gravity", gravity.example)
+        if robot["source"].lower().endswith(ROBOT_SUFFIXES):
+            _inertials(view)
+
+
+def _choose(view: View) -> None:
+    """The built-in robots, those of the folder, and a place to drop one."""
     session, robot = view.session, view.session.robot
     with tag("div", style="row"):
         button("Show me", session.show_me, "show-me", "primary" if robot is None else "")
@@ -34,16 +55,6 @@ def _draw(view: View) -> None:
         for file in view.folder_files(ROBOT_SUFFIXES):
             _tile(view, str(file), file.name, "from your folder", file.name)
     drop("Your robot's URDF", "drop a file here, or choose one", "robot", ROBOT_SUFFIXES, False)
-    if robot is not None and robot["file"]:
-        tag("p", f"{robot['file']}: {robot['name']}, {robot['title']}", "chosen")
-    if robot is not None:
-        note(f"{_joints(robot)} {robot['known']}")
-        (gravity,) = view.forms.get("robot", [None])
-        if gravity is not None:
-            now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
-            text_field(gravity.help, now, session.mount, "gravity", gravity.example)
-        if robot["source"].lower().endswith(ROBOT_SUFFIXES):
-            _inertials(view)
 
 
 def _inertials(view: View) -> None:
@@ -83,11 +94,4 @@ def _joints(robot: dict[str, Any]) -> str:
     return f"Joints in order: {', '.join(f'{name} [{unit}]' for name, unit in both)}."
 
 
-def _verdict(session: Session) -> Verdict | None:
-    robot = session.robot
-    if robot is None:
-        return None
-    return Verdict("", f"{robot['file'] or robot['name']} has {show.count(robot['n'], 'joint')}.")
-
-
-ROBOT = Part("robot", "Robot", "", lambda session: True, _depends, _draw, _verdict)
+ROBOT = Part("robot", "Robot", lambda session: True, _depends, _draw)

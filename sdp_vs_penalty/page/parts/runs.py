@@ -18,7 +18,7 @@ from sdp_vs_penalty.page.controls import (
     number,
     tag,
 )
-from sdp_vs_penalty.page.part import Part, Verdict
+from sdp_vs_penalty.page.part import Part
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.uploads import RUN_SUFFIXES
 from sdp_vs_penalty.page.view import View
@@ -40,7 +40,7 @@ def _depends(session: Session) -> Any:
 def _draw(view: View) -> None:
     with tag("div", style="ways"):
         with tag("section", style="way"):
-            tag("h3", "Your runs")
+            tag("h4", "Your runs")
             drop(
                 "Drop measurements here",
                 f"or choose files: {', '.join(sorted(RUN_SUFFIXES))}",
@@ -54,10 +54,10 @@ def _draw(view: View) -> None:
                 note("Applies to the files that are read next.")
             _from_folder(view)
         with tag("section", style="way"):
-            tag("h3", "Simulated, with a hidden effect")
+            tag("h4", "Simulated, with a hidden effect")
             _simulated(view)
         with tag("section", style="way"):
-            tag("h3", "Real measurements")
+            tag("h4", "Real measurements")
             _real(view)
     if view.session.runs:
         _list(view)
@@ -156,20 +156,10 @@ def _list(view: View) -> None:
         )
 
 
-def _verdict(session: Session) -> Verdict | None:
-    if not session.runs:
-        return None
-    kept = any(run["use"] in ("test", "split") for run in session.runs)
-    runs = show.count(len(session.runs), "run")
-    return Verdict("", f"{runs}; {'part is' if kept else 'nothing is'} kept for testing.")
-
-
 RUNS = Part(
     "runs",
     "Measurements",
-    "Choose a robot first, so that its joints are known.",
     lambda session: session.robot is not None,
     _depends,
     _draw,
-    _verdict,
 )

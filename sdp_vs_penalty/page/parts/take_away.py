@@ -6,7 +6,7 @@ from functools import partial
 
 from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page.controls import button, details, tag, text_field
-from sdp_vs_penalty.page.part import after_model, model_verdict
+from sdp_vs_penalty.page.part import after_model
 from sdp_vs_penalty.page.uploads import MOST_FILES
 from sdp_vs_penalty.page.view import View
 
@@ -23,29 +23,22 @@ LOAD = {name: use for name, use in _EXPORTS.items() if use.startswith("payload")
 MORE = {name: use for name, use in _EXPORTS.items() if name not in LOAD}
 
 #: The optimisation problem, for other solvers; beside each a .json with what it means.
-POSED = {"problem.cbf": "conic benchmark format", "problem.dat-s": "sparse SDPA"}
+POSED_FILES = {"problem.cbf": "conic benchmark format", "problem.dat-s": "sparse SDPA"}
 #: What else a job may have made to be fetched.
 MADE = (
     *("findings.json", "trajectory.csv", "proof.json", "fixed.urdf"),
     *(f"run-{k}.csv" for k in range(1, MOST_FILES + 1)),
-    *(name for posed in POSED for name in (posed, f"{posed}.json")),
+    *(name for posed in POSED_FILES for name in (posed, f"{posed}.json")),
 )
 
 
 def _draw(view: View) -> None:
     session = view.session
-    verdict = model_verdict(session.current)
-    tag("p", f"{verdict.word}. {verdict.text}", f"verdict {verdict.level}")
-
     flange = {"flange": ""}
-
-    def pose(name: str) -> None:
-        session.ask("pose", f"Making {name}", view.download, name=name)
 
     def tiles(files: dict[str, str]) -> None:
         for name, use in files.items():
             take = partial(session.take, name, view.download, flange)
-            take = partial(pose, name) if name in POSED else take
             with button("", take, f"take-{name}", "tile"):
                 tag("strong", name)
                 tag("span", use)
@@ -67,11 +60,18 @@ def _draw(view: View) -> None:
     more = details("For other simulators and controllers", "more-files")
     with more, tag("div", style="tiles", role="group", aria_label="More files to download"):
         tiles(MORE)
-    posed = details("The identification problem, for other solvers", "posed")
-    with posed, tag("div", style="tiles", role="group", aria_label="Problem files to download"):
-        tiles(POSED)
     with details("The same on the command line", "commands"):
         tag("pre", "\n".join(session.commands()), tabindex="0")
 
 
-TAKE_AWAY = after_model("take-away", "Download", _draw)
+def _draw_posed(view: View) -> None:
+    with tag("div", style="tiles", role="group", aria_label="Problem files to download"):
+        for name, use in POSED_FILES.items():
+            ask = partial(view.session.ask, "pose", f"Making {name}", view.download, name=name)
+            with button("", ask, f"take-{name}", "tile"):
+                tag("strong", name)
+                tag("span", use)
+
+
+TAKE_AWAY = after_model("take-away", "Download", _draw, lambda s: (s.findings is None, s.runs))
+POSED = after_model("posed", "The identification problem, for other solvers", _draw_posed)
