@@ -32,6 +32,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import Regression, compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.runs import sample_rate
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
 #: Cut-off of the states over the highest harmonic of the command.
@@ -139,7 +140,8 @@ def servo_log(
         model = replace(model, known=dict(scale), reference=theta * _factor(model, theta, scale))
         for _ in range(0 if any("T" in e.given for e in drives) else _DELAYS):
             late = law.delay + _lateness(problem, model, data, settings, weighting)
-            law = replace(law, delay=float(np.clip(late, 0.0, _LATEST)))
+            sample = max(1.0 / sample_rate(run) for run in data.runs())  # a log tells no finer than half
+            law = replace(law, delay=float(min(late, _LATEST)) if late > 0.5 * sample else 0.0)
             model = _with_drives(problem, load, names, law.delay)
             theta = _balanced(problem, model, compress(measured, model, settings))
             model = replace(model, known=dict(scale), reference=theta * _factor(model, theta, scale))
