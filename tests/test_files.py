@@ -8,12 +8,13 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 from small_runs import write_run
 
 from sdp_vs_penalty import InputError, load_problem
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.files import alone, protecting, write_text, writing
+from sdp_vs_penalty.files import alone, protecting, read_bytes, read_json, reading, write_text, writing
 from sdp_vs_penalty.files.inputs import opened
 
 
@@ -181,6 +182,50 @@ def test_a_fault_at_any_step_keeps_the_old_file(
             write_text(path, "new")
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
+
+
+def test_the_largest_size_is_the_last_that_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "ten"
+    path.write_bytes(b"0123456789")
+    assert read_bytes(path, 10) == b"0123456789"
+    for other, largest in ((path, 9), (Path("/proc/self/status"), 9)):  # which states no size
+        if other.exists():
+            with pytest.raises(InputError, match="larger than"):
+                read_bytes(other, largest)
+
+
+def test_json_of_another_kind_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    path.write_text('{"format": 1}')
+    assert read_json(path, "model", "format", dict) == {"format": 1}
+    with pytest.raises(InputError, match="not a proof of this program"):
+        read_json(path, "proof", "multipliers", dict)
+
+
+def test_what_a_living_writer_has_begun_stays(tmp_path: Path) -> None:
+    begun = [tmp_path / f".model.json.{process}.0.part" for process in (os.getppid(), 2**30)]
+    for path in begun:
+        path.write_text("half")
+    write_text(tmp_path / "model.json", "whole")
+    assert [path.exists() for path in begun] == [True, False]
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no limit of memory on this system")
+@pytest.mark.parametrize(("size", "fits"), [(10, False), (2**25, True)])
+def test_the_memory_of_unpacking_grows_with_the_file(size: int, fits: bool, tmp_path: Path) -> None:
+    path = tmp_path / "run.npz"
+    with path.open("wb") as file:
+        file.truncate(size)
+
+    def unpack() -> int:
+        with reading(path):
+            return np.empty(800 * 2**20, np.uint8).size  # reserved, never touched
+
+    if fits:
+        assert unpack() == 800 * 2**20
+    else:
+        with pytest.raises(InputError, match="unpacks to more than 384 MiB"):
+            unpack()
 
 
 def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path: Path) -> None:

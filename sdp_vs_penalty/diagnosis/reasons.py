@@ -61,7 +61,7 @@ def reasons(e: Evidence) -> dict[str, str]:
     looks_like = e.effect.looks_like(e.size, e.seen)
     holds = {
         "rivals": e.rivals,
-        "uncertain": not e.std <= UNCERTAIN * abs(e.size),
+        "uncertain": not e.std < UNCERTAIN * abs(e.size),  # nothing is known of a size of zero
         "small": not e.J > 2.0 * APART,
         "not_held_out": not lowers(e.before[on], e.after[on]),
         "more_left": bool(explained < np.sum(e.left[on] ** 2)),

@@ -18,7 +18,7 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.payload import Payload
 from sdp_vs_penalty.errors import InputError
@@ -41,6 +41,8 @@ _HARMONICS = 5.0
 _SIMULATIONS, _SAME = 3, 1e-3
 #: A parameter counts as determined where others leave this share of its column.
 _DETERMINED = 1e-5
+#: Steps to the delay with the links that joints share, the largest delay and the width of its slope [s].
+_DELAYS, _LATEST, _SLOPE = 2, 0.1, 1e-3
 #: Passes in which joints are weighted by what a load leaves.
 _WEIGHTINGS = 3
 #: Velocities over which dry friction may turn round while the law is sought [rad/s, m/s]; doublings of
@@ -135,6 +137,12 @@ def servo_log(
         theta = _balanced(problem, model, regression)
         scale = _scale(problem, model, regression, theta, known)
         model = replace(model, known=dict(scale), reference=theta * _factor(model, theta, scale))
+        for _ in range(0 if any("T" in e.given for e in drives) else _DELAYS):
+            late = law.delay + _lateness(problem, model, data, settings, weighting)
+            law = replace(law, delay=float(np.clip(late, 0.0, _LATEST)))
+            model = _with_drives(problem, load, names, law.delay)
+            theta = _balanced(problem, model, compress(measured, model, settings))
+            model = replace(model, known=dict(scale), reference=theta * _factor(model, theta, scale))
         if k > 0 and before and abs(law.delay - before.delay) < _SAME and law.name == before.name:
             break
         if k < _SIMULATIONS * instruments:
@@ -182,6 +190,43 @@ def _parts(
         # A drive has a rotor. A single joint's cannot be told from what it moves.
         load.append(effect_types()["rotor_inertia"](problem.robot))
     return tuple(load), drives
+
+
+class _Late(Effect):
+    """What a command that acts a second later would change of the drives' torque: d(Y theta)/dT."""
+
+    name = "late_command"
+    equation = explanation = reference = ""
+    whole_robot = True
+    signless = True
+
+    def __init__(self, model: Model, theta: Array) -> None:
+        super().__init__(model.robot)
+        own = zip(model.effects, model.indices, strict=True)
+        self.drives = [(e, theta[k]) for e, k in own if e.forward == "drive" and e.needs_command]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("late", "s", self.name, 0),)
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        columns = np.zeros((self.robot.n, len(motion.t)))
+        for effect, theta in self.drives:
+            for step in (_SLOPE, -_SLOPE):
+                for block in effect.with_shape(T=effect.shape["T"] + step).blocks(motion):
+                    columns[block.joint] += block.columns @ theta[block.parameters] / (2.0 * step)
+        return [Block(j, np.array([0]), column[:, None]) for j, column in enumerate(columns)]
+
+
+def _lateness(
+    problem: Problem, model: Model, data: Measurements, settings: Preprocessing, weighting: str
+) -> float:
+    """How much later than the model says the command acts [s]: one Gauss-Newton step, with links that
+    the joints share."""
+    theta = model.with_known(np.asarray(model.reference))
+    effects = (*model.effects, _Late(model, theta))
+    wide = replace(model, effects=effects, reference=np.append(np.asarray(model.reference), 0.0))
+    return float(make_task(problem, wide, compress(data, wide, settings), weighting).ols[-1])
 
 
 def _with_drives(problem: Problem, load: Sequence[Effect], names: Sequence[str], delay: float) -> Model:

@@ -74,6 +74,7 @@ def test_a_finding_without_a_reason_is_confident() -> None:
         ("rivals", {"rivals": True}),
         ("uncertain", {"std": 0.3}),
         ("uncertain", {"std": np.nan}),
+        ("uncertain", {"size": 0.0, "std": 0.0}),
         ("small", {"J": 15.0}),
         ("not_held_out", {"after": np.array([1.0, 0.4])}),
         ("more_left", {"left": np.array([0.9, 0.0])}),
