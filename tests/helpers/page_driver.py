@@ -212,5 +212,5 @@ def barriers(page: Page) -> list[str]:
 
 
 def no_sideways_scrolling(page: Page) -> None:
-    inside, width = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
-    assert inside <= width
+    """Once what was drawn out of sight has found its width."""
+    page.wait_for_function("document.documentElement.scrollWidth <= window.innerWidth", timeout=5000)
