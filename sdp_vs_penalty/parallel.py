@@ -14,7 +14,6 @@ import select
 import signal
 import threading
 import time
-import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
@@ -29,8 +28,6 @@ Result = TypeVar("Result")
 _RETRIES = 5
 #: Seconds to wait for a scheduler to answer.
 _PATIENCE = 10.0
-#: Name of the thread that ends a worker with its parent.
-_GUARD = "ends with its parent"
 
 
 def spread(
@@ -54,13 +51,9 @@ def spread(
         from distributed.comm import CommClosedError
 
         try:
-            # What all tasks share travels once, as a result that workers hand each other and that is
-            # made again where its holders died; a task holds its name and its item, and is started
-            # again where its worker died.
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # that it is large
-                shared = client.submit(_itself, function, pure=False, retries=_RETRIES)
-            futures = client.map(_called, list(items), function=shared, pure=False, retries=_RETRIES)
+            # A task that ran when its worker died is started again on another one. The function goes
+            # with each: as a scattered value or a result, a worker killed meanwhile makes Dask wait.
+            futures = client.map(function, list(items), pure=False, retries=_RETRIES)
             for future in as_completed(futures):
                 yield future.result()
         except (CancelledError, CommClosedError, KilledWorker) as error:
@@ -70,25 +63,18 @@ def spread(
             ) from error
 
 
-def _itself(thing: Item) -> Item:
-    return thing
-
-
-def _called(item: Item, function: Callable[[Item], Result]) -> Result:
-    return function(item)
-
-
 def _here(
     function: Callable[[Item], Result], items: list[Item], jobs: int, threads: bool
 ) -> Iterator[Result]:
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-    work = Numbered(function if threads else Guarded(function, os.getpid()))
-    left = dict(enumerate(items))
+    work, left = Numbered(function), dict(enumerate(items))
+    how: dict[str, Any] = {"backend": "threading"}
+    if not threads:
+        how = {"backend": "loky", "initializer": _end_with, "initargs": (os.getpid(),)}
     for attempt in range(_RETRIES + 1):
-        backend = "threading" if threads else "loky"
-        parallel = Parallel(n_jobs=jobs, backend=backend, return_as="generator_unordered", batch_size=1)
+        parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, **how)
         try:
             for k, result in parallel(delayed(work)(item) for item in list(left.items())):
                 del left[k]
@@ -139,23 +125,15 @@ class Workers:
 ALONE = Workers()
 
 
-@dataclass(frozen=True)
-class Guarded(Generic[Item, Result]):
-    """A function for a worker process, which ends when its parent does, however that ends."""
+def _end_with(parent: int) -> None:
+    """For a worker process, before it is asked for anything: it ends when its parent does, however."""
 
-    function: Callable[[Item], Result]
-    parent: int
-
-    def __call__(self, item: Item) -> Result:
-        elsewhere = os.getpid() != self.parent  # one job alone runs in the command itself
-        if elsewhere and all(thread.name != _GUARD for thread in threading.enumerate()):
-            threading.Thread(target=self._watch, name=_GUARD, daemon=True).start()
-        return self.function(item)
-
-    def _watch(self) -> None:
-        while os.getppid() == self.parent:
+    def watch() -> None:
+        while os.getppid() == parent:
             time.sleep(0.5)
         os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def end_with_asker(handle: int) -> None:

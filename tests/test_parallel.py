@@ -6,7 +6,6 @@ import os
 import signal
 import threading
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -79,21 +78,7 @@ def test_folds_and_estimates_of_tables_are_the_same_by_processes(runs: Measureme
     assert sum(heard) == 3  # nothing twice
 
 
-@dataclass(frozen=True)
-class Heavy:
-    """A function that notes each time that it is unpacked."""
-
-    folder: Path
-
-    def __setstate__(self, state: dict[str, Path]) -> None:
-        self.__dict__.update(state)
-        Path(self.folder, str(time.monotonic_ns())).touch()
-
-    def __call__(self, number: int) -> int:
-        return number + 1
-
-
-def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs: Measurements, tmp_path: Path) -> None:
+def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs: Measurements) -> None:
     distributed = pytest.importorskip("distributed")
     problem = load_problem("two_link")
     alone = identify(problem, runs, workers=ALONE)
@@ -106,9 +91,6 @@ def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs: Measurements, 
         found = identify(problem, runs, workers=Workers(scheduler=cluster.scheduler_address))
         killer.join()
         assert time.monotonic() - started > 0.5  # it was killed while they worked
-        # What all tasks share goes to each worker once, not with each task.
-        assert sorted(spread(Heavy(tmp_path), range(20), cluster.scheduler_address)) == [*range(1, 21)]
-        assert 0 < len(list(tmp_path.iterdir())) <= 4
     np.testing.assert_array_equal(found.theta, alone.theta)
 
 

@@ -133,7 +133,7 @@ def test_a_wrong_choice_is_said_in_our_words(run: Run) -> None:
         (("list",), "Choose from: problems, effects"),
         (("list", "nothing"), "'nothing' is not one of 'problems', 'effects'"),
         (("identify", "panda", "--data", "a", "--out", "b", "--seed", "x"), "a whole number is needed"),
-        (("identify", "panda", "--data", "a", "--out", "b", "--seed", -1), "it must be greater than"),
+        (("identify", "panda", "--data", "a", "--out", "b", "--seed", -1), "it must be at least 0"),
     ):
         code, _, err = run(*words)
         assert code == 2
@@ -222,6 +222,7 @@ def test_compare_writes_the_stated_json(run: Run, runs: list[Path], model: Path,
                 "mse",
                 "r2",
                 "noise_floor",
+                "by_tables",
                 "relative_error_percent",
                 "band_hz",
             ),

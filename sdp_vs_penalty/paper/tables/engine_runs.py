@@ -20,6 +20,8 @@ from sdp_vs_penalty.simulation.engines.comparison import (
     play,
 )
 
+#: Of the sinusoidal motion [s].
+DURATION = {"quick": 10.0, "paper": 30.0}
 #: Time step along the real run, and what is left out of the comparison at its start [s].
 MEASURED_STEP, _SETTLE = 2e-3, 0.1
 #: The method whose links the engines get.
@@ -48,9 +50,9 @@ def sinusoidal_runs(study: Study) -> tuple[EngineResult, ...]:
     """Sinusoidal velocities over the range, with the links identified from the simulated run."""
     links = study.links(METHOD, study.simulated)
     motion = Sinusoids.over_range(study.problem.robot)
-    duration = {"quick": 10.0, "paper": 30.0}[study.budget]  # s
     return tuple(
-        _result(study, name, "simulated", links, motion, duration, 1e-3) for name in engine_types()
+        _result(study, name, "simulated", links, motion, DURATION[study.budget], 1e-3)
+        for name in engine_types()
     )
 
 

@@ -94,6 +94,9 @@ def unfeasible_retrievals(problem: Problem, pi: Array, count: int, boxed: bool) 
             return
 
 
+#: Instants of the intervals, and relaxed retrievals of each kind.
+INSTANTS = {"quick": 81, "paper": 201}
+RETRIEVALS = {"quick": 10, "paper": 50}
 #: Starts of the penalty method whose wrenches are compared: as many as the paper's runs.
 PENALTY_RUNS = 10
 
@@ -123,8 +126,7 @@ class WrenchStudy:
 @lru_cache(maxsize=4)
 def wrench_study(study: Study) -> WrenchStudy:
     problem, x = study.problem, study.experiment
-    # Instants of the intervals, and relaxed retrievals of each kind.
-    t = np.linspace(0.0, x.trajectory.duration, {"quick": 81, "paper": 201}[study.budget] + 2)[1:-1]
+    t = np.linspace(0.0, x.trajectory.duration, INSTANTS[study.budget] + 2)[1:-1]
     states = x.trajectory.states(t)
     model = problem.model("rigid_body")
     feasible = equal_torques(
@@ -132,7 +134,7 @@ def wrench_study(study: Study) -> WrenchStudy:
     )
     intervals = wrench_intervals(problem.robot, feasible, t, *states, progress=study.progress)
     pi = study.base @ x.links.ravel()
-    count = {"quick": 10, "paper": 50}[study.budget]
+    count = RETRIEVALS[study.budget]
     study.progress("relaxed retrievals")
     estimates = {"published p_hat": published_links(problem, "p_hat")}
     for name, method in METHODS.items():
