@@ -542,14 +542,6 @@ def test_the_next_command_trains_on_no_test_run(
     assert "identify two_link --data" in " ".join(capsys.readouterr().out.split())
 
 
-def test_what_a_motion_cannot_show_is_said(two_link: Problem) -> None:
-    """The first joint turns about gravity, or anyhow: only the weight of what lies in between tells."""
-    run = experiment(two_link).training_run(0)
-    (report,) = check(two_link, run)
-    shown = {f.kind: f.figures for f in report.issues}
-    assert "not visible" not in shown or max(shown["not visible"]["zeros"].values()) > 0.03
-
-
 @pytest.mark.parametrize("spoil", [still, lambda run: rows(run, np.arange(len(run.t)) < 150)])
 def test_a_run_without_rows_is_named_once(
     spoil: Spoil, tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixture[str]
