@@ -23,7 +23,6 @@ from sdp_vs_penalty import (
     Measurements,
     Problem,
     compare,
-    files,
     identify,
     load_estimate,
     load_measurements,
@@ -425,29 +424,6 @@ def test_files_that_are_no_models(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "model.json"
     path.write_bytes(content)
     refusal(lambda: load_estimate(path), str(path))
-
-
-# --- writing --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("interruption", [KeyboardInterrupt, MemoryError, OSError(28, "No space left")])
-@pytest.mark.parametrize("where", ["fsync", "replace"])
-def test_an_interrupted_write_leaves_the_old_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str, interruption: Any
-) -> None:
-    path = tmp_path / "model.json"
-    path.write_text("old")
-
-    def broken(*_: object, **__: object) -> None:
-        raise interruption
-
-    monkeypatch.setattr(files.outputs.os, where, broken)
-    expected = InputError if isinstance(interruption, OSError) else interruption
-    with pytest.raises(expected):
-        files.write_text(path, "new")
-    monkeypatch.undo()
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
 
 
 # --- fuzzing --------------------------------------------------------------------------------------

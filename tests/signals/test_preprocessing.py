@@ -29,7 +29,7 @@ def responses(cutoff: float, dt: float, share: float) -> np.ndarray:
     """Complex gains (3,) of value, first and second derivative at share * cutoff over the ideal ones."""
     kernel = Kernel(cutoff, dt)
     w = 2.0 * np.pi * share * cutoff
-    wave = np.exp(1j * w * taps(kernel))
+    wave = np.exp(-1j * w * taps(kernel))
     orders = (kernel.value, kernel.first, kernel.second)
     return np.array([h @ wave / (1j * w) ** k for k, h in enumerate(orders)])
 
