@@ -107,18 +107,6 @@ def test_no_method_beats_least_squares(method: str, task: Task, fits: dict[str, 
 
 
 @EVERY
-def test_the_task_is_left_as_it_was(method: str, two_link: Problem) -> None:
-    run = toy_run(two_link, 3.0)
-    model = two_link.model()
-    task = make_task(two_link, model, compress(run, model, two_link.preprocessing.resolve(run)))
-    before = [task.data.R.copy(), task.data.rho.copy(), task.nominal.copy(), task.bound.copy()]
-    quick(method).fit(task)
-    after = [task.data.R, task.data.rho, task.nominal, task.bound]
-    for a, b in zip(before, after, strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
-@EVERY
 def test_the_seed_decides_everything(method: str, task: Task, fits: dict[str, Fit]) -> None:
     np.testing.assert_array_equal(quick(method).fit(task).theta, fits[method].theta)
 
