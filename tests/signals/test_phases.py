@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from periodic_runs import SETTINGS, run_of
 
 from sdp_vs_penalty import Measurements
@@ -18,8 +17,6 @@ from sdp_vs_penalty.signals.phases import (
     phase_windows,
     tracks_of,
 )
-
-Array = NDArray[np.float64]
 
 
 def folds_of(*runs: Measurements, count: int = 5) -> PhaseFolds:
