@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import run_cli
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
 from sdp_vs_penalty import InputError, Measurements, load_estimate, load_problem
-from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data import columns_of, read_run, save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.formats import suffixes
@@ -86,13 +86,6 @@ def test_convert_from_each_to_each(tmp_path: Path, capsys: pytest.CaptureFixture
             assert run_cli("convert", first, "--out", second) == 0
             same(run, load_measurements(second))
     assert "50 samples of 3 joints, velocities" in capsys.readouterr().out
-
-
-def run_cli(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as code:
-        cli.main([str(a) for a in arguments])
-    assert isinstance(code.value.code, int)
-    return code.value.code
 
 
 def test_matlab_variables_of_other_names_and_shapes(tmp_path: Path) -> None:
