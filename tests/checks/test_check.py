@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run_cli
 from corruptions.bench import contradicts
 
 from sdp_vs_penalty import InputError, Measurements, Problem, load_estimate, load_problem
 from sdp_vs_penalty.checked import consented
 from sdp_vs_penalty.checks import Issue, Report, check, mended, of_one_arm
-from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data import read_run, save
 from sdp_vs_penalty.data.datasets import _emps_runs, _ur10e_runs
 from sdp_vs_penalty.data.files import load_measurements
@@ -451,13 +451,6 @@ def test_wrong_number_of_joints(two_link: Problem, simulated: tuple[Problem, Mea
         check(two_link, simulated[1])
 
 
-def run_cli(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as code:
-        cli.main([str(a) for a in arguments])
-    assert isinstance(code.value.code, int)
-    return code.value.code
-
-
 def test_the_verb(tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit codes, the JSON file, and a mended copy that is clean; the original stays as it was."""
     good, bad, mended = tmp_path / "good.csv", tmp_path / "bad.csv", tmp_path / "mended.csv"
@@ -490,18 +483,14 @@ def test_the_verb(tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixtu
 
 def test_a_file_that_identify_refuses_can_be_mended(tmp_path: Path, two_link: Problem) -> None:
     path, mended = tmp_path / "bad.csv", tmp_path / "mended.csv"
-    save(holed_two(repeated(experiment(two_link).training_run(0))), path)
+    run = repeated(experiment(two_link).training_run(0))
+    run.q[11, 1] = np.inf
+    save(run, path)
     with pytest.raises(InputError):
         load_measurements(path)
     assert read_run(path).n == 2
     assert run_cli("check", path, "--problem", "two_link", "--fix", mended) == 1
     assert load_measurements(mended).n == 2
-
-
-def holed_two(run: Measurements) -> Measurements:
-    q = run.q.copy()
-    q[11, 1] = np.inf
-    return replace(run, q=q)
 
 
 def test_identify_refuses_meaningless_data_by_itself(
@@ -540,14 +529,6 @@ def test_the_next_command_trains_on_no_test_run(
     assert "My_Test.csv" not in said
     assert run_cli("check", files[1], "--problem", "two_link") == 0
     assert "identify two_link --data" in " ".join(capsys.readouterr().out.split())
-
-
-def test_what_a_motion_cannot_show_is_said(two_link: Problem) -> None:
-    """The first joint turns about gravity, or anyhow: only the weight of what lies in between tells."""
-    run = experiment(two_link).training_run(0)
-    (report,) = check(two_link, run)
-    shown = {f.kind: f.figures for f in report.issues}
-    assert "not visible" not in shown or max(shown["not visible"]["zeros"].values()) > 0.03
 
 
 @pytest.mark.parametrize("spoil", [still, lambda run: rows(run, np.arange(len(run.t)) < 150)])

@@ -99,12 +99,3 @@ def test_packets_that_froze_are_no_rows_lost(length: int) -> None:
     assert [f.kind for f in issues if "gap" not in f.kind] == kinds
     np.testing.assert_array_equal(fixed.t, clean.t[np.isin(clean.t, fixed.t)])
     assert fixed.samples == clean.samples - (12 * (length - 1) if kinds else 0)
-
-
-def test_rows_lost_under_a_clock_made_again_are_told() -> None:
-    clean = motion()
-    kept = np.flatnonzero(np.arange(len(clean.t)) % 500 >= 10)
-    lost = Measurements(clean.t[: len(kept)], clean.q[kept], clean.tau[kept])
-    issues, _ = told(lost)
-    (found,) = [f for f in issues if f.kind == "lost rows"]
-    assert len(found.figures["missing"]) >= 8

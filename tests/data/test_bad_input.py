@@ -6,8 +6,6 @@ Named cases first, then Hypothesis: no reader raises anything but InputError, wh
 from __future__ import annotations
 
 import contextlib
-import copy
-import io
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -23,14 +21,13 @@ from sdp_vs_penalty import (
     Measurements,
     Problem,
     compare,
-    files,
     identify,
     load_estimate,
     load_measurements,
     load_problem,
 )
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.effects import Motion, parse_effects
+from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.regression import load_answers
 
@@ -51,12 +48,6 @@ def refusal(call: Callable[[], object], *words: str) -> str:
     for word in words:
         assert word in message, message
     return message
-
-
-def npz_bytes(**arrays: Any) -> bytes:
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)
-    return buffer.getvalue()
 
 
 # --- measurements ---------------------------------------------------------------------------------
@@ -189,7 +180,7 @@ def test_degrees_are_refused_by_the_joints_ranges(panda: Problem) -> None:
     run = small_run(panda)
     centre = 0.5 * (np.array([j.lower + j.upper for j in panda.robot.joints]))
     run = Measurements(run.t, run.q + centre, run.tau, run.dq, None, ("run.csv",))
-    estimate = identify(panda, run, "ols")
+    estimate = identify(panda, run, "ols", check=False)  # its torques are those of other positions
     for call in (
         lambda: identify(panda, in_degrees(run)),
         lambda: compare(estimate, in_degrees(run)),
@@ -230,7 +221,7 @@ def test_wrong_number_of_joints(two_link: Problem, panda: Problem, tmp_path: Pat
 def test_a_robot_that_does_not_move(two_link: Problem) -> None:
     run = small_run(two_link)
     still = Measurements(run.t, np.zeros_like(run.q), run.tau)
-    refusal(lambda: identify(load_problem("two_link"), still), "does not move")
+    refusal(lambda: identify(load_problem("two_link"), still), "no joint moves")
 
 
 # --- problems -------------------------------------------------------------------------------------
@@ -427,145 +418,17 @@ def test_files_that_are_no_models(content: bytes, tmp_path: Path) -> None:
     refusal(lambda: load_estimate(path), str(path))
 
 
-# --- writing --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("interruption", [KeyboardInterrupt, MemoryError, OSError(28, "No space left")])
-@pytest.mark.parametrize("where", ["fsync", "replace"])
-def test_an_interrupted_write_leaves_the_old_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str, interruption: Any
-) -> None:
-    path = tmp_path / "model.json"
-    path.write_text("old")
-
-    def broken(*_: object, **__: object) -> None:
-        raise interruption
-
-    monkeypatch.setattr(files.outputs.os, where, broken)
-    expected = InputError if isinstance(interruption, OSError) else interruption
-    with pytest.raises(expected):
-        files.write_text(path, "new")
-    monkeypatch.undo()
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-# --- fuzzing --------------------------------------------------------------------------------------
-
-
-def mutated(content: bytes) -> st.SearchStrategy[bytes]:
-    """A good file with a few stretches replaced by other bytes, or by bytes of its own."""
-    stretch = st.tuples(
-        st.integers(0, len(content)),
-        st.integers(0, 12),
-        st.one_of(
-            st.binary(max_size=8),
-            st.sampled_from(
-                [b"nan", b"-1e999", b",", b"\n", b"\0", b"'", b'"', b"0", b"-", b"[", b"{}"]
-            ),
-            st.integers(0, len(content)).map(lambda k: content[k : k + 20]),
-        ),
-    )
-
-    def apply(changes: list[tuple[int, int, bytes]]) -> bytes:
-        out = content
-        for at, length, new in changes:
-            out = out[:at] + new + out[at + length :]
-        return out
-
-    return st.lists(stretch, min_size=1, max_size=4).map(apply)
-
-
-def survives(path: Path, content: bytes, read: Callable[[Path], object]) -> object:
-    """The reader's result, or None where it refuses with one sentence that names the file."""
-    path.write_bytes(content)
-    try:
-        return read(path)
-    except InputError as error:
-        message = str(error)
-    assert "\n" not in message
-    assert path.name in message or str(path.parent) in message
-    return None
-
-
-GOOD_BOX = npz_bytes(q=np.ones((3, 2)), gravity=np.ones((3, 2)), mass_matrix=np.ones((3, 2, 2)))
+# --- archives and words ---------------------------------------------------------------------------
 
 
 def test_an_archive_of_a_later_version_is_refused(tmp_path: Path) -> None:
-    at = GOOD_BOX.index(b"PK\x01\x02") + 6  # "version needed" of the central directory
-    later = GOOD_BOX[:at] + b"\x40" + GOOD_BOX[at + 1 :]
-    assert survives(tmp_path / "box.npz", later, lambda path: load_answers([path])) is None
-
-
-@FUZZ
-@given(content=st.one_of(mutated(GOOD_BOX), st.binary(max_size=300)))
-def test_fuzz_black_box(content: bytes, tmp_path: Path) -> None:
-    survives(tmp_path / "box.npz", content, lambda path: load_answers([path]))
-
-
-@FUZZ
-@given(
-    name=st.sampled_from(["time", "positions", "velocity", "torques"]),
-    content=st.one_of(mutated(b"0.001\n0.002\n0.003\n"), st.binary(max_size=60)),
-)
-def test_fuzz_panda_log(name: str, content: bytes, tmp_path: Path) -> None:
-    for other in ("time", "positions", "velocity", "torques"):
-        (tmp_path / f"exciting_traj_{other}.txt").write_text("0.001\n0.002\n0.003\n")
-    survives(
-        tmp_path / f"exciting_traj_{name}.txt", content, lambda path: load_measurements(path.parent)
-    )
-
-
-@FUZZ
-@given(content=st.one_of(mutated(BOUNDS.encode()), st.binary(max_size=200)))
-def test_fuzz_bounds(content: bytes, tmp_path: Path) -> None:
-    folder = problem_folder(tmp_path / "arm")
-    survives(folder / "bounds.csv", content, lambda path: load_problem(path.parent))
-
-
-def paths_into(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Where every value of a JSON document is (of a long list the first two)."""
-    out = [path] if path else []
-    items: Any = []
-    if isinstance(value, dict):
-        items = value.items()
-    elif isinstance(value, list):
-        items = list(enumerate(value))[:2]
-    for key, inner in items:
-        out += paths_into(inner, (*path, key))
-    return out
-
-
-JSON_VALUES = st.recursive(
-    st.one_of(
-        st.none(),
-        st.booleans(),
-        st.integers(-3, 10**3),
-        st.floats(),
-        st.text(max_size=5),
-        st.just(10**400),
-    ),
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=3), st.dictionaries(st.text(max_size=3), inner, max_size=2)
-    ),
-    max_leaves=4,
-)
-
-
-@pytest.mark.slow
-@FUZZ
-@given(data=st.data())
-def test_fuzz_model(data: st.DataObject, model: Path, tmp_path: Path) -> None:
-    """Any value anywhere: refused, or read into a model that predicts."""
-    document = json.loads(model.read_text())
-    place = data.draw(st.sampled_from(paths_into(document)))
-    document = copy.deepcopy(document)
-    setter(*place, value=data.draw(JSON_VALUES))(document)
-    read = survives(tmp_path / "model.json", json.dumps(document).encode(), load_estimate)
-    if read is not None:
-        t, zero = np.arange(3.0), np.zeros((3, read.robot.n))  # type: ignore[attr-defined]
-        assert read.torque(Motion(t, zero, zero, zero, zero)).shape == zero.shape  # type: ignore[attr-defined]
-        json.dumps(read.to_dict())  # type: ignore[attr-defined]
+    box, path = np.ones((3, 2)), tmp_path / "box.npz"
+    np.savez(path, q=box, gravity=box, mass_matrix=np.ones((3, 2, 2)))
+    content = path.read_bytes()
+    at = content.index(b"PK\x01\x02") + 6  # "version needed" of the central directory
+    path.write_bytes(content[:at] + b"\x40" + content[at + 1 :])
+    assert load_answers([path]) is None
+    refusal(lambda: load_measurements(path), "box.npz")
 
 
 @FUZZ

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run_cli
 from peak_memory import peak_memory
 from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, Problem, check, identify
-from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 
@@ -56,13 +56,6 @@ def test_past_findings(path: Path, two_link: Problem) -> None:
         assert read is None or not np.any(np.abs(read.tau) > 1e-12)
     elif read is None:
         assert all(report.meaningless for report in reports)
-
-
-def run_cli(*words: object) -> int:
-    with pytest.raises(SystemExit) as code:
-        cli.main([str(word) for word in words])
-    assert isinstance(code.value.code, int)
-    return code.value.code
 
 
 @pytest.mark.parametrize("name", ["burst_stamps.csv", "stretched_clock.csv", "zip_bomb.npz", "bomb.bag"])

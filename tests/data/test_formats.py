@@ -11,13 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from commands import run_cli
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
 from sdp_vs_penalty import InputError, Measurements, load_estimate, load_problem
-from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data import columns_of, read_run, save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.formats import suffixes
@@ -88,13 +86,6 @@ def test_convert_from_each_to_each(tmp_path: Path, capsys: pytest.CaptureFixture
             assert run_cli("convert", first, "--out", second) == 0
             same(run, load_measurements(second))
     assert "50 samples of 3 joints, velocities" in capsys.readouterr().out
-
-
-def run_cli(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as code:
-        cli.main([str(a) for a in arguments])
-    assert isinstance(code.value.code, int)
-    return code.value.code
 
 
 def test_matlab_variables_of_other_names_and_shapes(tmp_path: Path) -> None:
@@ -296,34 +287,6 @@ def test_output_suffix_and_unwritable_places(tmp_path: Path) -> None:
     assert run_cli("convert", source, "--out", tmp_path / "b.xlsx") == 2
     (tmp_path / "file").write_text("")
     assert run_cli("convert", source, "--out", tmp_path / "file" / "b.csv") == 2
-
-
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    suffix=st.sampled_from(suffixes()),
-    noise=st.binary(max_size=400),
-    place=st.integers(0, 400),
-    value=st.integers(0, 255),
-)
-def test_readers_fuzzed(
-    tmp_path_factory: pytest.TempPathFactory, suffix: str, noise: bytes, place: int, value: int
-) -> None:
-    """Noise, and good files with a byte changed or the end cut off: our exception or an answer."""
-    path = tmp_path_factory.mktemp("fuzz") / f"run{suffix}"
-    contents = [noise]
-    if suffix in SUFFIXES:
-        save(some_run(2, 20), path)
-        good = path.read_bytes()
-        at = place * len(good) // 401
-        contents += [good[:at], good[:at] + bytes([value]) + good[at + 1 :], good + noise]
-    for content in contents:
-        path.write_bytes(content)
-        message = ""
-        try:
-            assert np.all(np.isfinite(load_measurements(path).q))
-        except InputError as error:
-            message = str(error)
-        assert message == "" or (message.startswith(str(path)) and "\n" not in message)
 
 
 def test_texts_of_a_parquet_file_are_not_read(tmp_path: Path) -> None:

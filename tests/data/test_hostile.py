@@ -18,8 +18,6 @@ from sdp_vs_penalty.data import read_run, save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.files import inputs
 from sdp_vs_penalty.page.uploads import too_large
-from sdp_vs_penalty.signals import Preprocessing
-from sdp_vs_penalty.signals.preprocessing import RunFilter
 from sdp_vs_penalty.signals.runs import sample_rate, stretches
 
 
@@ -40,13 +38,6 @@ def test_pauses_do_not_coarsen_the_grid(two_link: Problem) -> None:
     run = small_run(two_link, seconds=6.0)
     later = replace(run, t=run.t + 3600.0 * (run.t > 3.0))
     assert sample_rate(later) == pytest.approx(sample_rate(run))
-
-
-@pytest.mark.parametrize("cutoff", [1e-4, 1e-12, 1e-300])
-def test_a_kernel_is_no_longer_than_the_run(cutoff: float, two_link: Problem) -> None:
-    run = small_run(two_link)
-    with pytest.raises(InputError, match="raise the cut-offs"):
-        RunFilter(run, Preprocessing(cutoff).resolve(run))
 
 
 @pytest.mark.parametrize(("name", "value"), [("q", 1e160), ("tau", 1e300), ("dq", 1e300), ("t", 1e200)])

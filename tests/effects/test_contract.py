@@ -50,17 +50,6 @@ def to_and_fro(robot: Robot) -> Motion:
 
 
 @EVERY_EFFECT
-def test_the_file_is_the_registration(name: str) -> None:
-    kind = effect_types()[name]
-    assert kind.__module__ == f"sdp_vs_penalty.effects.{name}"
-    assert kind.equation
-    assert len(kind.explanation) > 40
-    assert kind.explanation.rstrip(")").endswith(".")
-    assert len(kind.reference) > 8
-    assert set(kind.refines) <= set(NAMES)
-
-
-@EVERY_EFFECT
 def test_shape_constants_are_declared_whole(name: str) -> None:
     """Defaults, grids and bounds agree, a search starts from valid constants and can refine them."""
     kind = effect_types()[name]
@@ -214,15 +203,6 @@ def test_a_joint_has_it_once_or_declares_that_it_can_have_several(name: str) -> 
         else:
             with pytest.raises(InputError, match="appears twice"):
                 Model(robot, (first, other))
-
-
-@EVERY_EFFECT
-def test_what_says_the_size_has_one_unit(name: str) -> None:
-    for robot in robots().values():
-        for effect in variants(name, robot):
-            if effect.joints and name != "rigid_body":
-                one = [p.unit for p in effect.parameters if p.joint in (0, effect.joints[0] + 1)]
-                assert len(set(one[effect.sized_by])) == 1 or not one
 
 
 @EVERY_EFFECT

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from effect_contract import robots, steady_motion, wide_columns
@@ -12,7 +10,7 @@ from random_robots import uicker_torques
 
 from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.effects import CurrentModel, Effect, Model, Motion, Seen, effect_types, parse_effects
-from sdp_vs_penalty.effects.bristles import Bristles, Law, dahl, stop
+from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.robot import Robot
 
@@ -105,18 +103,6 @@ def test_dahl_is_the_solution_of_its_differential_equation() -> None:
     assert np.all(
         np.sign(dahl(q, 1e-9)[np.abs(speed) > 1e-3][1:]) == np.sign(speed[np.abs(speed) > 1e-3][1:])
     )
-
-
-@pytest.mark.parametrize("law", [dahl, stop])
-def test_states_advanced_step_by_step_are_those_along_the_path(law: Law) -> None:
-    """What a simulation does, and what columns are made of."""
-    steps = 0.02 * np.random.default_rng(0).normal(size=(200, 2))
-    bristles = Bristles(np.array([[1.0, 0.0], [0.5, -1.0]]), np.array([0.02, 0.05]), law)
-    path, z = np.cumsum(np.vstack([np.zeros(2), steps]), axis=0), np.zeros((1, 2))
-    along = [law(path @ row, d, 0.0) for row, d in zip(bristles.directions, (0.02, 0.05), strict=True)]
-    for k, step in enumerate(steps, start=1):
-        z = bristles.advanced(z, step[None])
-        np.testing.assert_allclose(z[0], [state[k] for state in along], atol=1e-12)
 
 
 def test_a_model_computes_its_current_torque_from_its_own_reference(
@@ -269,15 +255,6 @@ def test_models_without_effects_or_with_one_twice_are_refused() -> None:
         Model(robot, ())
     with pytest.raises(InputError, match="f_v1 appears twice"):
         Model(robot, parse_effects("viscous_friction,viscous_friction:1", robot))
-
-
-def test_what_says_that_it_holds_no_sign_is_the_same_over_any_width() -> None:
-    robot = robots()["tree"]
-    motion = steady_motion(robot)
-    for kind in [k for k in effect_types().values() if k.signless]:
-        narrow, wide = (kind(robot).blocks(replace(motion, sign_width=w)) for w in (1e-3, 0.5))
-        for a, b in zip(narrow, wide, strict=True):
-            np.testing.assert_array_equal(a.columns, b.columns)
 
 
 def test_a_filter_that_looks_both_ways_may_be_joints_that_stick() -> None:

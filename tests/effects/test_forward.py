@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.effects import Model, effect_types, parse_effects
-from sdp_vs_penalty.effects.dry_friction import Contacts, dry_step
 from sdp_vs_penalty.effects.effect import Array
 from sdp_vs_penalty.effects.forward import Plant, State, advance
 from sdp_vs_penalty.exporters.content import Content
@@ -121,21 +120,6 @@ def test_friction_that_follows_the_load_follows_that_of_the_links_alone() -> Non
 
     exact = solve_ivp(f, (0.0, 0.08), [0.1], rtol=1e-9, atol=1e-12).y[0, -1]
     assert ours.dq[0, 0] == pytest.approx(exact, rel=2e-3)
-
-
-def test_the_step_is_solved_on_any_scale() -> None:
-    rng = np.random.default_rng(0)
-    for n in (1, 3, 7):
-        root = rng.normal(size=(50, n, n)) * 10.0 ** rng.uniform(-2, 1, (50, 1, n))
-        matrix = root @ np.swapaxes(root, 1, 2) + 1e-4 * np.eye(n)
-        contacts = Contacts(np.eye(n), 10.0 ** rng.uniform(-5, -1, n))
-        push, before = rng.normal(size=(50, n)), rng.normal(size=(50, n))
-        impulse = 10.0 ** rng.uniform(-4, 1, (50, n))
-        v = dry_step(matrix, push, before, impulse, contacts)
-        friction = push - np.einsum("kij,kj->ki", matrix, v)
-        # Passive, no larger than it may be, and the law where it slides.
-        assert np.all(np.abs(friction) <= impulse * (1.0 + 1e-6) + 1e-9)
-        np.testing.assert_allclose(friction, impulse * np.tanh(v / contacts.widths), atol=1e-5)
 
 
 def test_channels_are_undone_and_others_left_out() -> None:

@@ -85,17 +85,3 @@ def test_a_known_transmission_is_among_the_candidates() -> None:
     assert (1.0, -0.85, -0.85) in sought(coupled)
     assert (1.0, -0.85, -0.85) not in sought(ARM)
     assert (1.0, 1.0, 0.0) in sought(ARM)
-
-
-def test_what_is_linear_is_tried_without_ratios_that_it_cannot_tell() -> None:
-    """Its columns lie in the span of the joints' own and of those with a ratio of one."""
-    kind = type(effect("transmission_friction:1+2"))
-    motion = periodic()
-    for law, own in (("viscous", "viscous_friction:1+2"), ("inertia", "rotor_inertia:1+2")):
-        tried = [e.shape for e in kind.candidates(ARM, 0) if e.text.endswith(f"law={law}")]
-        assert {abs(v) for s in tried for k, v in s.items() if k[0] == "c"} == {1.0}
-        texts = (f"transmission_friction:1+2@c1=1@c2=1@law={law}", own)
-        basis = np.concatenate([wide_columns(effect(x), motion) for x in texts], axis=2)
-        other = wide_columns(effect(f"transmission_friction:1+2@c1=1@c2=0.5@law={law}"), motion)
-        basis, other = basis.reshape(-1, basis.shape[2]), other.reshape(-1)
-        np.testing.assert_allclose(basis @ np.linalg.lstsq(basis, other)[0], other, atol=1e-9)

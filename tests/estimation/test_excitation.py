@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.estimation import Limits
-from sdp_vs_penalty.estimation.excitation import _Search, excite, save_trajectory, shrunk
+from sdp_vs_penalty.estimation.excitation import excite, save_trajectory
 from sdp_vs_penalty.estimation.motion_regressor import BaseRegressor
 from sdp_vs_penalty.robot import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation import experiment
@@ -54,20 +54,6 @@ def test_an_optimised_trajectory_keeps_any_limits(
     assert np.all(np.abs(dq) <= limits.velocity * (1 + 1e-5))
     assert np.all(np.abs(ddq) <= limits.acceleration * (1 + 1e-4))
     assert np.abs(dq[[0, -1]]).max() < 1e-9
-
-
-@pytest.mark.parametrize("objective", ["condition", "d-optimal"])
-def test_the_slope_is_that_of_finite_differences(two_link: Problem, objective: str) -> None:
-    limits = Limits.of_robot(two_link.robot)
-    start = shrunk(random_trajectory(two_link.robot, 3, 8.0), limits)
-    search = _Search(BaseRegressor.of(two_link, "rigid_body"), limits, start, objective, [0, 1])
-    for index in ((0, 0), (0, 10), (1, 3), (1, 7)):
-        ends = []
-        for sign in (1.0, -1.0):
-            x = search.x.copy()
-            x[index] += sign * 1e-5
-            ends.append(search._value(x))
-        assert search.slope[index] == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-4, abs=1e-6)
 
 
 def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(

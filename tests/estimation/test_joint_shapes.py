@@ -7,10 +7,7 @@ import pytest
 from random_robots import sines
 
 from sdp_vs_penalty import Measurements, Problem
-from sdp_vs_penalty.effects import parse_effects
-from sdp_vs_penalty.estimation import free_constants, prior_deviation
 from sdp_vs_penalty.estimation.joint_shapes import settled
-from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
 from sdp_vs_penalty.regression import compress
 
 RIGID = "rigid_body,viscous_friction,torque_offset"
@@ -40,21 +37,3 @@ def test_exact_data_give_exact_constants(two_link: Problem, truth: tuple, start:
     assert (shapes[0]["v_s"], shapes[1]["vs"]) == pytest.approx(truth[:2], rel=1e-4)
     assert shapes[1]["delta"] == truth[2]
     assert set(found.std) == set(WANTED[:2])
-
-
-def test_a_width_moves_all_signs_that_turn_over_it(two_link: Problem) -> None:
-    """What a model's torque changes by, Stribeck's column with it, is what its sensitivity says."""
-    effects = parse_effects(texts(0.02, 0.05, 2.0), two_link.robot)
-    model = two_link.model(effects)
-    theta = np.full(len(model.parameters), 0.7)
-    motion = sines(np.random.default_rng(5), 2, np.arange(0.0, 10.0, 4e-3), 0.1, 5)
-    change = 1e-3
-    other = two_link.model(texts(0.02 * np.exp(change), 0.05, 2.0))
-    truly = other.torque(theta, motion) - model.torque(theta, motion)
-    coulomb = next(e for e in effects if e.name == "coulomb_friction")
-    wide = with_sensitivities(model, theta)
-    unit = np.zeros(len(wide.parameters))
-    names = [p.name for p in wide.parameters]
-    unit[names.index(f"v_s of {coulomb.text}")] = change / prior_deviation(coulomb, "v_s")
-    assert free_constants(coulomb) == ("v_s",)
-    np.testing.assert_allclose(wide.torque(unit, motion), truly, atol=1e-3 * np.abs(truly).max())

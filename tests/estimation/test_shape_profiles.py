@@ -11,7 +11,6 @@ from random_robots import sines
 
 from sdp_vs_penalty import Estimate, Measurements, Problem, compare, identify
 from sdp_vs_penalty.data.datasets import converted
-from sdp_vs_penalty.effects.effect import Sampling, smooth_sign
 from sdp_vs_penalty.problem import as_problem
 
 #: Truth, in the units of each joint; the third axis slides.
@@ -69,23 +68,6 @@ def test_a_given_width_is_kept(arm: Problem, run: Measurements) -> None:
     found = identify(arm, run, "ols", effects=fixed)
     assert found.model.sign_width[:2] == (0.01, 0.01)
     assert [s["joint"] for s in found.details["shapes"]] == [3, 4]
-
-
-@pytest.mark.parametrize("stride", [2, 3, 5])
-def test_a_sign_stands_for_all_samples_of_the_log(stride: int) -> None:
-    """The mean over the log's samples around each instant, wherever between them the sign turns."""
-    dt, rate = 1e-3, 2.0
-    log = np.arange(-40, 41) * dt
-    for shift in np.linspace(-0.47, 0.41, 7) * stride * dt:
-        sampled = np.sign(rate * (log - shift))
-        weights = Sampling(stride, dt).weights
-        np.testing.assert_allclose(weights, weights[::-1])
-        assert weights.sum() == pytest.approx(1.0)
-        half = len(weights) // 2
-        at = np.arange(half, len(log) - half, stride)
-        expected = np.array([weights @ sampled[k - half : k + half + 1] for k in at])
-        found = smooth_sign(rate * (log[at] - shift), 1e-9, np.full(len(at), rate), Sampling(stride, dt))
-        np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 @pytest.mark.real_data

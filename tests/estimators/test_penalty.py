@@ -9,22 +9,18 @@ import pytest
 from numpy.typing import NDArray
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty import Measurements, Problem, identify, load_measurements
-from sdp_vs_penalty.constraints import project
-from sdp_vs_penalty.constraints.cones import projection_curvature
+from sdp_vs_penalty import Measurements, Problem, load_measurements
 from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimators import (
     LmiSdp,
     PenaltyPaper,
     Task,
-    interior_point,
     make_estimator,
     make_task,
 )
-from sdp_vs_penalty.estimators.barycentric import STEINER_FORMS, barycentric_box
+from sdp_vs_penalty.estimators.barycentric import barycentric_box
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
-from sdp_vs_penalty.estimators.penalty import Penalty, ScaledProblem, feasible
-from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
+from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.robot import inertia
 
@@ -66,87 +62,8 @@ def task_named(name: str, request: pytest.FixtureRequest) -> Task:
     return task_of(problem, run_of(problem, links))
 
 
-def slopes(function, x: Array, step: float = 1e-6) -> Array:  # type: ignore[no-untyped-def]
-    """Central differences of a function along each coordinate, stacked."""
-    return np.array(
-        [(function(x + step * e) - function(x - step * e)) / (2 * step) for e in np.eye(len(x))]
-    )
-
-
-def close(a: Array, b: Array, tolerance: float = 1e-6) -> bool:
-    return bool(np.abs(a - b).max() <= tolerance * max(np.abs(a).max(), np.abs(b).max(), 1e-12))
-
-
 #: The SDP that gets the arrays that `penalty` gets, and no more.
 SAME = LmiSdp(entropy=0.0, thickness=DEFAULT_THICKNESS)
-ROBOTS = ["two_link", "panda", "1 joint, seed 0", "3 joints, seed 3"]
-
-
-@pytest.mark.parametrize(("cone", "shape"), [("psd", (4, 4)), ("soc", (3,)), ("nonnegative", (5,))])
-def test_curvature_of_projection_is_its_derivative(cone: str, shape: tuple[int, ...]) -> None:
-    rng = np.random.default_rng(1)
-    values, directions = rng.normal(size=(6, *shape)), rng.normal(size=(6, *shape, 7))
-    if cone == "psd":
-        values = values + np.swapaxes(values, 1, 2)
-        directions = directions + np.swapaxes(directions, 1, 2)
-    flat = directions.reshape(6, -1, 7)
-
-    def gradient(x: Array) -> Array:
-        return np.einsum("gep,ge->p", flat, project(cone, values + directions @ x).reshape(6, -1))
-
-    assert close(projection_curvature(cone, values, flat), slopes(gradient, np.zeros(7)))
-    one_by_one = np.stack([project(cone, v) for v in values])
-    np.testing.assert_allclose(project(cone, values), one_by_one, atol=1e-14)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_shifted_penalty_derivatives(name: str, request: pytest.FixtureRequest) -> None:
-    task = task_named(name, request)
-    constraints = task.constraints.plus(task.minimum_thickness(DEFAULT_THICKNESS))
-    reference = interior_point(task, constraints)
-    scaled = ScaledProblem.of(task, task.data, constraints, reference)
-    penalty, at = scaled.penalty, reference / scaled.theta_scale
-    rng = np.random.default_rng(2)
-    x = at + 0.5 * np.linalg.norm(at) / np.sqrt(len(at)) * rng.normal(size=len(at))
-    shifts = [np.abs(rng.normal(size=s.shape)) for s in penalty.no_shifts(x)]
-    shifts = [project(part.cone, s) for part, s in zip(penalty.parts, shifts, strict=True)]
-    violated = [
-        part for part, z in zip(penalty.parts, penalty.shifted(x, shifts, 5.0), strict=True) if z.any()
-    ]
-    assert len(violated) >= 2  # otherwise nothing is tested
-    value, gradient = penalty.value_and_gradient(x, shifts, 5.0)
-    assert np.isfinite(value)
-    assert close(gradient, slopes(lambda y: penalty.value_and_gradient(y, shifts, 5.0)[0], x))
-    numeric = slopes(lambda y: penalty.value_and_gradient(y, shifts, 5.0)[1], x)
-    assert close(penalty.hessian(x, shifts, 5.0), numeric, 1e-5)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_penalised_loss_of_the_paper_derivatives(name: str, request: pytest.FixtureRequest) -> None:
-    task = task_named(name, request)
-    box = barycentric_box(task)
-    loss = PenalisedLoss(task, task.data, box, np.arange(len(task.bound)), box.p(task.ols))
-    u = np.random.default_rng(3).uniform(0.1, 0.9, len(task.bound))
-    # Without the loss, whose size hides the penalty's slope behind rounding.
-    p, slope = loss.p(u), np.zeros(len(u))
-    assert loss.penalty(p, slope) > 0.0
-    assert close(slope, slopes(lambda y: np.float64(loss.penalty(y, None)), p))
-    value, gradient = loss.value_and_gradient(u, 40.0)
-    assert value == pytest.approx(loss.value(u, 40.0), rel=1e-12)
-    assert close(gradient, slopes(lambda y: np.float64(loss.value(y, 40.0)), u, 1e-5))
-
-
-def test_barycentric_quadratic_forms_and_box(panda: Problem) -> None:
-    task = task_of(panda, run_of(panda, panda.nominal_links))
-    box = barycentric_box(task)
-    p = box.random(np.random.default_rng(0))
-    theta = box.theta(p)
-    expected = inertia.standard_from_barycentric(p[task.links])
-    np.testing.assert_allclose(theta[task.links], expected, rtol=1e-13, atol=1e-15)
-    np.testing.assert_allclose(box.p(theta), p, rtol=1e-9, atol=1e-9)
-    for link, own in zip(theta[task.links], p[task.links], strict=True):
-        added = np.einsum("i,kij,j->k", link[1:4], STEINER_FORMS, link[1:4]) / link[0]
-        np.testing.assert_allclose(link[4:] - added, own[4:], rtol=1e-9, atol=1e-12)
 
 
 def independent_margins(theta: Array, links: NDArray[np.intp], thickness: float) -> Array:
@@ -195,18 +112,6 @@ def test_penalty_obeys_bounds_that_no_sdp_can_take(panda: Problem) -> None:
     assert certificate.loss >= (sdp.lower or 0.0) * (1.0 - 1e-9)
 
 
-def test_repair_satisfies_bounds_that_are_not_convex(panda: Problem) -> None:
-    box = panda.box.copy()
-    box[:, [5, 7, 8], 0], box[:, [5, 7, 8], 1] = -1e-3, 1e-3
-    tight = replace(panda, box=box)
-    task = task_of(tight, run_of(panda, panda.nominal_links))
-    inside = interior_point(task, task.constraints)
-    outside = inside.copy()
-    outside[5] += 2e-3  # Ixy1
-    assert task.constraints.worst(outside)["barycentric inertia"] > 0.0
-    assert max(task.constraints.worst(feasible(task.constraints, outside, inside)).values()) == 0.0
-
-
 def test_penalty_two_step_minimises_the_distance_to_the_base_parameters(panda: Problem) -> None:
     task = task_of(panda, run_of(panda, panda.nominal_links, noise=0.3))
     theta, certificate = certify(task, make_estimator("penalty-two-step").fit(task))
@@ -216,18 +121,6 @@ def test_penalty_two_step_minimises_the_distance_to_the_base_parameters(panda: P
     one_step, other = certify(task, make_estimator("penalty").fit(task))
     assert task.base_distance.loss(theta) < task.base_distance.loss(one_step)
     assert other.loss < certificate.loss
-
-
-@pytest.mark.parametrize("method", ["penalty", "penalty-two-step", "penalty-paper"])
-def test_seed_decides(method: str, two_link: Problem) -> None:
-    run = run_of(two_link, two_link.nominal_links)
-    estimator = make_estimator(method)
-    if isinstance(estimator, PenaltyPaper):
-        estimator = PenaltyPaper(runs=2, evaluations=400)
-    first, again, other = (identify(two_link, run, estimator, seed=s) for s in (4, 4, 5))
-    assert np.array_equal(first.theta, again.theta)
-    assert first.details == again.details
-    assert first.details["runs"] != other.details["runs"]
 
 
 @pytest.mark.parametrize("method", ["penalty-paper", "penalty-paper-two-step"])

@@ -8,12 +8,10 @@ import pytest
 from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.paper.sigmoid_friction import (
-    SigmoidLinearised,
     exact_rows,
     fit_sigmoid,
 )
-from sdp_vs_penalty.robot import Robot
-from sdp_vs_penalty.simulation import Experiment, experiment, sigmoid_friction
+from sdp_vs_penalty.simulation import Experiment, experiment
 
 
 @pytest.fixture(scope="module")
@@ -25,26 +23,6 @@ def sampled(x: Experiment, step: float) -> tuple[Motion, np.ndarray]:
     t = np.arange(0.0, x.trajectory.duration, step)
     motion = Motion(t, *x.trajectory.states(t))
     return motion, np.sum([source(motion) for source in x.sources], axis=0)
-
-
-def test_the_linearised_columns_are_the_simulators_friction_and_its_derivatives(
-    panda: Problem, x: Experiment
-) -> None:
-    motion, _ = sampled(x, 0.5)
-    assert x.friction is not None
-    robot: Robot = panda.robot
-    shapes = x.friction[:, 1:]
-    blocks = SigmoidLinearised(robot, shapes).blocks(motion)
-    unit = sigmoid_friction(np.column_stack([np.ones(robot.n), shapes]))(motion)
-    for j, block in enumerate(blocks):
-        np.testing.assert_allclose(block.columns[:, 0], unit[:, j], atol=1e-14)
-        for k, h in ((1, 1e-5), (2, 1e-7)):
-            ends = []
-            for sign in (1.0, -1.0):
-                phi = np.column_stack([np.ones(robot.n), shapes])
-                phi[j, k] += sign * h
-                ends.append(sigmoid_friction(phi)(motion)[:, j])
-            np.testing.assert_allclose(block.columns[:, k], (ends[0] - ends[1]) / (2 * h), atol=1e-6)
 
 
 def test_without_noise_table_one_is_recovered(panda: Problem, x: Experiment) -> None:

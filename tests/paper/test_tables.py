@@ -7,7 +7,6 @@ import io
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +15,6 @@ from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
 from sdp_vs_penalty.estimators import Estimator, PenaltyPaper
 from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
 from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables
-from sdp_vs_penalty.paper.tables import study as study_module
-from sdp_vs_penalty.paper.tables.data import training_windows
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
 from sdp_vs_penalty.paper.tables.table import (
     Column,
@@ -28,7 +25,7 @@ from sdp_vs_penalty.paper.tables.table import (
     text,
 )
 from sdp_vs_penalty.problem.published import barycentric_names
-from sdp_vs_penalty.regression import LeastSquares, compress, triangular
+from sdp_vs_penalty.regression import LeastSquares, triangular
 from sdp_vs_penalty.robot import inertia
 
 
@@ -178,20 +175,6 @@ def test_real_data_add_measured_columns(panda: Problem) -> None:
         assert by_name[f"{published}_measured"] > by_name["lmi_sdp_measured"]
 
 
-def test_each_estimate_is_computed_once(without_data: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    study = SmallStudy(load_problem("two_link"))
-    calls = []
-    real = study_module.certify
-
-    def counted(*arguments: Any) -> Any:
-        calls.append(1)
-        return real(*arguments)
-
-    monkeypatch.setattr(study_module, "certify", counted)
-    build_tables(["III", "IV", "VIII", "IX"], study)
-    assert len(calls) == len(METHODS)
-
-
 def test_standard_deviations_are_those_of_repeated_experiments(two_link: Problem) -> None:
     """Against the spread of estimates over many draws of the noise, oversampling included."""
     study = Study(two_link)
@@ -219,18 +202,6 @@ def test_standard_deviations_are_those_of_repeated_experiments(two_link: Problem
 def test_the_authors_own_bound_contradicts_table_eight(panda: Problem) -> None:
     (table,) = build_tables(["errata"], Study(panda))
     assert rows(table)[6]["what_shows_it"] == "the authors' file reads c5z,-0.35,0.05"
-
-
-def test_training_windows_are_whole_and_inside_the_training_part(panda: Problem) -> None:
-    data = Study(panda).simulated
-    blocks = compress(data.train, data.model, data.preprocessing, blocks_per_run=21)
-    for length in (1, 4, 7):
-        windows = training_windows(blocks, length)
-        assert len(windows) == 6
-        assert len({tuple(w) for w in windows}) == 6
-        per_window = [blocks.select(w).joint_rows().sum() for w in windows]
-        assert min(per_window) > 0.9 * max(per_window)
-    assert training_windows(blocks, 30) == []
 
 
 def test_measured_tables_are_not_replaced_by_others(tmp_path: Path, without_data: None) -> None:

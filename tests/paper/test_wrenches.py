@@ -63,14 +63,6 @@ def test_wrenches_are_those_of_recursive_newton_euler(name: str, column: str) ->
         assert np.abs(wrenches[k] - reference).max() < 1e-10
 
 
-def test_torque_is_the_axial_moment(panda: Problem) -> None:
-    links = published_links(panda, "p_hat")
-    q, dq, ddq = states(panda, 20)
-    wrenches = joint_wrenches(panda.robot, links, q, dq, ddq)
-    torque = panda.robot.inverse_dynamics(links.ravel(), q, dq, ddq)
-    assert np.abs(wrenches[:, :, 5] - torque).max() < 1e-10
-
-
 def test_unfeasible_parameters_make_the_same_torques_and_absurd_wrenches(
     two_link: Problem, real: np.ndarray
 ) -> None:

@@ -14,9 +14,8 @@ from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
-from sdp_vs_penalty.regression import LeastSquares, Regression, compress, triangular
+from sdp_vs_penalty.regression import LeastSquares, compress
 from sdp_vs_penalty.regression.base_parameters import base_parameters
-from sdp_vs_penalty.regression.regression import compress_cells, nearest_least_squares
 from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.signals import Preprocessing, filtered_torque
 
@@ -111,112 +110,6 @@ def test_files_merge_like_one_measurement(seed: int) -> None:
     assert {b.run for b in together.blocks} == {0, 1}
 
 
-def test_cells_of_each_joint_hold_every_row_once() -> None:
-    model, _, run = case(3)
-
-    class Cells:
-        places = ((0, 0.0, 0.0), (0, 0.0, 0.0))
-
-        def cell(self, run: int, t: np.ndarray) -> np.ndarray:
-            return np.array([t > 3.0 + joint for joint in range(3)], np.intp).T
-
-    whole, apart = compress(run, model, FILTERS), compress_cells(run, model, FILTERS, Cells())
-    assert_same_loss(whole.least_squares(), apart.least_squares(), np.random.default_rng(3))
-    first, later = (apart.select([k]).joint_rows() for k in (0, 1))
-    assert np.all(np.diff(first) > 0)
-    assert (first + later).tolist() == whole.joint_rows().tolist()
-
-
-def test_blocks_come_in_the_order_of_time_and_own_their_rows() -> None:
-    model, _, run = case(0, seconds=10.0)
-    regression = compress(run, model, FILTERS, blocks_per_run=8)
-    starts = [b.start for b in regression.blocks]
-    assert starts == sorted(starts)
-    for a, b in zip(regression.blocks, regression.blocks[1:], strict=False):
-        assert a.stop == b.start
-    t = filtered_torque(run, model, FILTERS).motion.t
-    _, torque = rows_of(model, run)
-    for k, block in enumerate(regression.blocks):
-        mine = (t >= block.start) & (t < block.stop)
-        part = regression.select([k])
-        assert part.joint_rows().tolist() == [mine.sum()] * 3
-        assert part.least_squares().tau_squared == pytest.approx(np.sum(torque[mine] ** 2))
-    # The order that the time series has is not that of a file's sections, either.
-    backwards = regression.select(reversed(range(len(regression.blocks))))
-    assert [b.start for b in backwards.blocks] == starts[::-1]
-
-
-def test_short_runs_have_few_blocks() -> None:
-    model, _, run = case(1, seconds=3.0)
-    assert len(compress(run, model, FILTERS, blocks_per_run=20).blocks) <= 6
-
-
-def test_a_bootstrap_resample_counts_repeated_blocks_twice() -> None:
-    model, theta, run = case(2)
-    regression = compress(run, model, FILTERS)
-    single = [regression.select([k]).least_squares().loss(theta) for k in range(18)]
-    draw = [3, 3, 7, 0, 3]
-    resample = regression.select(draw)
-    assert resample.least_squares().loss(theta) == pytest.approx(sum(single[k] for k in draw))
-    assert resample.least_squares().rows == sum(
-        regression.select([k]).least_squares().rows for k in draw
-    )
-    assert [b.start for b in resample.blocks] == [regression.blocks[k].start for k in draw]
-    assert {f.block for f in resample.factors} == set(range(5))
-    assert regression.select([]).least_squares().rows == 0
-
-
-@quick
-@given(seeds)
-def test_triangular_keeps_the_gram_matrix(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    parts = [rng.normal(size=(rng.integers(0, 12), 5)) for _ in range(3)]
-    stack = np.vstack(parts)
-    if not len(stack):
-        return
-    r = triangular(parts)
-    assert len(r) <= 5
-    np.testing.assert_allclose(r.T @ r, stack.T @ stack, atol=1e-12)
-    assert np.all(np.diagonal(r) >= 0.0)
-    np.testing.assert_array_equal(r, np.triu(r))
-
-
-@quick
-@given(seeds)
-def test_nearest_least_squares_is_a_minimiser_and_the_nearest(seed: int) -> None:
-    model, _, run = case(seed)
-    data = compress(run, model, FILTERS).least_squares()
-    rng = np.random.default_rng(seed)
-    p = data.R.shape[1]
-    reference: np.ndarray = rng.normal(size=(p,))
-    scale = np.full(p, 10.0)
-    theta = nearest_least_squares(data, reference, scale)
-    optimum = data.loss(np.linalg.lstsq(data.R, data.rho, rcond=1e-9)[0])
-    assert data.loss(theta) == pytest.approx(optimum, rel=1e-6)
-    unseen = data.column_norms == 0.0
-    np.testing.assert_allclose(theta[unseen], reference[unseen], atol=1e-9)
-
-
-@quick
-@given(seeds)
-def test_own_torque_is_what_the_other_columns_cannot_make(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    r = rng.normal(size=(8, 6)) * 10.0 ** rng.uniform(-3, 3, 6)
-    r[:, 4] = r[:, :2] @ rng.normal(size=2)  # columns 0, 1 and 4 can stand in for each other
-    r[:, 5] = 0.0
-    for matrix in (r, r[:4]):
-        own = LeastSquares(matrix, matrix[:, 0], 0.0, 1.0, 8).own_torque
-        for k in range(6):
-            others = np.delete(matrix, k, axis=1)
-            size = np.maximum(np.linalg.norm(others, axis=0), 1e-300)
-            rest = matrix[:, k] - others @ (
-                np.linalg.lstsq(others / size, matrix[:, k], rcond=1e-11)[0] / size
-            )
-            assert own[k] == pytest.approx(
-                float(np.linalg.norm(rest)), rel=1e-6, abs=1e-8 * float(np.linalg.norm(matrix[:, k]))
-            )
-
-
 @quick
 @given(seeds)
 def test_base_parameters_make_the_same_torque(seed: int) -> None:
@@ -308,7 +201,3 @@ def test_memory_beyond_the_samples_does_not_grow_with_their_number() -> None:
     columns = 44 * 4 * 8 * (len(long.t) - len(short.t))  # what holding all columns would add
     assert growth < 5 * more
     assert growth < 0.3 * columns
-
-
-def test_regression_of_nothing_has_no_rows() -> None:
-    assert Regression((), 0, (), ()).joint_rows().tolist() == []

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run_cli
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sdp_vs_penalty import InputError, Problem, identify, load_estimate, load_problem
-from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.regression import BlackBox, load_answers
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import (
@@ -134,9 +134,7 @@ def test_the_command_line_takes_a_black_box(
     box, file = answers(panda, 30), tmp_path / "blackbox.npz"
     np.savez(file, q=box.q, gravity=box.gravity, mass_matrix=box.mass_matrix)
     words = ["identify", "panda", "--data", str(file), "--method", "reverse-engineering"]
-    with pytest.raises(SystemExit) as done:
-        main([*words, "--out", str(tmp_path / "model.json")])
-    assert done.value.code == 0
+    assert run_cli(*words, "--out", tmp_path / "model.json") == 0
     assert "reverse-engineering" in capsys.readouterr().out
     base, _ = base_parameters(panda.model("rigid_body"), panda.independent)
     theta = load_estimate(tmp_path / "model.json").theta

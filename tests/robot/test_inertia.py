@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_robots import link_parameters, pose
+from random_robots import pose
 
 from sdp_vs_penalty.robot import inertia
 
@@ -35,19 +35,6 @@ def test_pseudo_inertia_is_the_second_moment_of_the_mass(seed: int) -> None:
     theta = parameters_of(masses, x)
     np.testing.assert_allclose(inertia.pseudo_inertia(theta), second, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(inertia.from_pseudo_inertia(second), theta, rtol=1e-12, atol=1e-12)
-
-
-def test_order_is_that_of_pinocchio() -> None:
-    from sdp_vs_penalty.robot._pinocchio import pin
-
-    theta = link_parameters(np.random.default_rng(1), 0.5)
-    body = pin.Inertia.FromDynamicParameters(theta)
-    mass, com, central = body.mass, body.lever, body.inertia
-    barycentric = inertia.barycentric_from_standard(theta)
-    assert mass == pytest.approx(barycentric[0])
-    np.testing.assert_allclose(com, barycentric[1:4], rtol=1e-12)
-    np.testing.assert_allclose(central, inertia.inertia_matrix(barycentric[4:]), atol=1e-12)
-    np.testing.assert_allclose(body.toDynamicParameters(), theta, rtol=1e-12, atol=1e-14)
 
 
 @quick

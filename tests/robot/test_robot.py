@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, tree, uicker_torques
 
-from sdp_vs_penalty import Problem
 from sdp_vs_penalty.robot import Robot
 
 seeds = st.integers(0, 2**32 - 1)
@@ -38,21 +35,12 @@ def test_regressor_equals_inverse_dynamics_equals_virtual_work(seed: int) -> Non
 
 @quick
 @given(seeds)
-def test_mass_matrix_is_the_derivative_of_torque_by_acceleration(seed: int) -> None:
-    robot, theta, (q, dq, ddq) = random_case(seed)
-    matrices = robot.mass_matrices(theta, q)
-    rest = robot.inverse_dynamics(theta, q, dq, 0.0 * ddq)
-    by_rnea = robot.inverse_dynamics(theta, q, dq, ddq) - rest
-    np.testing.assert_allclose(np.einsum("kij,kj->ki", matrices, ddq), by_rnea, atol=1e-9)
-    np.testing.assert_array_equal(matrices, np.swapaxes(matrices, 1, 2))
-    assert np.all(np.linalg.eigvalsh(matrices) > 0.0)  # the parameters are consistent
-
-
-@quick
-@given(seeds)
 def test_masses_of_least_squares_may_be_negative(seed: int) -> None:
     """Pinocchio divides by what a joint carries, but all of this is linear in the parameters."""
     robot, theta, (q, dq, ddq) = random_case(seed)
+    consistent = robot.mass_matrices(theta, q)
+    np.testing.assert_array_equal(consistent, np.swapaxes(consistent, 1, 2))
+    assert np.all(np.linalg.eigvalsh(consistent) > 0.0)
     wild = np.random.default_rng(seed).normal(size=np.shape(theta))
     matrices = robot.mass_matrices(wild, q)
     by_q, by_dq, by_ddq = robot.inverse_dynamics_derivatives(wild, q, dq, ddq)
@@ -71,18 +59,6 @@ def test_masses_of_least_squares_may_be_negative(seed: int) -> None:
         )
         slope = (after - before) / 2e-6
         np.testing.assert_allclose(by[:, :, 0], slope, atol=1e-5 * (np.abs(slope).max() + scale))
-
-
-@quick
-@given(seeds)
-def test_dictionary_restores_the_robot_to_the_last_bit(seed: int) -> None:
-    robot, _, (q, dq, ddq) = random_case(seed)
-    again = Robot.from_dict(json.loads(json.dumps(robot.to_dict(), allow_nan=False)))
-    np.testing.assert_array_equal(robot.regressor(q, dq, ddq), again.regressor(q, dq, ddq))
-    for a, b in zip(robot.joints, again.joints, strict=True):
-        for key, value in vars(a).items():
-            assert np.array_equal(value, getattr(b, key)), key
-    assert again.gravity == robot.gravity
 
 
 def test_dh_conventions_place_the_same_arm() -> None:
@@ -107,24 +83,3 @@ def test_dh_conventions_place_the_same_arm() -> None:
         for robot, theta in ((standard, at_origin), (modified, along_x))
     ]
     np.testing.assert_allclose(torques[0], torques[1], atol=1e-12)
-
-
-def test_planar_arm_against_textbook_equations(two_link: Problem) -> None:
-    """Point masses on a planar 2R under gravity along -y (Siciliano et al., sec. 7.3.2)."""
-    l1, l2, m1, m2, g = 0.7, 0.4, 2.0, 1.5, 9.81
-    robot = Robot.from_dh("2R", [l1, l2], [0.0, 0.0], [0.0, 0.0], "standard", (0.0, -g, 0.0))
-    theta = np.zeros((2, 10))
-    theta[:, 0] = m1, m2
-    (q1, q2), (v1, v2), (a1, a2) = np.array([0.3, -0.8]), np.array([0.7, 1.1]), np.array([-0.4, 2.0])
-    c2, s2 = np.cos(q2), np.sin(q2)
-    h = m2 * l1 * l2 * s2
-    tau1 = (
-        (m1 * l1**2 + m2 * (l1**2 + l2**2 + 2 * l1 * l2 * c2)) * a1
-        + m2 * (l2**2 + l1 * l2 * c2) * a2
-        - h * (2 * v1 * v2 + v2**2)
-        + (m1 + m2) * g * l1 * np.cos(q1)
-        + m2 * g * l2 * np.cos(q1 + q2)
-    )
-    tau2 = m2 * (l2**2 + l1 * l2 * c2) * a1 + m2 * l2**2 * a2 + h * v1**2 + m2 * g * l2 * np.cos(q1 + q2)
-    found = robot.inverse_dynamics(theta, [q1, q2], [v1, v2], [a1, a2])[0]
-    np.testing.assert_allclose(found, [tau1, tau2], rtol=1e-12)

@@ -107,13 +107,6 @@ def test_torques_equal_those_of_pinocchios_own_parser(arm: Path) -> None:
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_fixed_links_are_merged_and_missing_inertials_are_zero(arm: Path) -> None:
-    _, theta = load_urdf(arm)
-    assert theta[:, 0] == pytest.approx([4.0, 0.0, 1.5 + 0.4 + 0.8, 0.3])
-    assert not theta[1].any()
-    assert np.all(inertia.consistency_margin(theta[[0, 2, 3]]) > 0.0)
-
-
 def test_an_unseen_arm_is_identified_in_one_call(arm: Path) -> None:
     problem = load_problem(arm, gravity=(0.4, -0.2, -9.7))
     truth = problem.nominal_links.copy()

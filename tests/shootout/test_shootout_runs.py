@@ -16,7 +16,6 @@ from sdp_vs_penalty.shootout.results import COLUMNS, Results, key
 from sdp_vs_penalty.shootout.runner import Shootout
 
 PROBLEM = "two_link one-step gyration"
-TWO = f"{PROBLEM},two_link one-step plain"
 
 
 def setup(out: Path, **changes: object) -> Shootout:

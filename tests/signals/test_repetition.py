@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sdp_vs_penalty.signals import repeat_period
-from sdp_vs_penalty.signals.repetition import _differences, recurring
+from sdp_vs_penalty.signals.repetition import recurring
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -69,15 +69,6 @@ def test_slow_motion_is_not_its_own_repetition() -> None:
     t = np.arange(0.0, 300.0, 0.1)
     q = np.sin(2.0 * np.pi * t / 400.0)[:, None]
     assert repeat_period(t, q) is None
-
-
-@settings(max_examples=10, deadline=None, derandomize=True)
-@given(seeds)
-def test_differences_are_those_of_the_definition(seed: int) -> None:
-    x = np.random.default_rng(seed).normal(size=(200, 3))
-    lags = np.array([1, 7, 50, 150, 199])
-    expected = [np.sqrt(np.mean((x[k:] - x[:-k]) ** 2)) for k in lags]
-    np.testing.assert_allclose(_differences(x, lags), expected, rtol=1e-9)
 
 
 def test_long_logs_take_no_quadratic_time() -> None:
