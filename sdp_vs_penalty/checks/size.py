@@ -58,7 +58,8 @@ def find(scene: Scene, repair: Repair) -> Iterator[Issue]:
             )  # fmt: skip
         return
     most = float(over[known].max()) if known.any() else np.nan
-    yield from _common(problem, scale, most, float(np.linalg.norm(channels)) / max(needed, 1e-300))
+    ratio = max(float(np.linalg.norm(channels)) / max(needed, 1e-300), 1e-300)  # squares of 1e-300 are 0
+    yield from _common(problem, scale, most, ratio)
 
 
 def _common(
