@@ -127,7 +127,7 @@ def velocity(g: Glance, settings: Preprocessing) -> Iterator[Issue]:
     wrong: dict[tuple[str, float], list[int]] = {}
     for j in np.flatnonzero(g.moving).tolist():
         own, other = motion.dq[:, j], measured[:, j]
-        ratio = float(own @ other / max(own @ own, 1e-300))
+        ratio = float(own @ other) / max(float(own @ own), 1e-300)
         left = float(np.linalg.norm(other - ratio * own) / max(float(np.linalg.norm(other)), 1e-300))
         known = next((k for k in _RATIOS if abs(ratio / k - 1.0) < 0.1), ratio)
         if left > 0.3:
