@@ -10,7 +10,7 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
-from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited
+from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited, referred
 from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
 from sdp_vs_penalty.diagnosis.constants import OUTSIDE, RAISES
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
@@ -168,6 +168,7 @@ def _offered(search: Search, judge: _Judge) -> Found:
         kept = [t for t in own if t.form.key[1] not in worse]
         own = kept if len(kept) < len(own) else []
         now, beside, shapes = first, search, []
+    now, beside = referred(beside, now)
     terms = in_order([t for t in beside.terms if not t.form.own])
     held_out = judge.of(beside, [t.form.effect for t in terms], now)
     order = held_out.offered(len(terms))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, MISFIT, MISFIT_SPECTRUM, NOMINAL
+from sdp_vs_penalty.diagnosis.constants import BESIDE_OTHERS, CHANCE, MATTERS, MISFIT, MISFIT_SPECTRUM
 from sdp_vs_penalty.diagnosis.score import Fit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.robot.arrays import Array
@@ -51,35 +51,41 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, ignore: NDArray[np.boo
     variance = mean(white**2, slides)
     squares = mean(residual**2, slides), mean(residual**2, keep & ~slides)
     beyond, slow = (np.sqrt(np.maximum(x - noise.floor**2, 0.0)) for x in squares)
-    torque = np.sqrt(np.mean(rows.torque**2, axis=0))
-    least = np.full(len(noise.floor), MISFIT_SPECTRUM)
+    # Of one log's joints the spectrum is wrong by much the same.
+    least = np.full(rows.n, min(MISFIT_SPECTRUM, BESIDE_OTHERS * max(float(np.median(variance)), 1.0)))
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         least = MISFIT * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
     with np.errstate(divide="ignore", invalid="ignore"):
         raised = np.hypot(beyond, noise.floor) / noise.floor - 1.0
-    found = (variance > least) & (raised > MATTERS) & (beyond > NOMINAL * torque) & data.known
+    found = (variance > least) & (raised > MATTERS) & data.known
     matters = tuple(np.flatnonzero(found).tolist())
     return Remainder(mean(white**2, keep) - 1.0, beyond, slow, noise.floor, matters, data.known)
 
 
-def residual_beside(data: WhiteData, columns: Array) -> Array:
-    """(M, n) [N m or N] what the model leaves, refitted beside columns (n, M, k), not white: by least
-    squares on the white rows, joints weighted by what is left of them."""
+def parameters_beside(data: WhiteData, columns: Array) -> Array:
+    """(p + k,) parameters of the model and of columns (n, M, k), not white: least squares on the white
+    rows, joints weighted by what is left of them; where rows do not tell them, the model's own."""
     everything = np.concatenate([data.raw, columns], axis=2)
     n, _, p = everything.shape
-    if not p:
-        return data.rows.residual
+    first = np.zeros(p)
+    first[: data.raw.shape[2]] = 0.0 if data.frozen else data.estimate.theta
     white = np.stack([data.white(everything[j], j) for j in range(n)])
-    level = np.ones(n)
-    theta = np.zeros(p)
-    for _ in range(3):
+    level, theta, target = np.ones(n), first, data.y - white @ first
+    for _ in range(3 if p else 0):
         A = (white / level[:, None, None]).reshape(-1, p)
         norms = np.linalg.norm(A, axis=0)
         unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
-        theta = np.linalg.lstsq(A / unit, (data.y / level[:, None]).ravel(), rcond=1e-8)[0] / unit
+        theta = np.linalg.lstsq(A / unit, (target / level[:, None]).ravel(), rcond=1e-8)[0] / unit
+        theta = first + theta
         left = np.sum((data.y - white @ theta) ** 2, axis=1) / np.maximum(data.count, 1.0)
         level = np.sqrt(np.maximum(left, 1.0 if data.known else 1e-12))
-    torque = (
-        data.rows.residual if data.frozen else data.rows.residual + (data.raw @ data.estimate.theta).T
-    )
-    return np.asarray(torque - (everything @ theta).T)
+    return theta
+
+
+def residual_beside(data: WhiteData, columns: Array) -> Array:
+    """(M, n) [N m or N] what the model leaves, refitted beside columns (n, M, k), not white."""
+    everything = np.concatenate([data.raw, columns], axis=2)
+    torque = data.rows.residual
+    if not data.frozen:
+        torque = torque + (data.raw @ data.estimate.theta).T
+    return np.asarray(torque - (everything @ parameters_beside(data, columns)).T)
