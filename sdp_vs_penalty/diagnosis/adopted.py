@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.refit import weighting_of
-from sdp_vs_penalty.diagnosis.remaining import parameters_beside
+from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.rows import with_estimate
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.whitening import spread_columns, whitened
+from sdp_vs_penalty.diagnosis.whitening import whitened
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimators.task import make_task
@@ -39,16 +37,14 @@ def referred(search: Search, estimate: Estimate) -> tuple[Estimate, Search]:
         effects = [t.form.effect for t in search.terms]
         if search.data.frozen or not any(e.needs_torque or e.needs_links for e in effects):
             break
-        columns = np.concatenate([spread_columns(search.data.rows, e) for e in effects], axis=2)
-        theta = parameters_beside(search.data, columns)[: len(estimate.theta)]
+        theta = refitted(search.data, effects)[0][: len(estimate.theta)]
         estimate = replace(estimate, theta=theta)
         search = carried(search, estimate)
     return estimate, search
 
 
 def carried(search: Search, estimate: Estimate) -> Search:
-    """The same findings beside another model: in the columns that this one makes, each judged again; a
-    finding that only mended what the first one had wrong goes."""
+    """The same findings beside another model, in the columns that this one makes."""
     data = search.data
     rows = with_estimate(data.rows, estimate)
     data = whitened(rows, data.noise, estimate, data.frozen)
@@ -57,8 +53,6 @@ def carried(search: Search, estimate: Estimate) -> Search:
     out.terms = [
         Term(t.form, data.columns(t.form.effect), t.J, t.beta, t.covariance, t.rivals) for t in named
     ]
-    out.fit = out.score.fit(out.terms)
-    out.terms = out.settled(out.terms)
     out.fit = out.score.fit(out.terms)
     return out
 

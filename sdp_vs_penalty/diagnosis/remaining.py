@@ -7,6 +7,7 @@ friction turns round any law of it is only nearly right.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,8 @@ from scipy import special
 
 from sdp_vs_penalty.diagnosis.constants import BESIDE_OTHERS, CHANCE, MATTERS, MISFIT, MISFIT_SPECTRUM
 from sdp_vs_penalty.diagnosis.score import Fit
-from sdp_vs_penalty.diagnosis.whitening import WhiteData
+from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.stillness import SLOW, STILL
@@ -62,30 +64,30 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, ignore: NDArray[np.boo
     return Remainder(mean(white**2, keep) - 1.0, beyond, slow, noise.floor, matters, data.known)
 
 
-def parameters_beside(data: WhiteData, columns: Array) -> Array:
-    """(p + k,) parameters of the model and of columns (n, M, k), not white: least squares on the white
-    rows, joints weighted by what is left of them; where rows do not tell them, the model's own."""
-    everything = np.concatenate([data.raw, columns], axis=2)
+def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:
+    """(p + k,) parameters of the model and of effects beside it, and (M, n) [N m or N] what these leave:
+    least squares on the white rows and on what is known of the effects' sizes, joints weighted by what
+    is left of them; parameters that rows do not tell are the model's."""
+    columns = [data.raw, *(spread_columns(data.rows, e) for e in effects)]
+    everything = np.concatenate(columns, axis=2)
     n, _, p = everything.shape
-    first = np.zeros(p)
-    first[: data.raw.shape[2]] = 0.0 if data.frozen else data.estimate.theta
+    theta, torque = np.zeros(p), data.rows.residual
+    if not data.frozen:
+        theta[: data.raw.shape[2]] = data.estimate.theta
+        torque = torque + (data.raw @ data.estimate.theta).T
+    if not p:
+        return theta, torque
+    known = [np.zeros(data.raw.shape[2])]
+    known += [np.zeros(len(e.parameters)) if e.plausible is None else 1.0 / e.plausible for e in effects]
     white = np.stack([data.white(everything[j], j) for j in range(n)])
-    level, theta, target = np.ones(n), first, data.y - white @ first
-    for _ in range(3 if p else 0):
-        A = (white / level[:, None, None]).reshape(-1, p)
+    first, level, prior = theta, np.ones(n), np.diag(np.concatenate(known))
+    target = data.y - white @ first
+    for _ in range(3):
+        A = np.vstack([(white / level[:, None, None]).reshape(-1, p), prior])
         norms = np.linalg.norm(A, axis=0)
         unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
-        theta = np.linalg.lstsq(A / unit, (target / level[:, None]).ravel(), rcond=1e-8)[0] / unit
-        theta = first + theta
+        wanted = np.append(target / level[:, None], np.zeros(p))
+        theta = first + np.linalg.lstsq(A / unit, wanted, rcond=1e-8)[0] / unit
         left = np.sum((data.y - white @ theta) ** 2, axis=1) / np.maximum(data.count, 1.0)
         level = np.sqrt(np.maximum(left, 1.0 if data.known else 1e-12))
-    return theta
-
-
-def residual_beside(data: WhiteData, columns: Array) -> Array:
-    """(M, n) [N m or N] what the model leaves, refitted beside columns (n, M, k), not white."""
-    everything = np.concatenate([data.raw, columns], axis=2)
-    torque = data.rows.residual
-    if not data.frozen:
-        torque = torque + (data.raw @ data.estimate.theta).T
-    return np.asarray(torque - (everything @ parameters_beside(data, columns)).T)
+    return theta, np.asarray(torque - (everything @ theta).T)
