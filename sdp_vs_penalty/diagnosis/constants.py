@@ -76,9 +76,8 @@ INVISIBLE, SHARED = 1.0 - ABSORBED, 0.8
 #: Standard deviations from which a size is not what its effect says is plausible, and a constant another
 #: one ("three sigma").
 FAR = 3.0
-#: Share by which a shape constant has to move: less makes no other torque; and of the range, in its own
-#: scale, nearer to an end than which it lies there.
-MOVES, AT_END = 0.05, 0.02
+#: Share by which a shape constant has to move: less makes no other torque.
+MOVES = 0.05
 
 # Events.
 
