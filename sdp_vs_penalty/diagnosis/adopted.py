@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.refit import weighting_of
 from sdp_vs_penalty.diagnosis.remaining import refitted
@@ -57,15 +59,20 @@ def carried(search: Search, estimate: Estimate) -> Search:
     return out
 
 
-def limited(search: Search, terms: Sequence[Term]) -> Search:
-    """The search with some of its terms only, each judged beside those."""
+def limited(search: Search, terms: Sequence[Term], least: float = -np.inf) -> Search:
+    """The search with some of its terms only, each judged beside those; the worst goes while it has less
+    than ``least``."""
     out = Search(search.data, search.library)
-    fit = out.score.fit(terms)
-    found = []
-    for t in terms:
-        others = out.score.fit([x for x in terms if x != t], fit.level)
-        again = out.score.judged(others, t.form, t.columns)
-        found.append(replace(again, rivals=t.rivals))
+    while True:
+        fit = out.score.fit(terms)
+        found = []
+        for t in terms:
+            others = out.score.fit([x for x in terms if x != t], fit.level)
+            found.append(replace(out.score.judged(others, t.form, t.columns), rivals=t.rivals))
+        worst = min(range(len(found)), key=lambda k: found[k].J, default=None)
+        if worst is None or least <= found[worst].J:
+            break
+        terms = [t for k, t in enumerate(terms) if k != worst]
     out.terms, out.fit = found, fit
     return out
 

@@ -12,7 +12,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited, referred
 from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
-from sdp_vs_penalty.diagnosis.constants import OUTSIDE, RAISES
+from sdp_vs_penalty.diagnosis.constants import APART, OUTSIDE, RAISES
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, folds_of, lowers, on_folds, on_test, raises
@@ -172,7 +172,8 @@ def _offered(search: Search, judge: _Judge) -> Found:
         own = kept if len(kept) < len(own) else []
         now, beside, shapes = first, search, []
     now, beside = referred(beside, now)
-    terms = in_order([t for t in beside.terms if not t.form.own])
+    named = [t for t in beside.terms if not t.form.own]
+    terms = in_order(limited(beside, named, APART).terms)
     held_out = judge.of(beside, [t.form.effect for t in terms], now)
     if not shapes:
         before = held_out.errors(()).every
