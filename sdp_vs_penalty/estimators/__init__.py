@@ -48,8 +48,8 @@ __getattr__ = surface(
         "LmiSdpEntropic": "lmi_sdp",
         "PenaltyPaper": "penalty_paper",
         "Task": "estimator",
-        "interior_point": "lmi_sdp",
+        "interior_point": "sdp_fit",
         "make_task": "task",
-        "solve_sdp": "lmi_sdp",
+        "solve_sdp": "sdp_fit",
     },
 )
