@@ -47,6 +47,7 @@ __getattr__ = surface(
         "LmiSdp": "lmi_sdp",
         "LmiSdpEntropic": "lmi_sdp",
         "PenaltyPaper": "penalty_paper",
+        "PosedSdp": "sdp_fit",
         "Task": "estimator",
         "interior_point": "sdp_fit",
         "make_task": "task",

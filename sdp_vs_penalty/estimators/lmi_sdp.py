@@ -18,6 +18,7 @@ from typing import ClassVar
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
+from sdp_vs_penalty.estimators.task import sample_variance
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
@@ -80,11 +81,6 @@ class LmiSdp(Estimator):
         links = tuple(c for c in task.constraints.convex if c.family == "pseudo-inertia")
         nominal = inertia.pseudo_inertia(task.prior_links)
         return Entropy(self.entropy * sample_variance(task), links, nominal)
-
-
-def sample_variance(task: Task) -> float:
-    """Residual variance of one filtered torque row in unconstrained least squares."""
-    return task.data.loss(task.ols) / max(task.data.rows, 1)
 
 
 @dataclass(frozen=True)
