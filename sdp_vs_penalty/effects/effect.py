@@ -10,7 +10,7 @@ A file in this folder that defines a subclass of :class:`Effect` is its registra
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from itertools import product
@@ -184,6 +184,18 @@ class Effect(ABC):
     @abstractmethod
     def blocks(self, motion: Motion) -> list[Block]:
         """The columns, joint by joint; joints without torque from this effect may be left out."""
+
+    @property
+    def key(self) -> Hashable:
+        """What its columns depend on beside the robot and the motion."""
+        return type(self), self.joints, tuple(self.shape.items())
+
+    def torque(self, theta: Array, motion: Motion) -> Array:
+        """(N, n) what its parameters theta (k,) make of a motion."""
+        out = np.zeros_like(motion.q)
+        for block in self.blocks(motion):
+            out[:, block.joint] += block.columns @ theta[block.parameters]
+        return out
 
     @property
     def waves(self) -> float | None:
