@@ -10,7 +10,7 @@ A file in this folder that defines a subclass of :class:`Effect` is its registra
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from itertools import product
@@ -185,10 +185,15 @@ class Effect(ABC):
     def blocks(self, motion: Motion) -> list[Block]:
         """The columns, joint by joint; joints without torque from this effect may be left out."""
 
-    @property
-    def key(self) -> Hashable:
-        """What its columns depend on beside the robot and the motion."""
-        return type(self), self.joints, tuple(self.shape.items())
+    def same_columns(self, other: Effect) -> bool:
+        """Whether both have the same columns on every motion, as far as that shows: effects made of more
+        than robot, joints and shape constants are like themselves only."""
+        plain = type(self) is type(other) and type(self).__init__ is Effect.__init__
+        return self is other or (
+            plain
+            and self.robot is other.robot
+            and (self.joints, self.shape) == (other.joints, other.shape)
+        )
 
     def torque(self, theta: Array, motion: Motion) -> Array:
         """(N, n) what its parameters theta (k,) make of a motion."""

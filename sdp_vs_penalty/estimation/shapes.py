@@ -21,7 +21,7 @@ al., Classification and Regression Trees, 1984, sec. 3.4.3).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -252,10 +252,6 @@ class _Grid(Effect):
     def __init__(self, effects: Sequence[Effect]) -> None:
         super().__init__(effects[0].robot, effects[0].joints)
         self.effects = effects
-
-    @property
-    def key(self) -> Hashable:
-        return tuple(effect.key for effect in self.effects)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]

@@ -106,7 +106,7 @@ class Columns:
         return [np.concatenate(rows) for rows in zip(*parts, strict=True)]
 
     def _known(self, effect: Effect) -> list[Block] | None:
-        kept = (self._modelled if depends(effect) else self._derived).get(effect.key)
+        kept = (self._modelled if depends(effect) else self._derived).get(_key(effect))
         for asked, blocks in () if kept is None or kept[0] is not effect.robot else kept[1]:
             if self._widths.same(asked):
                 found: list[Block] = blocks
@@ -118,7 +118,7 @@ class Columns:
     ) -> None:
         if effect_types().get(effect.name) is not type(effect):
             return
-        kept, key = self._modelled if depends(effect) else self._derived, effect.key
+        kept, key = self._modelled if depends(effect) else self._derived, _key(effect)
         robot, known = kept.get(key, (None, []))
         if robot is not effect.robot:
             _, known = kept[key] = effect.robot, []
@@ -131,3 +131,7 @@ class Columns:
             while sizes[-1] - sizes[0] > _MOST_KEPT:
                 sizes.popleft()
                 kept.pop(alone.popleft(), None)
+
+
+def _key(effect: Effect) -> Hashable:
+    return type(effect), effect.joints, tuple(effect.shape.items())
