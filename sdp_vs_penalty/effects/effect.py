@@ -185,6 +185,23 @@ class Effect(ABC):
     def blocks(self, motion: Motion) -> list[Block]:
         """The columns, joint by joint; joints without torque from this effect may be left out."""
 
+    def same_columns(self, other: Effect) -> bool:
+        """Whether both have the same columns on every motion, as far as that shows: effects made of more
+        than robot, joints and shape constants are like themselves only."""
+        plain = type(self) is type(other) and type(self).__init__ is Effect.__init__
+        return self is other or (
+            plain
+            and self.robot is other.robot
+            and (self.joints, self.shape) == (other.joints, other.shape)
+        )
+
+    def torque(self, theta: Array, motion: Motion) -> Array:
+        """(N, n) what its parameters theta (k,) make of a motion."""
+        out = np.zeros_like(motion.q)
+        for block in self.blocks(motion):
+            out[:, block.joint] += block.columns @ theta[block.parameters]
+        return out
+
     @property
     def waves(self) -> float | None:
         """How often its torque repeats in a turn [-, or rad/m]; None where it follows no phase."""
