@@ -110,7 +110,7 @@ def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
     parts, k = scene.judged.parts(repair, _STRIPES)
 
     def two(first: Array, second: Array) -> Array:
-        one, other = (Equations.of(some.sum(axis=0), k).best(asked) for some in (first, second))
+        one, other = (Equations.of(some.sum(axis=0), k).fitted(asked)[1] for some in (first, second))
         return one + other
 
     stripes = two(parts[::2], parts[1::2])

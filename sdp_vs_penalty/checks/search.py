@@ -93,11 +93,13 @@ class Search:
         )
         asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
         scores = self.scene.tried.scores(asked)
-        values = [self.likelihood(s, r) for s, r in zip(scores, asked, strict=True)]
-        level, order = self.likelihood(score, now), np.argsort(values)[::-1].tolist()
-        tied = [i for i in order if values[i] > level - LOUDEST and _same_fit(asked[i], now)]
-        near = [i for i in order[:CLOSELY] if values[i] > level - LOUDEST]
-        return [asked[i] for i in dict.fromkeys(near + tied[: CLOSELY + 2])]
+        level = self.likelihood(score, now)
+        # Costs are positive: most need not be asked for.
+        free = np.array([-0.5 * self.samples * s.score for s in scores])
+        near = {i: self.likelihood(scores[i], asked[i]) for i in np.flatnonzero(free > level - LOUDEST)}
+        order = sorted((i for i in near if near[i] > level - LOUDEST), key=lambda i: -near[i])
+        tied = [i for i in order if _same_fit(asked[i], now)]
+        return [asked[i] for i in dict.fromkeys(order[:CLOSELY] + tied[: CLOSELY + 2])]
 
     def added(self, now: Repair, pairs: bool = False) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
