@@ -16,7 +16,8 @@ from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.search import Found, Search
-from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS, Element, Scene
+from sdp_vs_penalty.checks.transformation import Element, Scene
+from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations import Number, Scene
+from sdp_vs_penalty.checks.transformation import Number, Scene
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.intervals import NOT_SEEN, counts
 from sdp_vs_penalty.estimation.uncertainty import of_regression
@@ -80,4 +80,4 @@ def hidden_errors(scene: Scene, repair: Repair) -> Iterator[Issue]:
 
 
 def _zero(repair: Repair, j: int) -> Number:
-    return Number(repair.zero[j], partial(repair.with_entry, "zero", j), _SMALL, 0.0, str)
+    return Number(repair.zero[j], partial(repair.with_entries, "zero", (j,)), _SMALL, 0.0, str)

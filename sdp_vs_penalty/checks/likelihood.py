@@ -119,6 +119,9 @@ class Likelihood:
         out = np.empty((self.data.n, self.data.count))
         for j, k in enumerate(repair.tau_order):
             value, rate = self._at(k, repair.lead[j])
+            if repair.bend[j]:
+                limit = self.data.largest[k] / repair.bend[j]
+                value = limit * np.arctanh(np.clip(value / limit, -0.999, 0.999))
             out[j] = repair.gain[j] * (value + repair.lag[j] * rate)
         return out * self._heard(repair)
 

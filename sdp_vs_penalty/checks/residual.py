@@ -15,7 +15,7 @@ from sdp_vs_penalty.checks.constants import CONTRADICTS, EVENT, TWO_ARMS, TYPICA
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations, Score, left_out_alone
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations import Scene
+from sdp_vs_penalty.checks.transformation import Scene
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 

@@ -24,7 +24,8 @@ from sdp_vs_penalty.checks.constants import (
 )  # fmt: skip
 from sdp_vs_penalty.checks.likelihood import Score, independent_samples
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS, Element, Number, Scene
+from sdp_vs_penalty.checks.transformation import Element, Number, Scene
+from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS
 
 
 @dataclass(frozen=True)

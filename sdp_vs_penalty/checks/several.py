@@ -18,8 +18,7 @@ from sdp_vs_penalty.checks.constants import APART
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations import Scene
-from sdp_vs_penalty.checks.transformations.transformation import choices
+from sdp_vs_penalty.checks.transformation import Scene, choices
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -100,7 +99,7 @@ def _changes(
     for j in scene.joints:
         yield "torque gain", j, (torque * np.eye(scene.n)[j][:, None])[:, :, None]
         if j in scene.revolute:
-            at = partial(repair.with_entry, "zero", j)
+            at = partial(repair.with_entries, "zero", (j,))
             yield "encoder offset", j, -scene.judged.slope(at, repair.zero[j], 0.01, theta)[:, :, None]
     yield "another load", scene.n - 1, scene.judged.last_link(repair)
 

@@ -11,7 +11,7 @@ import numpy as np
 from sdp_vs_penalty.checks.constants import ODD_NUMBER, ODDS
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations.transformation import Element, Number, Scene, Transformation
+from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation
 
 #: True time over the file's that is tried; those of doubled and halved rates come first.
 _RATES, _ROUND = (0.3, 0.5, 0.7, 0.85, 1.2, 1.5, 2.0, 3.3), (0.5, 2.0)
@@ -30,13 +30,13 @@ class Clock(Transformation):
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         if repair.reversed:
+            what = "the rows are in reverse order: friction would drive the motion."
+            forward = replace(repair, reversed=False)
             yield Element(
-                "time reversed", "error", (),
-                "the rows are in reverse order: friction would drive the motion.",
-                "reverse q and tau in time", replace(repair, reversed=False), ODDS, place="all rows",
+                "time reversed", "error", (), what, "reverse q and tau in time", forward, ODDS,
+                place="all rows",
             )  # fmt: skip
-        factor = repair.rate
-        if factor == 1.0:
+        if (factor := repair.rate) == 1.0:
             return
         size, word = float(np.log(factor)), "fast" if factor < 1.0 else "slow"
         odd = 0.0 if min(abs(factor - x) for x in _ROUND) < 1e-9 else ODD_NUMBER
@@ -46,8 +46,6 @@ class Clock(Transformation):
             "torques does not fit the weight.",
             f"multiply t by {factor:.3g} (find out the log's true rate)",
             replace(repair, rate=1.0), ODDS + odd + _FAR * abs(size),
-            Number(
-                size, lambda v: replace(repair, rate=float(np.exp(v))), _KNOWN, 0.4,
-                lambda v: f"a factor of {np.exp(v):.3g}", tuple(float(np.log(x)) for x in _ROUND),
-            ), place="column t", figures={"factor": factor},
+            Number.factor(factor, lambda x: replace(repair, rate=x), _KNOWN, 0.4, _ROUND),
+            place="column t", figures={"factor": factor},
         )  # fmt: skip

@@ -34,6 +34,16 @@ class Number:
     text: Callable[[float], str]
     snaps: tuple[float, ...] = ()
 
+    @classmethod
+    def factor(
+        cls, x: float, at: Callable[[float], Repair], tolerance: float, reach: float,
+        snaps: tuple[float, ...],
+    ) -> Number:  # fmt: skip
+        """The natural logarithm of a factor x, which ``at`` and snaps count in."""
+        logs = tuple(float(np.log(s)) for s in snaps)
+        text = lambda v: f"a factor of {np.exp(v):.3g}"  # noqa: E731
+        return cls(float(np.log(x)), lambda v: at(float(np.exp(v))), tolerance, reach, text, logs)
+
 
 @dataclass(frozen=True)
 class Element:
