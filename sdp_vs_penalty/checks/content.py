@@ -69,12 +69,11 @@ def content(
         return _stopped(none, rules.NO_MOTION(glance))
     settings = settings.resolve(run)
     glance = replace(glance, settings=settings)
-    seldom = list(rules.RATE(glance))
     if not run.torque_logged:  # rows, clock and positions are all there is
         told = (rules.IDLE, rules.STAND_STILL, rules.QUANTISATION, rules.RATE, rules.implausible)
         return _stopped(none, (issue for rule in told for issue in rule(glance)))
     data = RegressionData.of(problem, run, settings, JUDGED)
-    scene = Scene(problem, Likelihood(data.few(TRIED)), Likelihood(data), bool(seldom))
+    scene = Scene(problem, Likelihood(data.few(TRIED)), Likelihood(data))
     first = [*_frozen(scene, glance), *rules.DEAD(glance), *rules.MAGNITUDE(glance)]
     if any(i.kind in ("frozen position", "torque magnitude") for i in first):
         return _stopped(none, first)  # nothing else can be asked of such a motion
@@ -91,9 +90,10 @@ def content(
     velocity = list(rules.VELOCITY(glance))
     issues += [
         *residual.find(scene, found.repair, score, settled), *rules.IDLE(glance),
-        *rules.STAND_STILL(glance), *velocity, *rules.SATURATION(glance), *rules.QUANTISATION(glance),
-        *seldom,
+        *rules.STAND_STILL(glance), *velocity, *rules.QUANTISATION(glance), *rules.RATE(glance),
     ]  # fmt: skip
+    bent = {e.joints[0] + 1 for e in found.elements if e.kind == "saturation"}
+    issues += [i for i in rules.SATURATION(glance) if i.figures["joint"] not in bent]
     moved = ("encoder offset", "positions in degrees", "position unit")
     if not any(e.kind in moved for e in found.elements):
         for issue in velocity:

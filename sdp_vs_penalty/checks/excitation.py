@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -62,7 +63,8 @@ def find(problem: Problem, run: Measurements, settings: Preprocessing) -> Iterat
 
 
 def hidden_errors(scene: Scene, repair: Repair) -> Iterator[Issue]:
-    """One note: from which size on the zero of a joint would be named."""
+    """One note: from which size on the zero of a joint would be named (few rows tell)."""
+    scene = replace(scene, judged=scene.tried)
     zeros = {j + 1: 3.0 * scene.deviation(_zero(repair, j)) for j in scene.revolute}
     hidden = [
         f"joint {j}{'' if not x < np.pi else f' below {np.degrees(x):.2g} degrees'}"

@@ -1,4 +1,4 @@
-"""The search over compositions of transformations: add the best, refine its numbers, drop, exchange.
+"""The search over compositions of transformations: add the best, refine its numbers, drop.
 
 What is maximised is one posterior, L + log p(physics) - cost of the repair (see likelihood.py). A
 repair that is added has to predict parts of the log that the arm was not fitted to, and its number has
@@ -22,7 +22,7 @@ from sdp_vs_penalty.checks.constants import (
     SIGMAS,
     SIGNIFICANT,
 )  # fmt: skip
-from sdp_vs_penalty.checks.likelihood import Score, independent_samples
+from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Scene
 from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS
@@ -73,11 +73,7 @@ class Search:
             if better is None:
                 break
             now = self.dropped(better)
-            # What is left of a better arm is less alike from row to row: more samples count.
-            residual = self.scene.tried.score(now).residual
-            self.samples = max(self.samples, independent_samples(residual, self.scene.moving))
-            self._posteriors.clear()
-        return self.found(self.polished(self.exchanged(now)))
+        return self.found(now)
 
     def _contradicts(self, now: Repair) -> bool:
         """Whether joints by themselves explain far more than one arm does: two things may be wrong at
@@ -122,12 +118,12 @@ class Search:
         usual."""
         judged, known = self.scene.judged, {e.name for e in self.elements(now)}
         numbers = [e.number for e in self.elements(repair) if e.name not in known and e.number]
-        if not all(n.value in n.snaps or self._determined(n) for n in numbers):
+        if not all(map(self._determined, numbers)):
             return False
         change = np.log(judged.left_out(now) / judged.left_out(repair))[:, self.scene.moving].sum(axis=1)
         error = float(np.std(change)) / np.sqrt(PARTS)
         if _same_fit(repair, now):  # physics alone may tell
-            return not self.scene.coarse and bool(np.mean(change) >= -SIGNIFICANT * error)
+            return bool(np.mean(change) >= -SIGNIFICANT * error)
         return bool(np.mean(change) > SIGNIFICANT * error and np.median(change) > 0.0)
 
     def _determined(self, number: Number) -> bool:
@@ -156,20 +152,6 @@ class Search:
             repair = max(tried, key=self.posterior)
         return repair
 
-    def polished(self, repair: Repair) -> Repair:
-        """All numbers beside each other once more; each in turn at the round value near it."""
-        if len(self.elements(repair)) < 2:
-            return repair
-        repair = self.refined(repair, self.scene.none)
-        round_ = repair
-        for e in self.elements(repair):
-            number = next(o.number for o in self.elements(round_) if o.name == e.name)
-            for x in number.snaps if number else ():
-                # Beside one that is not yet round another looks a few tolerances away from it.
-                if abs(x - number.value) < 7.0 * number.tolerance:  # type: ignore[union-attr]
-                    round_ = number.at(x)  # type: ignore[union-attr]
-        return max(repair, round_, key=self.posterior)
-
     def dropped(self, repair: Repair) -> Repair:
         """Without whatever it does better without."""
         while True:
@@ -178,15 +160,6 @@ class Search:
             if better == repair or self.posterior(better) < self.posterior(repair) - MIN_GAIN:
                 return repair
             repair = better
-
-    def exchanged(self, now: Repair) -> Repair:
-        """One thing against another, where that is better."""
-        elements = self.elements(now)
-        for e in elements if len(elements) > 1 else ():
-            other = self.added(e.without)
-            if other is not None and self.posterior(other) > self.posterior(now) + MIN_GAIN:
-                return self.dropped(other)
-        return now
 
     def found(self, repair: Repair) -> Found:
         elements = tuple(self.elements(repair))

@@ -14,7 +14,7 @@ from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation, choices
 
 #: Factors that are tried: units, and a grid whose steps the refinement bridges.
-_TRIED = (1e-3, 1e-2, 0.1, 0.3, 0.5, 0.63, 0.77, 0.87, 0.94, 1.06, 1.14, 1.3, 1.6, 2, 3, 10, 100, 1e3)
+_TRIED = (1e-3, 1e-2, 0.1, 0.3, 0.6, 0.85, 1.17, 1.7, 3, 10, 100, 1e3)
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
 _UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
 

@@ -14,8 +14,6 @@ from sdp_vs_penalty.checks.transformation import Element, Scene, Transformation,
 
 #: All sets of signs are tried of arms with at most so many joints; of larger ones joint by joint.
 _MANY = 8
-#: Several signs at once are one habit of a driver: each after the first is likelier (natural logarithm).
-_NEXT = 2.0
 
 
 class Sign(Transformation):
@@ -45,7 +43,7 @@ class Sign(Transformation):
         alone = tuple(np.flatnonzero(tau & ~q).tolist())
         if alone:
             every = len(alone) == scene.n
-            cost = choices(1) if every else choices(scene.n) + _NEXT * (len(alone) - 1)
+            cost = choices(1) if every else len(alone) * choices(scene.n)
             what = f"the torque of {'every joint' if every else joints_text(alone)} has the wrong sign."
             remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
             without = repair.times("gain", alone, -1.0)
