@@ -17,7 +17,7 @@ from corruptions.bench import contradicts
 
 from sdp_vs_penalty import InputError, Measurements, Problem, load_estimate, load_problem
 from sdp_vs_penalty.checked import consented
-from sdp_vs_penalty.checks import Issue, Report, check, mended, of_one_arm
+from sdp_vs_penalty.checks import Report, check, mended
 from sdp_vs_penalty.data import read_run, save
 from sdp_vs_penalty.data.datasets import _emps_runs, _ur10e_runs
 from sdp_vs_penalty.data.files import load_measurements
@@ -609,31 +609,3 @@ def test_a_slow_log_keeps_its_seconds(simulated: tuple[Problem, Measurements]) -
     for changed in (sparse(run), slow):
         kinds = {f.kind for f in check(problem, changed, thorough=False)[0].issues}
         assert "time unit" not in kinds
-
-
-@pytest.mark.parametrize(
-    ("runs", "sure", "severity"),
-    [
-        ("x.", "likely: it mends", "warning"),
-        ("x..", "likely: it mends", "warning"),
-        ("xx.", "likely: it mends", "error"),
-        ("x", "likely: it mends", "error"),
-        ("x-", "likely: it mends", "error"),
-        ("x.", "certain: it mends", "error"),
-    ],
-)
-def test_one_arm_has_one_mounting(
-    runs: str, sure: str, severity: str, simulated: tuple[Problem, Measurements]
-) -> None:
-    """What is likely of an arm's zeros (x) is no error where as many runs (.) do not show it; a run that
-    could not be checked (-) says nothing."""
-    _, run = simulated
-    issue = Issue("encoder offset", "error", "joint 2", "the zero", sure, "add", repair=lambda m: m)
-    given = [
-        Report(str(k), (issue,) if r == "x" else (), run, run, None if r == "-" else 0.0)
-        for k, r in enumerate(runs)
-    ]
-    reports = of_one_arm(given)
-    assert reports[0].issues[0].severity == severity
-    assert reports[0].meaningless == (severity == "error")
-    assert ("runs do not show it" in reports[0].issues[0].certainty) == (severity == "warning")
