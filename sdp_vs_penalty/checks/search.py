@@ -128,7 +128,8 @@ class Search:
 
     def _determined(self, number: Number) -> bool:
         """Beyond what is usual, and its interval is closed: far to either side it explains less."""
-        values = [number.value + d * number.reach for d in (0.0, -1.0, 1.0)]
+        far = number.apart if number.value in number.snaps else number.reach
+        values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
         here, *sides = self.scene.judged.scores([number.at(x) for x in values])
         if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < CLOSED:
             return False
