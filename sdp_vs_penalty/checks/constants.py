@@ -64,8 +64,8 @@ USUAL_DELAY = 0.01
 #: Ranges of joints are known to so much [rad, m].
 RANGES = 0.2
 #: Other positions are asked for where some joint leaves more than this share of its torque's energy, a
-#: tenth of the torque: a wrong sign, order or quarter turn leaves more, even of slow motion.
-UNEXPLAINED = 1e-2
+#: fourteenth of the torque: a wrong sign, order or quarter turn leaves more, even of slow motion.
+UNEXPLAINED = 5e-3
 #: Friction that warms up and slow noise look like a drift or a step (natural logarithm of the odds).
 SLOW_ODDS = 15.0
 
