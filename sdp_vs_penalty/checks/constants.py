@@ -61,8 +61,6 @@ CALIBRATED_GAIN, WRONG_GAIN = 0.06, 0.5
 LEVEL, MISMOUNTED = float(np.radians(2.0)), float(np.radians(10.0))
 #: Drives and their drivers take as long [s].
 USUAL_DELAY = 0.01
-#: Ranges of joints are known to so much [rad, m].
-RANGES = 0.2
 #: Other positions are asked for where some joint leaves more than this share of its torque's energy, a
 #: fourteenth of the torque: a wrong sign, order or quarter turn leaves more, even of slow motion.
 UNEXPLAINED = 5e-3

@@ -398,9 +398,8 @@ def left_out_alone(score: Score, repair: Repair) -> Array:
     parts, left = score.of.parts(repair)[0], 0.0 * score.whole
     for part in parts:
         rest = parts.sum(axis=0) - part
-        for j in range(len(left)):
-            v = np.append(solve(rest[j, :-1, :-1], rest[j, :-1, -1]), -1.0)
-            left[j] += v @ part[j] @ v
+        fits = (solve(r[:-1, :-1], r[:-1, -1]) for r in rest)
+        left += [v @ p @ v for p, v in zip(part, (np.append(x, -1.0) for x in fits), strict=True)]
     return np.maximum(left / score.whole, FLOOR)
 
 

@@ -17,7 +17,6 @@ from sdp_vs_penalty.checks.constants import (
     LOUDEST,
     MIN_GAIN,
     MOST_FAULTS,
-    ODDS,
     PARTS,
     SIGMAS,
     SIGNIFICANT,
@@ -54,7 +53,7 @@ class Search:
 
     def likelihood(self, score: Score, repair: Repair) -> float:
         """Log-likelihood less the repair's cost."""
-        cost = sum(e.cost for e in self.elements(repair)) + ODDS * self.scene.outside(repair)
+        cost = sum(e.cost for e in self.elements(repair))
         return -0.5 * self.samples * score.score - cost
 
     def posterior(self, repair: Repair) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import ODDS, RANGES, UNEXPLAINED
+from sdp_vs_penalty.checks.constants import ODDS, UNEXPLAINED
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score, independent_samples
 from sdp_vs_penalty.checks.repair import Repair
@@ -139,12 +139,6 @@ class Scene:
         """(2, n) positions between which each joint moves, in no order."""
         q = self.judged.data.motion.q
         return repair.positions(np.array([q.min(axis=0), q.max(axis=0)]))
-
-    def outside(self, repair: Repair) -> int:
-        """How many joints this repair leaves outside their ranges."""
-        low, high = np.sort(self.reach(repair), axis=0)
-        ends = np.array([(j.lower, j.upper) for j in self.problem.robot.joints]).T
-        return int(np.sum((low < ends[0] - RANGES) | (high > ends[1] + RANGES)))
 
 
 class Transformation(ABC):
