@@ -109,3 +109,8 @@ def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
         return np.ones(len(rows))
     variance = np.maximum(variance, 1e-12 * variance.max())
     return np.sqrt(variance.mean() / variance)
+
+
+def sample_variance(task: Task) -> float:
+    """Residual variance of one filtered torque row in unconstrained least squares."""
+    return task.data.loss(task.ols) / max(task.data.rows, 1)

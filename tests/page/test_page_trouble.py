@@ -30,7 +30,6 @@ from page_driver import (
     pick,
     psutil,
     serving,
-    start,
 )
 
 from sdp_vs_penalty import Problem
@@ -96,26 +95,6 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
     go(again, "diagnose")
     again.click(key("diagnose"))  # and it goes on
     again.wait_for_selector(key("add-0"))
-
-
-@pytest.mark.slow
-def test_a_killed_server_leaves_no_worker(browser: Browser, tmp_path: Path) -> None:
-    made = start(tmp_path)
-    with a_context(browser) as context:
-        page = open_page(context, made)
-        pick(page, "panda")
-        page.wait_for_selector(key("simulate"))
-        idle(page)
-        page.click(key("simulate"))
-        page.wait_for_selector(".working .status:has-text('simulating')")
-        family = psutil.Process(made.process.pid).children(recursive=True)
-        assert len(family) >= 2
-        made.process.kill()
-        assert not psutil.wait_procs(family, 5.0)[1]
-    again = start(tmp_path)  # which takes away what the killed one has left
-    again.process.terminate()
-    again.process.wait(10)
-    assert list(tmp_path.glob("sdp-vs-penalty-page-*")) == []
 
 
 @pytest.mark.slow
