@@ -73,7 +73,7 @@ def content(
         told = (rules.IDLE, rules.STAND_STILL, rules.QUANTISATION, rules.RATE, rules.implausible)
         return _stopped(none, (issue for rule in told for issue in rule(glance)))
     data = RegressionData.of(problem, run, settings, JUDGED)
-    scene = Scene(problem, Likelihood(data.few(TRIED)), Likelihood(data))
+    scene = Scene(problem, Likelihood(data.few(TRIED)), Likelihood(data), any(rules.RATE(glance)))
     first = [*_frozen(scene, glance), *rules.DEAD(glance), *rules.MAGNITUDE(glance)]
     if any(i.kind in ("frozen position", "torque magnitude") for i in first):
         return _stopped(none, first)  # nothing else can be asked of such a motion

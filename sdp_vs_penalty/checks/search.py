@@ -122,7 +122,7 @@ class Search:
         change = np.log(judged.left_out(now) / judged.left_out(repair))[:, self.scene.moving].sum(axis=1)
         error = float(np.std(change)) / np.sqrt(PARTS)
         if _same_fit(repair, now):  # physics alone may tell
-            return bool(np.mean(change) >= -SIGNIFICANT * error)
+            return not self.scene.coarse and bool(np.mean(change) >= -SIGNIFICANT * error)
         return bool(np.mean(change) > SIGNIFICANT * error and np.median(change) > 0.0)
 
     def _determined(self, number: Number) -> bool:
@@ -148,7 +148,7 @@ class Search:
                 options={"xatol": 0.05 * number.tolerance, "maxiter": 14},
             )  # fmt: skip
             near = [x for x in number.snaps if abs(x - best.x) < number.tolerance]
-            tried = [number.at(x) for x in near] or [repair, number.at(float(best.x))]
+            tried = [number.at(x) for x in near] or [number.at(float(best.x)), repair]
             repair = max(tried, key=self.posterior)
         return repair
 

@@ -79,11 +79,12 @@ class Element:
 @dataclass(frozen=True)
 class Scene:
     """What hypotheses are made for: the problem, the rows that they are tried on, and the ones that they
-    are judged on."""
+    are judged on; coarse : sampled too seldom for the power of friction to be told."""
 
     problem: Problem
     tried: Likelihood
     judged: Likelihood
+    coarse: bool = False
 
     @property
     def n(self) -> int:
