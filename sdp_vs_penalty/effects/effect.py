@@ -302,7 +302,7 @@ class Effect(ABC):
     def looks_like(self, size: float, seen: Seen) -> str:
         """What a model may lack that passes for this effect of this size in what was seen of its joint,
         if there is such a thing."""
-        slow = self.shape.get("k", np.inf) * seen.travel < 2.0 * np.pi
+        slow = (self.waves or np.inf) * seen.travel < 2.0 * np.pi
         return (
             "less than one wave was travelled: all that changes slowly along it looks so" if slow else ""
         )

@@ -37,7 +37,7 @@ from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS, SHAPE_GAIN,
 from sdp_vs_penalty.estimation.joint_shapes import settled
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.regression.levenberg_marquardt import least_squares
+from sdp_vs_penalty.regression.bounded_least_squares import least_squares
 from sdp_vs_penalty.regression.partial import partialled, visible
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array
@@ -76,6 +76,12 @@ class ShapeEstimate:
         std = np.inf if data["std"] is None else float(data["std"])
         effect, joint, shape = str(data["effect"]), int(data["joint"]) - 1, str(data["shape"])
         return cls(effect, joint, shape, before, after, std, gain, bool(data["at_end"]))
+
+
+def at_end(u: float, low: float, high: float) -> bool:
+    """Whether a constant lies at an end of its range, all in its own scale."""
+    near = AT_END * (high - low)
+    return not low + near < u < high - near
 
 
 def open_shapes(effects: Sequence[Effect]) -> list[tuple[Effect, int, str]]:
@@ -426,7 +432,6 @@ class _Profile:
             std = np.sqrt(self.variance) / own if own > 0.0 else np.inf
             # As many digits as a written effect has.
             after = float(f"{np.exp(u[k]):.6g}") if moves[k] else bank.now
-            near = AT_END * (high - low)
             out.append(
                 ShapeEstimate(
                     bank.effect.name,
@@ -437,7 +442,7 @@ class _Profile:
                     # Wider than the range itself: not bounded by the data.
                     after * std if std < (high - low) / np.sqrt(12.0) else np.inf,
                     float(gains[k]) if moves[k] else 0.0,
-                    bool(moves[k] and not low + near <= u[k] <= high - near),
+                    bool(moves[k] and at_end(u[k], low, high)),
                 )
             )
         return out
