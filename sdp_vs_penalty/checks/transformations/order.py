@@ -50,12 +50,14 @@ class Exchange(Transformation):
 
 def _given_out(scene: Scene, now: Repair, score: Score) -> Order:
     """The order of torque channels in which each joint by itself explains its own best."""
-    from scipy.optimize import linear_sum_assignment
-
     costs, y = np.zeros((scene.n, scene.n)), score.channels.T
     for j in range(scene.n):
         columns, _ = np.linalg.qr(np.hstack([score.rows.basis[j], score.rows.columns[j]]))
         left = np.sum(y**2, axis=0) - np.sum((columns.T @ y) ** 2, axis=0)
         costs[j] = np.log(np.maximum(left / score.whole, FLOOR))
-    _, chosen = linear_sum_assignment(costs)
+    chosen = costs.argmin(axis=1)  # the best order, where nobody's own best is another's as well
+    if len(np.unique(chosen)) < scene.n:
+        from scipy.optimize import linear_sum_assignment  # its import takes longer than the rest
+
+        chosen = linear_sum_assignment(costs)[1]
     return tuple(now.tau_order[k] for k in chosen)
