@@ -5,9 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-#: The smaller part of the golden section; how closely a least value tells its place, relative [-].
-_GOLDEN, _ROUNDING = 1.5 - 1.25**0.5, 2.0**-26
-
 
 def minimum(
     f: Callable[[float], float], low: float, high: float, tolerance: float = 1e-5, most: int = 500
@@ -17,11 +14,12 @@ def minimum(
     Parabolas through the three best points, the golden section where they do not converge (Brent,
     Algorithms for Minimization without Derivatives, 1973, ch. 5).
     """
-    best = second = third = low + _GOLDEN * (high - low)
+    golden, rounding = 1.5 - 1.25**0.5, 2.0**-26  # the section's smaller part; of the place of a minimum
+    best = second = third = low + golden * (high - low)
     least = next_least = last = f(best)
     step = before = 0.0
     for _ in range(most - 1):
-        middle, near = 0.5 * (low + high), _ROUNDING * abs(best) + tolerance / 3.0
+        middle, near = 0.5 * (low + high), rounding * abs(best) + tolerance / 3.0
         if abs(best - middle) <= 2.0 * near - 0.5 * (high - low):
             break
         parabola = False
@@ -36,7 +34,7 @@ def minimum(
                     step = near if middle >= best else -near
         if not parabola:
             before = (low if best >= middle else high) - best
-            step = _GOLDEN * before
+            step = golden * before
         x = best + (max(abs(step), near) if step >= 0.0 else -max(abs(step), near))
         value = f(x)
         if value <= least:
