@@ -49,9 +49,7 @@ class ServoLoop:
         half = 0.5 * h
         dq = state.dq + half * state.ddq
         q = state.q + half * state.dq + 0.5 * half * half * state.ddq
-        middle = Motion(
-            state.t + half, q, dq, np.zeros_like(q), command=command, sum=path + half * state.q
-        )
+        middle = Motion(state.t + half, q, dq, state.ddq, command=command, sum=path + half * state.q)
         torque = self.drive(middle)
         faster = replace(
             middle, q=q + half * _STEP, dq=dq + _STEP, sum=middle.integral + 0.5 * half * half * _STEP

@@ -26,6 +26,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import (
     COMMAND_HARMONICS,
     DELAY_STEPS,
+    SAME_MOTION,
     SIMULATIONS,
     WIDER_TURNS,
 )
@@ -34,7 +35,7 @@ from sdp_vs_penalty.estimation.servo_law import LAWS, find_law
 from sdp_vs_penalty.estimation.servo_scale import factor_of_known, factor_of_loads, words_of_scale
 from sdp_vs_penalty.estimation.shape_constants import prior_deviation, with_sensitivities
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, with_shapes
-from sdp_vs_penalty.estimation.simulated_motion import with_first_motion, with_simulated_motion
+from sdp_vs_penalty.estimation.simulated_motion import with_simulated_motion
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.task import make_task
@@ -100,20 +101,24 @@ def servo_log(
     progress("choosing the servo law")
     law = find_law(load, data, settings, names, given)
     own_drives = drives or [effect_types()[name](problem.robot) for name in LAWS[law.name]]
+    late = given is None and law.delay > 0.0
     progress("balancing the gains")
     shapes = log.shapes(log.balanced(load, own_drives, law.delay))
     load = tuple(with_shapes(load, shapes))
     model, least = log.balanced(load, own_drives, law.delay), np.inf
-    rows = simulated = with_first_motion(data) if instruments else data
+    rows = used = data
     for k in range(SIMULATIONS if instruments else 1):
-        better = log.later(model, rows) if given is None else model
+        better = log.later(model, rows) if late else model
         if instruments:
             progress(f"simulating the command, pass {k + 1}")
-            rows, error = log.simulated(better, rows)
-            if error >= least:
+            simulated, error = log.simulated(better, rows)
+            before, least = least, min(error, least)
+            if not error < before + np.log(SAME_MOTION):
                 break
-            simulated, least = rows, error
+            used, rows = rows, simulated
         model = better
+        if instruments and error > before - np.log(SAME_MOTION):
+            break
     assert model.reference is not None
     scale, factor, error = dict(known) or dict(model.known), 1.0, 0.0
     if known:
@@ -130,7 +135,7 @@ def servo_log(
         "scale": words_of_scale(known, loads, model.known),
     }
     return ServoLog(
-        replace(model, known=scale, reference=factor * model.reference), simulated, details, error
+        replace(model, known=scale, reference=factor * model.reference), used, details, error
     )
 
 
@@ -208,9 +213,10 @@ class _Log:
 
     def simulated(self, model: Model, rows: Measurements) -> tuple[Measurements, float]:
         """The motion that the model, fitted to the rows, makes of the command, and how far that is from
-        the measured one: the sum of the joints' logarithms of mean squares."""
+        the measured one: the logarithm of the joints' root mean square, in the mean."""
         task = make_task(self.problem, model, compress(rows, model, self.settings), self.weighting)
         theta = model.with_known(make_estimator(DEFAULT_METHOD).fit(task).theta)
-        made = with_simulated_motion(self.data, model, theta)
-        left = np.mean((made.commanded["qsim"] - made.q) ** 2, axis=0)
-        return made, float(np.sum(np.log(np.maximum(left, 1e-300))))
+        with np.errstate(over="ignore", invalid="ignore"):  # a wrong model may fly away
+            made = with_simulated_motion(self.data, model, theta)
+            left = np.mean((made.commanded["qsim"] - made.q) ** 2, axis=0)
+        return made, float(0.5 * np.mean(np.log(np.maximum(left, 1e-300))))

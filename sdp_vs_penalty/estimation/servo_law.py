@@ -25,6 +25,7 @@ from sdp_vs_penalty.estimation.constants import (
     DELAY_REACH,
     FEWER_GAINS,
     LAW_FOLDS,
+    SEEN_DELAY,
     TURNS,
 )
 from sdp_vs_penalty.regression.partial import visible
@@ -118,7 +119,8 @@ def find_law(
 ) -> Law:
     """Of the laws among ``names`` whose held-out error is within one standard error of the least, by
     folds, or within what a law of friction gets wrong, the one with the fewest gains; friction may turn
-    over several velocities meanwhile. delay : where it is known [s]."""
+    over several velocities meanwhile. delay : where it is known [s]; else it is as small as none unless
+    without it much more is left of motion left out."""
     wide: list[Effect] = []
     for e in load:
         free = "v_s" in e.shapes and "v_s" not in e.given
@@ -126,8 +128,8 @@ def find_law(
     if not any(e.name == "torque_offset" for e in load):
         wide.append(effect_types()["torque_offset"](load[0].robot))
     about = delay or 0.0
+    first = joints = _joints(wide, data, settings, about)
     while True:
-        joints = _joints(wide, data, settings, about)
         late = {name: 0.0 if delay is not None else _later(joints, name, about) for name in names}
         scores = {name: _score(joints, name, late[name]) for name in names}
         best = min(scores, key=lambda name: float(scores[name].mean()))
@@ -137,9 +139,12 @@ def find_law(
                 break
         found = about + late[name]
         if abs(late[name]) < 0.5 * DELAY_REACH or found >= LATEST:
+            without = float(np.mean(_score(first, name, 0.0) - scores[name]))
+            found = found if delay is not None or without > 2.0 * np.log(SEEN_DELAY) else 0.0
             ratios = {k: float(np.exp(0.5 * np.mean(s - scores[best]))) for k, s in scores.items()}
             return Law(name, found, ratios)
         about = found
+        joints = _joints(wide, data, settings, about)
 
 
 def _joints(

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.model import Model
@@ -34,25 +33,6 @@ def with_simulated_motion(measurements: Measurements, model: Model, theta: Array
         for part in stretches(run):
             inside = (run.t >= part.t[0]) & (run.t <= part.t[-1])
             q[inside], path[inside] = _simulated(part, loop)
-        runs.append(replace(run, commanded={**run.commanded, "qsim": q, "isim": path}))
-    return runs[0] if len(runs) == 1 else concatenate(runs)
-
-
-def with_first_motion(measurements: Measurements) -> Measurements:
-    """The same runs with the positions "qsim" that each joint's command and its first three derivatives
-    say of it linearly: instruments before any model is known."""
-    runs = []
-    for run in measurements.runs():
-        q, path = run.q.copy(), np.zeros_like(run.q)
-        for part in stretches(run):
-            inside, told = (run.t >= part.t[0]) & (run.t <= part.t[-1]), sampled_command(part)
-            terms = [np.stack([np.ones_like(told.q), told.q, told.dq])]
-            for _ in range(2):
-                terms.append(np.gradient(terms[-1][-1], told.t, axis=0)[None])
-            for j, columns in enumerate(np.concatenate(terms).transpose(2, 1, 0)):
-                here = np.column_stack([np.interp(part.t, told.t, x) for x in columns.T])
-                q[inside, j] = here @ np.linalg.lstsq(here, part.q[:, j])[0]
-            path[inside] = cumulative_trapezoid(q[inside], part.t, axis=0, initial=0.0)
         runs.append(replace(run, commanded={**run.commanded, "qsim": q, "isim": path}))
     return runs[0] if len(runs) == 1 else concatenate(runs)
 
