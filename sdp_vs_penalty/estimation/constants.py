@@ -43,7 +43,7 @@ AT_END = 0.02
 COMMAND_HARMONICS = 5.0
 #: Simulations of a command at most, each by the model that the last one's instruments gave, while their
 #: errors differ by more than this ratio; Gauss-Newton steps to the delay before each.
-SIMULATIONS, SAME_MOTION, DELAY_STEPS = 3, 1.05, 2
+SIMULATIONS, SAME_MOTION, DELAY_STEPS = 3, 1.2, 2
 #: Share of its column that others must leave of a parameter which sets a scale [-].
 SCALE_TOLD = 1e-5
 #: Velocities over which dry friction may turn round while the servo's law is sought [rad/s, m/s], and
