@@ -26,8 +26,9 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp, sample_variance
-from sdp_vs_penalty.estimators.task import joint_weights, make_task
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
+from sdp_vs_penalty.estimators.task import joint_weights, make_task, sample_variance
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot import inertia

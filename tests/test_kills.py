@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import csv
+import http.client
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -23,6 +25,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import identify, load_problem
 from sdp_vs_penalty.data import save
+from sdp_vs_penalty.files import problems_folder
 
 psutil = pytest.importorskip("psutil", reason="it counts the processes: install the extra [test]")
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are killed as on Unix")
@@ -67,10 +70,11 @@ def made(folder: Path) -> dict[str, Any]:
 def started(words: list[str], folder: Path, mark: str) -> subprocess.Popen[bytes]:
     """The command in the folder; every process that comes of it carries the mark."""
     environment = {**os.environ, "MARK_OF_THIS_TEST": mark, "OPENBLAS_NUM_THREADS": "1"}
-    environment["PYTHONPATH"] = os.pathsep.join([str(Path(__file__).parents[1]), *sys.path])
+    environment |= {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[1]), *sys.path])}
+    environment |= {"TMPDIR": str(folder)} if words[0] == "page" else {}
     return subprocess.Popen(
         [sys.executable, "-m", "sdp_vs_penalty", *words],
-        cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
     )  # fmt: skip
 
 
@@ -84,6 +88,13 @@ def alive(mark: str) -> list[Any]:
         except psutil.Error:
             continue
     return [p for p in found if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
+
+
+def all_gone(mark: str, told: str) -> None:
+    end = time.monotonic() + GONE
+    while (left := alive(mark)) and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not left, f"{told}: {[p.cmdline() for p in left]} live after {GONE:g} s"
 
 
 def inputs(folder: Path) -> Path:
@@ -121,10 +132,7 @@ def kill(case: Case, folder: Path, rng: np.random.Generator) -> str:
         process.send_signal(how)
         process.wait(GONE)
         told = how.name
-    end = time.monotonic() + GONE
-    while (left := alive(mark)) and time.monotonic() < end:
-        time.sleep(0.1)
-    assert not left, f"{told}: {[p.cmdline() for p in left]} live after {GONE:g} s"
+    all_gone(mark, told)
     whole = (folder / "out" / "runs.csv").read_text() if (folder / "out" / "runs.csv").exists() else ""
     for name, found in made(folder).items():
         assert (
@@ -155,9 +163,48 @@ def test_a_command_that_is_killed_leaves_nothing_and_runs_again(
     kills("identify --jobs", 2, 0, cases, tmp_path)
 
 
+#: How many kills of each command, and the seed of their times.
+NUMBER, SEED = map(int, os.environ.get("SDP_VS_PENALTY_KILLS", "10:1").split(":"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_fifty_kills(name: str, cases: dict[str, Case], tmp_path: Path) -> None:
-    number, _, seed = os.environ.get("SDP_VS_PENALTY_KILLS", "10:1").partition(":")
-    told = kills(name, int(number), int(seed or 1), cases, tmp_path)
+    told = kills(name, NUMBER, SEED, cases, tmp_path)
     assert len(told) - told.count("ended before") >= len(told) // 2
+
+
+@pytest.mark.slow
+def test_a_page_killed_in_its_jobs_leaves_nothing(tmp_path: Path) -> None:
+    """Jobs of three tabs read a robot and then a run; the next server takes their files away."""
+    rng, robot = np.random.default_rng(SEED), (problems_folder() / "emps/emps.urdf").read_bytes()
+    save(small_run(load_problem("emps"), seconds=100.0), tmp_path / "run.csv")
+    run, home = (tmp_path / "run.csv").read_bytes(), tmp_path / "home"
+    home.mkdir()
+    for _ in range(NUMBER):
+        mark, how = uuid.uuid4().hex, (signal.SIGKILL, signal.SIGTERM)[int(rng.integers(2))]
+        server = started(["page", "--no-browser"], home, mark)
+        assert server.stdout is not None
+        found = re.search(rb"127\.0\.0\.1:(\d+)/\?key=(\S+)", server.stdout.readline())
+        assert found
+        cookie = f"sdp-vs-penalty-key-{int(found[1])}={found[2].decode()}"
+
+        def ask(
+            method: str, path: str, body: bytes = b"", port: int = int(found[1]), cookie: str = cookie
+        ) -> str:
+            asked = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+            asked.request(method, path, body, {"Cookie": cookie})
+            answer = asked.getresponse()
+            assert answer.status < 400
+            return str(answer.headers.get("location"))
+
+        for tab in [ask("GET", "/new") for _ in range(3)]:
+            ask("PUT", f"{tab}/files?name=arm.urdf&kind=robot", robot)
+            ask("PUT", f"{tab}/files?name=run.csv&kind=runs", run)
+            ask("POST", f"{tab}/sent")
+        assert len([*home.glob("sdp-vs-penalty-page-*")]) == 1
+        time.sleep(rng.uniform(0.0, 6.0))
+        server.send_signal(how)
+        server.wait(GONE)
+        all_gone(mark, how.name)
+        assert how == signal.SIGKILL or not [*home.iterdir()]

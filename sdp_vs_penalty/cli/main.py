@@ -5,6 +5,7 @@ The files that a verb is given are protected before it runs.
 
 from __future__ import annotations
 
+import errno
 import gc
 import inspect
 import os
@@ -234,6 +235,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(code if isinstance(code, int) else 0)
 
 
+#: What a full disk, a folder that is not ours and a limit of open files say.
+_OF_THE_SYSTEM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS, errno.EMFILE)
+
+
 def explain(error: BaseException) -> tuple[str, int]:
     """One sentence about an error and the exit code that it deserves."""
     if isinstance(error, KeyboardInterrupt | typer.Abort):
@@ -242,6 +247,8 @@ def explain(error: BaseException) -> tuple[str, int]:
         return str(error), 2
     if isinstance(error, MemoryError) or "failed to map segment" in str(error):  # of a library
         return "not enough memory: use fewer or shorter runs.", 2
+    if isinstance(error, OSError) and error.errno in _OF_THE_SYSTEM:  # a library's temporary file
+        return f"{error.filename or 'the system'}: {error.strerror}: free some, or set TMPDIR.", 2
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # typer's usage errors
         context = getattr(error, "ctx", None)
         verb = "sdp-vs-penalty" if context is None else context.command_path

@@ -61,6 +61,21 @@ KnownLoad = Annotated[
         help="Run with a load of this mass on the last link; determines the torque channels' gains.",
     ),
 ]
+Known = Annotated[
+    str | None,
+    typer.Option(
+        metavar="kp2=600",
+        help="Known parameters, which set the scale of a log without torque (names: model.json).",
+    ),
+]
+Instruments = Annotated[
+    str | None,
+    typer.Option(
+        metavar="command|none",
+        help="Instruments against noise of positions: the command's simulated motion, or none. "
+        "Default: command where no torque was logged.",
+    ),
+]
 Method = Annotated[str, typer.Option(help="Method, of `sdp-vs-penalty list methods`.")]
 Effects = Annotated[
     str | None,

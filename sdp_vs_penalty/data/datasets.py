@@ -7,7 +7,6 @@ in the user's cache in the authors' own format; what this program reads is conve
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.joint_side import to_joints, transmission_of
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import LARGEST_RUN, read_bytes, write_bytes
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Names a folder with the files that need not be downloaded again, one folder a data set.
@@ -83,8 +83,7 @@ def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
     for file in chosen.files:
         have = None if kept is None else Path(kept) / chosen.name / file.name
         if have is not None and have.is_file() and not (folder / file.name).exists():
-            folder.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(have, folder / file.name)
+            write_bytes(folder / file.name, read_bytes(have, LARGEST_RUN))
     for file in chosen.files:
         address = chosen.address(file, base)
         try:

@@ -12,7 +12,7 @@ import numpy as np
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.formats import bag, csv, format_of, panda_folder, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice
-from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate
+from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate, without_traces
 from sdp_vs_penalty.data.store import PART, parts
 from sdp_vs_penalty.errors import InputError, other_robot, unreadable
 from sdp_vs_penalty.files import reading
@@ -101,7 +101,7 @@ def read_run(
     topic: str | None = None,
     rename: Mapping[str, str] | None = None,
 ) -> Measurements:
-    """One file as it is: columns and shapes are checked, clock and numbers are not.
+    """One file as it is: columns and shapes are checked, clock and numbers are not; denormals are zeros.
 
     names, topic, rename : see :class:`sdp_vs_penalty.data.formats.columns.Choice`.
     """
@@ -119,7 +119,7 @@ def read_run(
         part: Measurements = home.read(path, Choice(names, topic, rename))
     if joints is not None and part.n != joints:
         raise other_robot(part.n, joints, path)
-    return part
+    return without_traces(part)
 
 
 def refuse_twice(paths: Sequence[str | Path], runs: Sequence[Measurements]) -> None:

@@ -178,6 +178,28 @@ COMMANDED = ("qcmd", "dqcmd", "tauff", "current", "voltage")
 SIMULATED = ("qsim", "isim", "isum")
 LARGEST_VALUE |= {"qcmd": 1e9, "dqcmd": 1e9, "tauff": 1e12, "current": 1e9, "voltage": 1e9}
 LARGEST_VALUE |= dict.fromkeys(SIMULATED, 1e12)
+#: Numbers below which a column holds zeros, whatever its unit: no sensor resolves them, filters that
+#: fade out leave them, and squares of far smaller ones are zero where they are not.
+SMALLEST_VALUE = 1e-30
+
+
+def without_traces(measured: Measurements) -> Measurements:
+    """The same with zeros for numbers that are none but in the computer's arithmetic (5e-324): with
+    :data:`LARGEST_VALUE` the one place that keeps squares and quotients of samples within range."""
+
+    def traces(x: Array) -> NDArray[np.bool_]:
+        return (np.abs(x) < SMALLEST_VALUE) & (x != 0.0)
+
+    def cleared(block: Array) -> Array:
+        if not any(np.any(traces(part)) for _, part in parts(block)):
+            return block
+        return joined(np.where(traces(part), 0.0, part) for _, part in parts(block))
+
+    before = {"t": measured.t, **measured.groups}
+    after = {name: cleared(block) for name, block in before.items()}
+    if all(after[name] is before[name] for name in before):
+        return measured
+    return Measurements.of(after.pop("t"), after, measured.names, measured.run)
 
 
 def gathered(pieces: Iterable[Measurements]) -> Measurements:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import check_usable, load_measurements, read_run, refuse_twice, run_files
 from sdp_vs_penalty.data.formats.columns import from_columns
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.data.measurements import Measurements, concatenate, without_traces
 from sdp_vs_penalty.errors import InputError, given, other_robot
 
 #: One run as Measurements, a file's path, a mapping or table of columns; or a sequence of runs.
@@ -53,6 +53,7 @@ def _one(
     part: Any, joints: int | None, names: Sequence[str] | None, what: str, number: int, usable: bool
 ) -> Measurements:
     if isinstance(part, Measurements):
+        part = without_traces(part)
         for run in part.runs() if usable else ():
             check_usable(run.names[0], run)
         return part
@@ -67,7 +68,7 @@ def _one(
             "give a path, a mapping of arrays, a DataFrame, Measurements, or a list of these",
             what.replace("...", given(part)),
         )
-    run = from_columns(f"run{number}", columns, None, remedy=_REMEDY, what=what)
+    run = without_traces(from_columns(f"run{number}", columns, None, remedy=_REMEDY, what=what))
     if joints is not None and run.n != joints:
         raise other_robot(run.n, joints, what)
     if usable:

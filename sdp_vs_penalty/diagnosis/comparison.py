@@ -276,6 +276,7 @@ def _judged(
     with np.errstate(divide="ignore", invalid="ignore"):
         r2 = np.where(variance > 0.0, 1.0 - mse / variance, np.nan)
         relative = 100.0 * np.sqrt(np.sum(mse) / np.sum(variance + mean**2))
+        by_tables = np.sqrt(by_tables / (count * np.sum(variance + mean**2)))
     band, record = settings.torque_cutoff, model.training_motion
     assert band is not None
     return Comparison(
@@ -292,7 +293,7 @@ def _judged(
         None if record is None else record.new_share(signals.q, signals.dq),
         None if record is None else record.distance,
         {name: rows / count for name, rows in outside.items() if rows > 0.0},
-        by_tables=float(np.sqrt(by_tables / (count * np.sum(variance + mean**2)))),
+        by_tables=float(by_tables),
     )
 
 

@@ -22,7 +22,7 @@ from sdp_vs_penalty.diagnosis.findings import (
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
 from sdp_vs_penalty.diagnosis.reasons import REASONS, Evidence, reasons
-from sdp_vs_penalty.diagnosis.remaining import Remainder, remainder, residual_beside
+from sdp_vs_penalty.diagnosis.remaining import Remainder, refitted, remainder
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
@@ -81,9 +81,7 @@ class Found:
 def what_is_left(search: Search) -> Left:
     """Of the rows beside all terms of a search."""
     data, fit = search.data, search.fit
-    none = np.zeros((data.n, len(data.rows.t), 0))
-    columns = [spread_columns(data.rows, t.form.effect) for t in search.terms]
-    residual = residual_beside(data, np.concatenate([none, *columns], axis=2))
+    residual = refitted(data, [t.form.effect for t in search.terms])[1]
     odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
     return Left(residual, odd, remainder(data, fit, residual, odd))
 
@@ -108,7 +106,7 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     curves = _told(found, seed)
     nameless = {j: float(left.beyond[j]) for j in left.matters}
     for term in search.terms:
-        if in_pieces(term, search.terms):
+        if in_pieces(term, search):
             (j,) = term.joints
             own = spread_columns(rows, term.form.effect)[j] @ term.beta
             nameless[j] = float(np.hypot(nameless.get(j, 0.0), own.std()))
@@ -136,12 +134,16 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     )
 
 
-def in_pieces(term: Term, terms: Sequence[Term]) -> bool:
-    """Whether a wave is one of several on its joint that are no harmonics of one: together they make a
-    function of the position that no effect is."""
-    waves = np.array([t.form.effect.waves or 0.0 for t in terms if t.key == term.key])
-    orders = waves / max(waves.min(), 1e-300)
-    return bool(term.form.effect.waves and np.any(np.abs(orders - np.round(orders)) > HARMONIC * orders))
+def in_pieces(term: Term, search: Search) -> bool:
+    """Whether a wave is one of several on its joint that are no harmonics of one, or was not travelled
+    once: a function of the position that no effect is."""
+    effect, terms = term.form.effect, [t for t in search.terms if t.key == term.key]
+    if not effect.waves:
+        return False
+    waves = np.array([t.form.effect.waves or 0.0 for t in terms])
+    orders = waves / waves.min()
+    once = effect.waves * search.data.rows.seen(effect.joints[0]).travel >= 2.0 * np.pi
+    return bool(not once or np.any(np.abs(orders - np.round(orders)) > HARMONIC * orders))
 
 
 def _told(found: Found, seed: int) -> tuple[Curve, ...]:
@@ -205,7 +207,7 @@ def _finding(
             float(np.max(torque / np.maximum(whole, 1e-300))),
             0.0 if prior is None else float(np.sqrt(np.mean((known.beta / prior) ** 2))),
             search.data.rows.seen(effect.joints[0]),
-            in_pieces(term, search.terms),
+            in_pieces(term, search),
         )
     )
     return Finding(

@@ -57,11 +57,10 @@ MISFIT, CHANCE = 1.3, 1e-3
 #: The same where the noise comes from a spectrum, which is right within a factor of two (.52 to 1.3 of
 #: the truth on 38 logs of two simulators, most of them too low): 2^2 times as much.
 MISFIT_SPECTRUM = 6.0
+#: Times by which it has to stand out of that of half of the joints there, where that is less.
+BESIDE_OTHERS = 2.0
 #: Share by which it has to raise a joint's error above its noise to matter.
 MATTERS = 0.1
-#: Share of a joint's torque (RMS) below which nothing is told from links that are not quite as long as
-#: the model says: 1 mm in 0.3 m, and 0.1 degrees.
-NOMINAL = 0.005
 #: Share by which the order of a wave differs at most from a multiple of the slowest one's, of which it
 #: is a harmonic: what a refined order is uncertain by.
 HARMONIC = 0.02
@@ -77,9 +76,8 @@ INVISIBLE, SHARED = 1.0 - ABSORBED, 0.8
 #: Standard deviations from which a size is not what its effect says is plausible, and a constant another
 #: one ("three sigma").
 FAR = 3.0
-#: Share by which a shape constant has to move: less makes no other torque; and of the range, in its own
-#: scale, nearer to an end than which it lies there.
-MOVES, AT_END = 0.05, 0.02
+#: Share by which a shape constant has to move: less makes no other torque.
+MOVES = 0.05
 
 # Events.
 

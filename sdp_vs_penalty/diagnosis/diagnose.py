@@ -10,9 +10,9 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
-from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited
+from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited, referred
 from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
-from sdp_vs_penalty.diagnosis.constants import OUTSIDE, RAISES
+from sdp_vs_penalty.diagnosis.constants import APART, OUTSIDE, RAISES
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, folds_of, lowers, on_folds, on_test, raises
@@ -153,13 +153,16 @@ class _Judge:
 def _offered(search: Search, judge: _Judge) -> Found:
     """What data left out do not speak against: constants of the model's own, then findings in order."""
     first, none = judge.first, np.zeros((search.data.n, len(search.data.rows.t), 0))
-    before = judge.of(search, (), first).errors(()).every
     own = [t for t in search.terms if t.form.own]
+    before = judge.of(search, (), first).errors(()).every if own else np.zeros(search.data.n)
     now, beside, shapes = first, search, []
     while own:
         shapes = [shape_estimate(t, first, size_of_term(search, t, none)) for t in own]
         now = adopted(first, shapes, judge.data)
         beside = carried(search, now)
+        # A finding that only mended the old constants goes.
+        beside.terms = beside.settled(beside.terms)
+        beside.fit = beside.score.fit(beside.terms)
         after = judge.of(beside, (), now).errors(()).every
         worse = set(np.flatnonzero(after > (1.0 + RAISES) * before).tolist())
         worse |= {s.joint for s in shapes if not told(s, before, after)}
@@ -168,8 +171,12 @@ def _offered(search: Search, judge: _Judge) -> Found:
         kept = [t for t in own if t.form.key[1] not in worse]
         own = kept if len(kept) < len(own) else []
         now, beside, shapes = first, search, []
-    terms = in_order([t for t in beside.terms if not t.form.own])
+    now, beside = referred(beside, now)
+    named = [t for t in beside.terms if not t.form.own]
+    terms = in_order(limited(beside, named, APART).terms)
     held_out = judge.of(beside, [t.form.effect for t in terms], now)
+    if not shapes:
+        before = held_out.errors(()).every
     order = held_out.offered(len(terms))
     final = limited(beside, [terms[k] for k in order])
     left = what_is_left(final)

@@ -225,7 +225,7 @@ def spectral_lines(
             power += np.abs(np.fft.rfft(window * (piece - piece.mean()))) ** 2
             pooled += 1
     frequency = np.fft.rfftfreq(length, 1.0 / rate)
-    half = max(8, int(smooth / frequency[1]))
+    half = max(8, min(int(smooth / frequency[1]), length))  # a clock may say anything
     level = median_filter(power, size=2 * half + 1, mode="nearest")
     level = level / float(special.gammaincinv(pooled, 0.5)) * pooled
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -77,6 +77,11 @@ class Batch:
     forms: tuple[Form, ...]
     white: Array
 
+    @property
+    def own(self) -> tuple[int, ...]:
+        """The model's columns that all of its forms stand for."""
+        return self.forms[0].own
+
     @cached_property
     def signed(self) -> NDArray[np.bool_]:
         """(F,) whether the first parameter may not be negative."""
@@ -101,7 +106,7 @@ class Library:
     of all candidates; acts : the joints whose torque each candidate changes."""
 
     batches: tuple[Batch, ...]
-    own: tuple[tuple[Form, dict[int, Array]], ...]
+    own: tuple[Batch, ...]
     acts: dict[Key, frozenset[int]]
 
     @property
@@ -112,13 +117,16 @@ class Library:
 def library(data: WhiteData, keys: Set[Key] | None = None) -> Library:
     """All candidates beside the model, or those of these keys; their columns white."""
     forms = list(_forms(data.rows, data.estimate.model, data.frozen, keys))
+    if not data.frozen:
+        forms += own_forms(data.estimate)
     blocks = data.rows.blocks_of([f.effect for f in forms])
-    groups: dict[tuple[tuple[int, ...], int], list[int]] = {}
+    groups: dict[tuple[tuple[int, ...], int, tuple[int, ...]], list[int]] = {}
     for at, (form, own) in enumerate(zip(forms, blocks, strict=True)):
         if own:
-            groups.setdefault((tuple(sorted(b.joint for b in own)), form.k), []).append(at)
+            joints = tuple(sorted(b.joint for b in own))
+            groups.setdefault((joints, form.k, form.own), []).append(at)
     batches, acts = [], dict[Key, frozenset[int]]()
-    for (joints, k), members in groups.items():
+    for (joints, k, _), members in groups.items():
         white = []
         for j in joints:
             parts = [
@@ -128,21 +136,17 @@ def library(data: WhiteData, keys: Set[Key] | None = None) -> Library:
         batches.append(Batch(joints, tuple(forms[at] for at in members), np.stack(white)))
         for at in members:
             acts[forms[at].key] = acts.get(forms[at].key, frozenset()) | frozenset(joints)
-    shapes = () if data.frozen else tuple((f, data.columns(f.effect)) for f in own_forms(data.estimate))
-    for form, columns in shapes:
-        acts[form.key] = frozenset(columns)
-    return Library(tuple(batches), shapes, acts)
+    missing, changed = (tuple(b for b in batches if bool(b.own) == own) for own in (False, True))
+    return Library(missing, changed, acts)
 
 
 def own_forms(estimate: Estimate) -> Iterator[Form]:
     """The effects that the model has, joint by joint, each with other values of a shape constant."""
     model = estimate.model
     for effect, indices in zip(model.effects, model.indices, strict=True):
-        if effect.whole_robot or effect.spreads or effect.several or effect.joins:
+        if effect.whole_robot or effect.spreads or effect.several or len(indices) > len(effect.joints):
             continue
-        k = len(indices) // len(effect.joints)
-        for m, joint in enumerate(effect.joints):
-            places = tuple(indices[k * m : k * m + k].tolist())
+        for joint, place in zip(effect.joints, indices.tolist(), strict=False):
             for name in effect.searched:
                 shape = effect.shapes[name].on(estimate.robot.joints[joint].kind)
                 if shape.bounds is None:
@@ -154,7 +158,7 @@ def own_forms(estimate: Estimate) -> Iterator[Form]:
                 for v in values:
                     if abs(np.log(v / now)) > 0.2:
                         other = alone(effect, joint, **{name: float(v)})
-                        yield Form((effect.name, joint), other, places, name)
+                        yield Form((effect.name, joint), other, (place,), name)
 
 
 def _forms(rows: SegmentedRuns, model: Model, frozen: bool, keys: Set[Key] | None) -> Iterator[Form]:

@@ -24,7 +24,7 @@ REASONS: Mapping[str, str] = {
     "absorbed": "the model's own parameters make nearly all of its torque",
     "implausible": "its size is not plausible",
     "looks_like": "something else looks so",
-    "pieces": "with others of its kind it makes one function of the position, which has no name",
+    "pieces": "it is a part of a function of the position that has no name",
     "curve": "a measured curve explains the joint better",
 }
 

@@ -7,15 +7,17 @@ friction turns round any law of it is only nearly right.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, MISFIT, MISFIT_SPECTRUM, NOMINAL
+from sdp_vs_penalty.diagnosis.constants import BESIDE_OTHERS, CHANCE, MATTERS, MISFIT, MISFIT_SPECTRUM
 from sdp_vs_penalty.diagnosis.score import Fit
-from sdp_vs_penalty.diagnosis.whitening import WhiteData
+from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.stillness import SLOW, STILL
@@ -51,35 +53,41 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, ignore: NDArray[np.boo
     variance = mean(white**2, slides)
     squares = mean(residual**2, slides), mean(residual**2, keep & ~slides)
     beyond, slow = (np.sqrt(np.maximum(x - noise.floor**2, 0.0)) for x in squares)
-    torque = np.sqrt(np.mean(rows.torque**2, axis=0))
-    least = np.full(len(noise.floor), MISFIT_SPECTRUM)
+    # Of one log's joints the spectrum is wrong by much the same.
+    least = np.full(rows.n, min(MISFIT_SPECTRUM, BESIDE_OTHERS * max(float(np.median(variance)), 1.0)))
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         least = MISFIT * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
     with np.errstate(divide="ignore", invalid="ignore"):
         raised = np.hypot(beyond, noise.floor) / noise.floor - 1.0
-    found = (variance > least) & (raised > MATTERS) & (beyond > NOMINAL * torque) & data.known
+    found = (variance > least) & (raised > MATTERS) & data.known
     matters = tuple(np.flatnonzero(found).tolist())
     return Remainder(mean(white**2, keep) - 1.0, beyond, slow, noise.floor, matters, data.known)
 
 
-def residual_beside(data: WhiteData, columns: Array) -> Array:
-    """(M, n) [N m or N] what the model leaves, refitted beside columns (n, M, k), not white: by least
-    squares on the white rows, joints weighted by what is left of them."""
-    everything = np.concatenate([data.raw, columns], axis=2)
+def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:
+    """(p + k,) parameters of the model and of effects beside it, and (M, n) [N m or N] what these leave:
+    least squares on the white rows and on what is known of the effects' sizes, joints weighted by what
+    is left of them; parameters that rows do not tell are the model's."""
+    columns = [data.raw, *(spread_columns(data.rows, e) for e in effects)]
+    everything = np.concatenate(columns, axis=2)
     n, _, p = everything.shape
+    theta, torque = np.zeros(p), data.rows.residual
+    if not data.frozen:
+        theta[: data.raw.shape[2]] = data.estimate.theta
+        torque = torque + (data.raw @ data.estimate.theta).T
     if not p:
-        return data.rows.residual
+        return theta, torque
+    known = [np.zeros(data.raw.shape[2])]
+    known += [np.zeros(len(e.parameters)) if e.plausible is None else 1.0 / e.plausible for e in effects]
     white = np.stack([data.white(everything[j], j) for j in range(n)])
-    level = np.ones(n)
-    theta = np.zeros(p)
+    first, level, prior = theta, np.ones(n), np.diag(np.concatenate(known))
+    target = data.y - white @ first
     for _ in range(3):
-        A = (white / level[:, None, None]).reshape(-1, p)
+        A = np.vstack([(white / level[:, None, None]).reshape(-1, p), prior])
         norms = np.linalg.norm(A, axis=0)
         unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
-        theta = np.linalg.lstsq(A / unit, (data.y / level[:, None]).ravel(), rcond=1e-8)[0] / unit
+        wanted = np.append(target / level[:, None], np.zeros(p))
+        theta = first + np.linalg.lstsq(A / unit, wanted, rcond=1e-8)[0] / unit
         left = np.sum((data.y - white @ theta) ** 2, axis=1) / np.maximum(data.count, 1.0)
         level = np.sqrt(np.maximum(left, 1.0 if data.known else 1e-12))
-    torque = (
-        data.rows.residual if data.frozen else data.rows.residual + (data.raw @ data.estimate.theta).T
-    )
-    return np.asarray(torque - (everything @ theta).T)
+    return theta, np.asarray(torque - (everything @ theta).T)

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.constants import APART, AT_END, FAR, MOVES
+from sdp_vs_penalty.diagnosis.constants import APART, FAR, MOVES
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.sizes import Size
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import plain_unit
@@ -71,12 +72,10 @@ def shape_estimate(term: Term, estimate: Estimate, size: Size) -> ShapeEstimate:
     now = next(e for e in estimate.model.effects if e.name == effect.name and joint in e.joints)
     after = float(f"{effect.shape[name]:.6g}")
     shape = effect.shapes[name].on(estimate.robot.joints[joint].kind)
-    ends = shape.bounds or (1e-9, 1e9)
-    low, high = np.log(ends[0]), np.log(shape.earned or ends[1])
-    near = AT_END * (high - low)
-    at_end = not low + near < np.log(after) < high - near
+    bounds = shape.bounds or (1e-9, 1e9)
+    ends = at_end(*map(math.log, (after, bounds[0], shape.earned or bounds[1])))
     std = after * size.constants.get(name, np.inf)
-    return ShapeEstimate(effect.name, joint, name, now.shape[name], after, std, term.J, bool(at_end))
+    return ShapeEstimate(effect.name, joint, name, now.shape[name], after, std, term.J, ends)
 
 
 def told(s: ShapeEstimate, before: Array, after: Array) -> bool:

@@ -275,32 +275,38 @@ class Score:
         return np.asarray(np.divide(made, energy, out=np.ones(F), where=energy > 0.0))
 
     def screened(self, fit: Fit, batch: Batch) -> Array:
-        """(F,) drop of the weighted squared error less k log N, of a batch's forms."""
+        """(F,) drop of the weighted squared error less k log N, of a batch's forms; of those that
+        stand for the model's own columns, less what these take."""
         k, F, on = batch.forms[0].k, len(batch.forms), list(batch.joints)
-        weight = 1.0 / fit.level[on]
+        weight, lost, price = 1.0 / fit.level[on], 0.0, np.log(max(float(fit.degrees[on].sum()), 3.0))
+        if batch.own:
+            bare = self.without_own(fit, batch.forms[0])
+            if bare is None:
+                return np.full(F, -np.inf)
+            lost, fit = float(np.sum((bare.rss - fit.rss) / fit.level**2)), bare
         G = sum(w * (fit.Q[j].T @ Z) for w, j, Z in zip(weight, on, batch.white, strict=True))
         pull = sum(w * (fit.residual[j] @ Z) for w, j, Z in zip(weight, on, batch.white, strict=True))
         G, pull = np.reshape(G, (-1, F, k)), np.reshape(pull, (F, k))
         raw = np.tensordot(weight**2, batch.grams, axes=1)
-        price = np.log(max(float(fit.degrees[on].sum()), 3.0))
         if k == 1:
             energy = raw[:, 0, 0]
             D = energy - np.sum(G[:, :, 0] ** 2, axis=0)
             good = (ABSORBED * energy < D) & ~(batch.signed & (pull[:, 0] < 0.0))
-            return np.where(good, pull[:, 0] ** 2 / np.where(good, D, 1.0), 0.0) - price
+            return np.where(good, pull[:, 0] ** 2 / np.where(good, D, 1.0), 0.0) - price - lost
         G = G.transpose(1, 2, 0)
         D = raw - G @ G.transpose(0, 2, 1)
         energy = np.diagonal(raw, axis1=1, axis2=2)
         seen = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
         D, pull = D * seen[:, :, None] * seen[:, None, :], pull * seen
-        out = np.full(F, -k * price)
-        for f in np.flatnonzero(seen.any(axis=1)).tolist():
-            form = batch.forms[f]
-            A = D[f] + np.diag(self.prior(fit, form, batch.joints, energy[f]) ** -2.0)
-            beta = _bounded(A, pull[f], form.nonnegative)
-            freedom = float(np.sum(np.diagonal(np.linalg.solve(_ridged(A), D[f]))))
-            out[f] = 2.0 * beta @ pull[f] - beta @ A @ beta - freedom * price
-        return out
+        known = np.array([self.prior(fit, f, on, e) for f, e in zip(batch.forms, energy, strict=True)])
+        A = _ridged(D + np.eye(k) * known[:, :, None] ** -2.0)
+        inverse = np.linalg.inv(A)
+        beta = (inverse @ pull[:, :, None])[:, :, 0]
+        low = np.array([f.nonnegative for f in batch.forms])
+        for f in np.flatnonzero(np.any(low & (beta < 0.0), axis=1)).tolist():
+            beta[f] = _bounded(A[f], pull[f], low[f].tolist())
+        drop = 2.0 * np.sum(beta * pull, axis=1) - np.einsum("fa,fab,fb->f", beta, A, beta)
+        return np.asarray(drop - np.einsum("fab,fba->f", inverse, D) * price)
 
 
 def orthonormal(columns: Array) -> Array:
@@ -334,8 +340,9 @@ def _whitener(gram: Array) -> Array:
 
 
 def _ridged(A: Array) -> Array:
-    """A positive matrix (k, k) with a ridge against rounding."""
-    return A + 1e-10 * np.diag(np.diagonal(A) + 1e-300)
+    """Positive matrices (..., k, k) with a ridge against rounding."""
+    diagonal = np.diagonal(A, axis1=-2, axis2=-1)
+    return np.asarray(A + 1e-10 * (diagonal + 1e-300)[..., None] * np.eye(A.shape[-1]))
 
 
 def _bounded(A: Array, pull: Array, nonnegative: Sequence[bool]) -> Array:

@@ -15,8 +15,9 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Steps at most.
 STEPS = 30
-#: Shape constants are refined on a lattice: ratio of neighbours at first, and how often it is halved.
-_FIRST, _HALVINGS = 1.6, 5
+#: Shape constants are refined on a lattice: ratio of neighbours at first, and how often it is halved, of
+#: candidates and of what is taken.
+_FIRST, _COARSE, _FINE = 1.6, 3, 5
 #: How often a constant that is as large as its effect (a delay's) is made so.
 _SIZED = 2
 
@@ -26,7 +27,7 @@ class Search:
 
     def __init__(self, data: WhiteData, library: Library) -> None:
         self.data, self.library = data, library
-        self.score = Score(data, library.candidates, {f.own for f, _ in library.own})
+        self.score = Score(data, library.candidates, {b.own for b in library.own})
         self._kept: dict[str, dict[int, Array]] = {}
         self.terms: list[Term] = []
         self.fit = self.score.fit(())
@@ -43,13 +44,15 @@ class Search:
     def judged(self, fit: Fit, form: Form) -> Term:
         return self.score.judged(fit, form, self.columns(form))
 
-    def refined(self, fit: Fit, start: Term, fixed: Set[str] = frozenset()) -> Term:
+    def refined(
+        self, fit: Fit, start: Term, fixed: Set[str] = frozenset(), halvings: int = _FINE
+    ) -> Term:
         """Each continuous shape constant but the fixed ones in turn where the score is highest, on a
         lattice of its scale: the same values come back in every step of the search."""
         best = start
         for name in [start.form.moves] if start.form.own else start.form.effect.searched:
             if name not in fixed:
-                best = self._along(fit, best, name)
+                best = self._along(fit, best, name, halvings)
         sized = best.form.effect.sized_shape
         for _ in range(_SIZED if sized and sized not in fixed and len(best.beta) else 0):
             effect = best.form.effect
@@ -59,7 +62,7 @@ class Search:
             best = self.judged(fit, best.form.with_shape(**{sized: value}))
         return best
 
-    def _along(self, fit: Fit, start: Term, name: str) -> Term:
+    def _along(self, fit: Fit, start: Term, name: str, halvings: int) -> Term:
         effect = start.form.effect
         kind = effect.robot.joints[effect.joints[0]].kind
         shape = effect.shapes[name].on(kind)
@@ -85,7 +88,7 @@ class Search:
             return seen[x]
 
         x, step = 0.0, 0.5 if linear else 1.0
-        for _ in range(_HALVINGS):
+        for _ in range(halvings):
             while True:
                 best = max((x, x - step, x + step), key=lambda y: at(y).J)
                 if best == x:
@@ -102,24 +105,31 @@ class Search:
         return APART + FORM * max(shared, default=0.0)
 
     def top_candidates(
-        self, fit: Fit, terms: Sequence[Term], most: int = LOOKED_AT, on: frozenset[int] | None = None
+        self,
+        fit: Fit,
+        terms: Sequence[Term],
+        most: int = LOOKED_AT,
+        on: frozenset[int] | None = None,
+        beyond: float = 0.0,
     ) -> list[Term]:
-        """The most likely form of each candidate, refined, the best first."""
+        """The most likely form of each candidate, refined, the best first; beyond : what has to be
+        reached, nearly, to be of use."""
         found = self._screened(fit, [t.form for t in terms], most, on)
-        top = max((t.J for t in found), default=0.0)
-        likely = [t for t in found if 0.5 * top - 3.0 * APART < t.J]
+        top = max((t.J for t in found if not t.form.own), default=0.0)
         # A width that is far from those on the grid says little there, and all where it is right.
-        own = [t for t in self._own(fit, {t.key for t in terms}, on) if t.J > 0.0]
-        ranked = sorted((self.refined(fit, t) for t in [*likely, *own]), key=lambda t: -t.J)
+        least = 0.5 * max(top, beyond) - 3.0 * APART
+        likely = [t for t in found if (0.0 if t.form.own else least) < t.J]
+        ranked = sorted((self.refined(fit, t, halvings=_COARSE) for t in likely), key=lambda t: -t.J)
         first = {t.key: t for t in reversed(ranked)}
         return [t for t in ranked if first[t.key] is t]
 
     def _screened(
         self, fit: Fit, picked: Sequence[Form], most: int, on: frozenset[int] | None
     ) -> list[Term]:
-        """Of so many candidates that take most the likely laws, as they are on the grids."""
+        """Of so many candidates that take most the likely laws, and the best value of each of the
+        model's own shape constants, as they are on the grids."""
         best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
-        for batch in self.library.batches:
+        for batch in (*self.library.batches, *self.library.own):
             if on is not None and not on & set(batch.joints):
                 continue
             values = self.score.screened(fit, batch)
@@ -132,25 +142,12 @@ class Search:
                     best[form.law] = float(values[f]), form, batch.columns(int(f))
         found, tops = [], dict[tuple[str, int | None], float]()
         for value, form, columns in sorted(best.values(), key=lambda b: -b[0]):
-            if len(tops) == most and form.key not in tops:
+            if not form.own and len(tops) == most and form.key not in tops:
                 continue
-            if value >= LIKELY * tops.setdefault(form.key, value):
+            if form.own or value >= LIKELY * tops.setdefault(form.key, value):
                 found.append(self.score.judged(fit, form, columns))
                 self._kept.setdefault(form.effect.text, columns)
         return found
-
-    def _own(
-        self, fit: Fit, taken: Set[tuple[str, int | None]], on: frozenset[int] | None
-    ) -> list[Term]:
-        """The best value of each of the model's own shape constants, as it is on the grids."""
-        best: dict[tuple[str, int | None], Term] = {}
-        for form, columns in self.library.own:
-            if form.key in taken or (on is not None and not on & set(columns)):
-                continue
-            term = self.score.judged(fit, form, columns)
-            if form.key not in best or best[form.key].J < term.J:
-                best[form.key] = term
-        return list(best.values())
 
     def best(
         self, fit: Fit, terms: Sequence[Term], most: int = LOOKED_AT, on: frozenset[int] | None = None
@@ -174,7 +171,7 @@ class Search:
         """The constants of each term on the newest one's joints again beside all others; a term that has
         not enough left goes."""
         terms = list(terms)
-        newest = terms[-1].joints if len(terms) > 1 else frozenset()
+        newest = terms[-1].joints if terms else frozenset()
         for _ in range(2):
             moved = False
             for term in list(terms):
@@ -206,7 +203,7 @@ class Search:
                 beside = fit if i == 0 else self.score.fit(rest + group[:i], self.fit.level)
                 total += self.score.judged(beside, g.form, g.columns).J
             joints = frozenset[int]().union(*(g.joints for g in group))
-            found = self.top_candidates(fit, rest, 4, joints)
+            found = self.top_candidates(fit, rest, 4, joints, total)
             if len(group) == 1:
                 told.append(replace(group[0], rivals=self.equivalent(group[0], total, found)))
             own = {g.key for g in group}
@@ -229,16 +226,15 @@ class Search:
 
         def rivals(t: Term) -> bool:
             # A form with more to it, which does no better, does not speak against the plain one.
-            more = t.form.k + t.form.constants > own.k + own.constants or len(t.joints) > len(
-                term.joints
-            )
-            return J + (EQUIVALENT if more or t.form.refines(own) else -EQUIVALENT) < t.J
+            more = t.form.k + t.form.constants > own.k + own.constants
+            more |= len(t.joints) > len(term.joints)
+            return J + (EQUIVALENT if more else -EQUIVALENT) < t.J
 
         return tuple(t for t in found if t.key != term.key and not t.form.own and rivals(t))
 
     def run(self, progress: Callable[[str], None] = lambda _: None) -> list[Term]:
         """Add, exchange, drop until nothing changes."""
-        seen = set[frozenset[str]]()
+        seen = set[tuple[str, ...]]()
         for _ in range(STEPS):
             self.fit = self.score.fit(self.terms)
             best = self.best(self.fit, self.terms)
@@ -250,7 +246,7 @@ class Search:
                 if other is None:
                     break
                 self.terms = other
-            state = frozenset(t.form.effect.text for t in self.terms)
+            state = tuple(sorted(str(t.key) for t in self.terms))
             if state in seen:
                 break
             seen.add(state)

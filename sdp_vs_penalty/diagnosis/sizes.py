@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.library import Form
 from sdp_vs_penalty.diagnosis.score import Fit, Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, model_columns
@@ -66,7 +67,24 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
         name: float(d * prior_deviation(term.form.effect, name))
         for name, d in zip(own, deviations, strict=False)
     }
-    return Size(beta, covariance[:k, :k], constants)
+    return Size(beta, covariance[:k, :k] + _between(search, fit, term), constants)
+
+
+def _between(search: Search, fit: Fit, term: Term) -> Array:
+    """(k, k) spread of the coefficients between the laws with which a search begins, each as likely as
+    its score says (model averaging: Hoeting et al., Statistical Science 1999): where rows hardly tell a
+    constant, an expansion about its best value is no measure of it."""
+    effect, (name, joint) = term.form.effect, term.key
+    if term.form.own or not free_constants(effect) or effect.sized_shape:
+        return np.zeros((term.form.k, term.form.k))
+    start = min(float(s.motion.t[0]) for s in search.data.rows.segments)
+    known = {x: v for x, v in effect.shape.items() if effect.shapes[x].bounds is None}
+    kin = type(effect).candidates(effect.robot, joint, start)
+    same = [e for e in kin if known.items() <= e.shape.items()]
+    others = [search.judged(fit, Form((name, joint), e)) for e in same]
+    J, far = np.array([t.J for t in others]), np.array([t.beta - term.beta for t in others])
+    weight = np.exp(0.5 * np.minimum(J - term.J, 0.0))
+    return np.asarray((weight * far.T) @ far / (1.0 + weight.sum()))
 
 
 def _factor(search: Search, fit: Fit, T: Array, left: Array) -> Array:

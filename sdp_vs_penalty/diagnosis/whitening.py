@@ -14,7 +14,6 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
-from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, spectral_floor
 from sdp_vs_penalty.signals.phases import MotionClock, PhaseFolds, motion_clocks
 from sdp_vs_penalty.signals.repetition import is_part
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
@@ -76,12 +75,6 @@ def prepare(
 ) -> WhiteData:
     """White rows with a model attached; whole : what the noise is measured in, if not these."""
     noise = noise_of(rows, whole)
-    if noise.source == RESIDUAL:
-        # A colour would be that of the model's error, and hide what is looked for.
-        noise = replace(noise, ar=np.zeros_like(noise.ar), sigma=noise.floor)
-        if (floor := spectral_floor(rows)) is not None:
-            floor = np.minimum(floor, noise.floor)
-            noise = replace(noise, floor=floor, sigma=floor, source=SPECTRUM)
     if noise.suspect.any():
         rows = rows.with_masked(noise.suspect)
     return whitened(rows, noise, estimate, frozen, whole)

@@ -188,6 +188,23 @@ class Effect(ABC):
     def blocks(self, motion: Motion) -> list[Block]:
         """The columns, joint by joint; joints without torque from this effect may be left out."""
 
+    def same_columns(self, other: Effect) -> bool:
+        """Whether both have the same columns on every motion, as far as that shows: effects made of more
+        than robot, joints and shape constants are like themselves only."""
+        plain = type(self) is type(other) and type(self).__init__ is Effect.__init__
+        return self is other or (
+            plain
+            and self.robot is other.robot
+            and (self.joints, self.shape) == (other.joints, other.shape)
+        )
+
+    def torque(self, theta: Array, motion: Motion) -> Array:
+        """(N, n) what its parameters theta (k,) make of a motion."""
+        out = np.zeros_like(motion.q)
+        for block in self.blocks(motion):
+            out[:, block.joint] += block.columns @ theta[block.parameters]
+        return out
+
     @property
     def waves(self) -> float | None:
         """How often its torque repeats in a turn [-, or rad/m]; None where it follows no phase."""
@@ -288,7 +305,7 @@ class Effect(ABC):
     def looks_like(self, size: float, seen: Seen) -> str:
         """What a model may lack that passes for this effect of this size in what was seen of its joint,
         if there is such a thing."""
-        slow = self.shape.get("k", np.inf) * seen.travel < 2.0 * np.pi
+        slow = (self.waves or np.inf) * seen.travel < 2.0 * np.pi
         return (
             "less than one wave was travelled: all that changes slowly along it looks so" if slow else ""
         )

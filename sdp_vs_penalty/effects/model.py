@@ -205,7 +205,13 @@ class Model:
         if count > _PART and not any(effect.has_memory for effect in self.effects):
             parts = (motion.part(slice(k, k + _PART)) for k in range(0, count, _PART))
             return np.concatenate([self.torque(theta, part) for part in parts])
-        return np.column_stack([c.columns @ theta[c.indices] for c in self.columns(motion)])
+        if self.needs_reference:
+            return np.column_stack([c.columns @ theta[c.indices] for c in self.columns(motion)])
+        if motion.sign_width != self.sign_width:
+            motion = replace(motion, sign_width=self.sign_width)
+        own = zip(self.effects, self.indices, strict=True)
+        total = sum((e.torque(theta[k], motion) for e, k in own), np.zeros_like(motion.q))
+        return total * np.array(self.gains or (1.0,))
 
 
 def turning(motion: Motion, effect: Effect) -> Motion:

@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
+
+#: Distance [m] of a centre of mass beyond which rounding would show in a torque divided by the mass.
+_FARTHEST = 100.0
 
 
 class RigidBody(Effect):
@@ -46,6 +50,14 @@ class RigidBody(Effect):
             own = slice(10 * links[0], 10 * links[-1] + 10) if serial else indices
             blocks.append(Block(joint, indices, regressor[:, joint, own]))
         return blocks
+
+    def torque(self, theta: Array, motion: Motion) -> Array:
+        """By recursive Newton-Euler, half the price of columns; these where a mass is next to nothing,
+        by which it divides."""
+        links = theta.reshape(-1, 10)
+        if np.any(np.linalg.norm(links[:, 1:4], axis=1) > _FARTHEST * np.abs(links[:, 0])):
+            return super().torque(theta, motion)
+        return self.robot.inverse_dynamics(theta, motion.q, motion.dq, motion.ddq)
 
 
 @cache

@@ -39,7 +39,6 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
     """Certify a fit and put everything that made it into an Estimate."""
     problem, task, measurements = posed.problem, posed.task, posed.measurements
     theta, certificate = certify(task, fit)
-    theta = task.model.with_known(theta)  # their columns are zero: the loss is the same
     certificate = dataclasses.replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
     wide, data = with_sensitivities(task.model, theta), posed.regression
@@ -136,8 +135,11 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     if fit.multipliers is not None and fit.interior is not None:
         theta = repair(fit.constraints, theta, fit.interior)
         theta = repaired_as_written(fit.constraints.convex, theta, fit.interior)
+    # The loss is the same, but a link's known parameter may have been moved by constraints and priors.
+    theta = task.model.with_known(theta)
+    if fit.multipliers is not None and fit.interior is not None:
         upper = fit.objective.value(theta)
-        same = theta is fit.theta and fit.bound is not None
+        same = np.array_equal(theta, fit.theta) and fit.bound is not None
         lower = (fit if same else dataclasses.replace(fit, theta=theta, bound=task.bound)).lower
         scale = max(fit.objective.least_squares.loss(theta), 1e-12 * task.data.tau_squared)
         gap = (upper - lower) / scale if scale > 0.0 else 0.0

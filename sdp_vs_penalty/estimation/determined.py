@@ -17,7 +17,8 @@ import scipy.linalg
 
 from sdp_vs_penalty.estimation.constants import DATA_SHARE
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY, sample_variance
+from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY
+from sdp_vs_penalty.estimators.task import sample_variance
 from sdp_vs_penalty.regression.base_parameters import BaseParameters
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array

@@ -11,11 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import product
 
 import numpy as np
-from scipy import optimize
 
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
@@ -27,6 +25,7 @@ from sdp_vs_penalty.estimation.shape_constants import (
     with_sensitivities,
 )
 from sdp_vs_penalty.estimators.task import joint_weights
+from sdp_vs_penalty.regression.levenberg_marquardt import least_squares
 from sdp_vs_penalty.regression.partial import partialled, visible
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
@@ -123,7 +122,7 @@ class _Search:
         )
         free = [both for both, own in zip(every, mine, strict=True) if own]
         unit = np.array([prior_deviation(effects[k], key) for k, key in free])
-        latest = theta
+        latest, variances = theta, dict[bytes, float]()
 
         def at(steps: Array) -> Model:
             out = list(effects)
@@ -131,36 +130,25 @@ class _Search:
                 out[k] = moved(out[k], {key: step})
             return replace(model, effects=tuple(out))
 
-        @lru_cache(maxsize=1)
-        def solved(steps: bytes) -> tuple[LeastSquares, Array, float]:
-            wide = self.compressed(with_sensitivities(at(np.frombuffer(steps)), latest, self.open))
-            wide = wide.keeping(np.append(np.ones(p, bool), mine))
-            data, own = self.solved(wide)
-            return data, own, white_variance(data, wide.oversampling)
-
-        def left(steps: Array) -> Array:
-            data, own, _ = solved(steps.tobytes())
-            return np.append(data.rho - data.R[:, :p] @ own, data.residual_norm)
-
-        def slopes(steps: Array) -> Array:
+        def left(steps: Array) -> tuple[Array, Array]:
             nonlocal latest
-            data, latest, _ = solved(steps.tobytes())
+            wide = self.compressed(with_sensitivities(at(steps), latest, self.open))
+            data, latest = self.solved(wide.keeping(np.append(np.ones(p, bool), mine)))
+            variances[steps.tobytes()] = white_variance(data, wide.oversampling)
             columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
-            return np.vstack([columns, np.zeros((1, len(free)))])
+            rest = np.append(data.rho - data.R[:, :p] @ latest, data.residual_norm)
+            return rest, np.vstack([columns, np.zeros((1, len(free)))])
 
         start = np.zeros(len(free))
         if not free:
-            return Settled(model, {}, float(np.sum(left(start) ** 2)))
-        ends = np.transpose([_room(effects[k], key) for k, key in free])
-        best = optimize.least_squares(
-            left, start, slopes, bounds=ends, xtol=1e-6, ftol=1e-9, max_nfev=15
-        )
-        std = np.sqrt(
-            solved(best.x.tobytes())[2] * np.diagonal(np.linalg.pinv(best.jac.T @ best.jac, rcond=1e-12))
-        )
+            return Settled(model, {}, float(np.sum(left(start)[0] ** 2)))
+        low, high = np.transpose([_room(effects[k], key) for k, key in free])
+        best, rest, slopes = least_squares(left, start, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
+        spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
+        std = np.sqrt(variances[best.tobytes()] * spread)
         names = [(effects[k].name, effects[k].joints[0], key) for k, key in free]
-        found = replace(model, effects=tuple(map(_written, at(best.x).effects)))
-        return Settled(found, dict(zip(names, std.tolist(), strict=True)), 2.0 * float(best.cost))
+        found = replace(model, effects=tuple(map(_written, at(best).effects)))
+        return Settled(found, dict(zip(names, std.tolist(), strict=True)), float(rest @ rest))
 
 
 def _room(effect: Effect, key: str) -> tuple[float, float]:

@@ -14,8 +14,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.excerpt import excerpt
-from sdp_vs_penalty.signals.noise import REPETITION, noise_floor, noise_in
-from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, spectral_floor
+from sdp_vs_penalty.signals.noise import RESIDUAL, noise_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
 
@@ -38,11 +37,8 @@ def noise_level(
     model = problem.model().reference_free
     theta = make_task(problem, model, compress(shown, model, settings), "none").ols
     runs = with_parameters(runs, model, theta)
-    if (floor := noise_floor(runs)) is not None:
-        return floor, REPETITION
-    if (floor := spectral_floor(runs)) is None:
-        return None, ""
-    return np.minimum(floor, noise_in(runs, runs.residual).floor), SPECTRUM
+    noise = noise_of(runs)
+    return (None, "") if noise.source == RESIDUAL else (noise.floor, noise.source)
 
 
 def with_parameters(runs: SegmentedRuns, model: Model, theta: Array) -> SegmentedRuns:

@@ -18,9 +18,10 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import other_robot, unknown
+from sdp_vs_penalty.errors import InputError, other_robot, unknown
 from sdp_vs_penalty.estimation.constants import PHASES
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
 from sdp_vs_penalty.estimation.servo import servo_filters, servo_log, with_instruments
@@ -33,6 +34,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, as_black_box, compress_black_box
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -54,6 +56,22 @@ class PoseOptions:
     known: Mapping[str, float] = field(default_factory=dict)
     instruments: str | None = None
 
+    def recipe(self) -> dict[str, Any]:
+        """Plain JSON of what :meth:`following` takes; only those shape constants that were given."""
+        asked = None if self.effects is None else [e for e in self.effects if isinstance(e, Effect)]
+        effects = asked and [e.to_dict() | {"shape": {k: e.shape[k] for k in e.given}} for e in asked]
+        return {"effects": effects, "known": dict(self.known), "instruments": self.instruments}
+
+    @classmethod
+    def following(cls, recipe: Mapping[str, Any], robot: Robot, **others: Any) -> PoseOptions:
+        """The options of a :meth:`recipe`; InputError for one that is none."""
+        try:
+            given, known = recipe["effects"], {k: float(x) for k, x in recipe["known"].items()}
+            effects = None if given is None else [effect_from_dict(e, robot) for e in given]
+            return cls(effects, known=known, instruments=recipe["instruments"], **others)
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise InputError("the model's details.recipe is damaged", "identify it again") from None
+
 
 @dataclass(frozen=True)
 class Posed:
@@ -61,7 +79,9 @@ class Posed:
 
     problem : with the gains that known loads determined; measurements : as they were read; regression :
     they in the columns of task.model; task : what every estimator minimises; gain_errors (n, e) : factor
-    of the covariance of the gains' relative errors; details : shapes and gains, plain JSON.
+    of the covariance of the gains' relative errors; details : shapes and gains, plain JSON, and where
+    the rows are made with a servo's law, "recipe" (:meth:`PoseOptions.recipe`), from which the same
+    problem follows again; known loads, which are other runs, leave none.
     """
 
     problem: Problem
@@ -102,6 +122,8 @@ def pose(
     settings = options.preprocessing or problem.preprocessing
     settings = settings.resolve(data) if data.torque_logged else servo_filters(settings, data)
     model = problem.model(options.effects)
+    if options.effects is not None:
+        options = replace(options, effects=model.effects)
     details: dict[str, Any] = {}
     errors = independent_gains(options.gain_uncertainty, problem.robot.n)
     if data.torque_logged:
@@ -119,6 +141,8 @@ def pose(
         servo = servo_log(problem, model.effects, data, settings, *wanted, chosen, loads)
         model, data, details = servo.model, servo.measurements, {"servo": servo.details}
         errors = np.column_stack([errors, np.full(problem.robot.n, servo.scale_error)])
+    if not options.known_loads and (options.instruments == "command" or not data.torque_logged):
+        details["recipe"] = options.recipe()
     if options.known_loads and data.torque_logged:
         progress("determining the gains from the known loads")
         spread = float(np.max(options.gain_uncertainty))

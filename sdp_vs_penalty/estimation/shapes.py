@@ -3,7 +3,7 @@
 A constant u (the velocity over which Coulomb friction turns round) is no coefficient, but for every u
 the coefficients theta(u) are those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a
 function of the constants alone (Golub, Pereyra, SIAM J. Numerical Analysis 1973), which
-``scipy.optimize.least_squares`` minimises with the Jacobian of Kaufman (BIT 1975). The columns are
+Levenberg and Marquardt minimise with the Jacobian of Kaufman (BIT 1975). The columns are
 computed on a grid of u once; between its values they are cubic splines of ln u, so that everything is
 small algebra on compressed data. Where these tell a constant more finely than the grid does, columns
 at the value itself follow (:mod:`~sdp_vs_penalty.estimation.joint_shapes`): exact data give exact
@@ -23,12 +23,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 from scipy.special import stdtrit
 
 from sdp_vs_penalty.data.measurements import Measurements
@@ -38,11 +37,13 @@ from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS, SHAPE_GAIN,
 from sdp_vs_penalty.estimation.joint_shapes import settled
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.regression.levenberg_marquardt import least_squares
 from sdp_vs_penalty.regression.partial import partialled, visible
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.spline import CubicSpline
 
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], NDArray[np.bool_]]
@@ -75,6 +76,12 @@ class ShapeEstimate:
         std = np.inf if data["std"] is None else float(data["std"])
         effect, joint, shape = str(data["effect"]), int(data["joint"]) - 1, str(data["shape"])
         return cls(effect, joint, shape, before, after, std, gain, bool(data["at_end"]))
+
+
+def at_end(u: float, low: float, high: float) -> bool:
+    """Whether a constant lies at an end of its range, all in its own scale."""
+    near = AT_END * (high - low)
+    return not low + near < u < high - near
 
 
 def open_shapes(effects: Sequence[Effect]) -> list[tuple[Effect, int, str]]:
@@ -197,20 +204,13 @@ class _Bank:
     ends: tuple[float, float]
 
     @cached_property
-    def _spline(self) -> tuple[Array, Array]:
-        """Knots (K,) of ln u, and the cubics (4, K - 1, K) of each column's weight between them."""
-        from scipy.interpolate import CubicSpline
-
-        found = CubicSpline(np.log(self.values), np.eye(len(self.values)))
-        return found.x, found.c
+    def _spline(self) -> CubicSpline:
+        """Of ln u, (K,) the weights of each column that is known."""
+        return CubicSpline(np.log(self.values), np.eye(len(self.values)))
 
     def weights(self, u: float) -> tuple[Array, Array]:
         """Of the columns that are known (K,) at a value's logarithm, and their derivatives."""
-        knots, (a, b, c, d) = self._spline
-        k = min(max(int(np.searchsorted(knots, u, "right")) - 1, 0), len(knots) - 2)
-        z = u - knots[k]
-        w = ((a[k] * z + b[k]) * z + c[k]) * z + d[k]
-        return w, (3.0 * a[k] * z + 2.0 * b[k]) * z + c[k]
+        return self._spline.with_slope(u)
 
     @property
     def start(self) -> float:
@@ -311,32 +311,40 @@ class _Profile:
         """(B,) ln u as the model has them."""
         return np.array([bank.start for bank in self.banks])
 
-    def at(self, u: Array) -> tuple[Array, Array, Array]:
-        """What is left of the torque (r,) at constants ln u (B,), its slopes (r, B), and the
-        coefficients (P,) of the banks' columns. What would push instead of brake is left out."""
-        A, D, C = self._columns(u)
+    def at(self, u: Array) -> tuple[Array, Array]:
+        """What is left of the torque (r,) at constants ln u (B,), and its slopes (r, B)."""
+        A, D = self._columns(u)
+        theta, U = self._solved(A)
+        slopes = np.add.reduceat(D * theta, self._first, axis=1)
+        return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
+
+    def _solved(self, A: Array) -> tuple[Array, Array]:
+        """(M,) coefficients of columns A (r, M), and what they span. What would push instead of brake is
+        left out."""
         used, theta = np.ones(A.shape[1], bool), np.zeros(A.shape[1])
         while True:
             U, V = visible(A[:, used])
             theta[used], theta[~used] = V @ (U.T @ self.torque), 0.0
             pushes = self._brakes & (theta < 0.0)
             if not pushes.any():
-                break
+                return theta, U
             used &= ~pushes
-        slopes = np.add.reduceat(D * theta, self._first, axis=1)
-        left = self.torque - U @ (U.T @ self.torque)
-        return left, U @ (U.T @ slopes) - slopes, C @ theta
 
-    def _columns(self, u: Array) -> tuple[Array, Array, Array]:
-        """(r, M) columns at constants ln u (B,), their derivatives, and (P, M) what they are made of."""
-        C, D = (np.zeros((self.columns.shape[1], len(self._brakes))) for _ in range(2))
-        row = column = 0
-        for bank, x in zip(self.banks, u.tolist(), strict=True):
-            k, stop = bank.columns.shape[1], row + bank.columns.size
-            for c in range(k):
-                C[row + c : stop : k, column + c], D[row + c : stop : k, column + c] = bank.weights(x)
-            row, column = stop, column + k
-        return self.columns @ C, self.columns @ D, C
+    def _columns(self, u: Array) -> tuple[Array, Array]:
+        """(r, M) columns at constants ln u (B,), and their derivatives."""
+        both = [
+            np.array(bank.weights(x)) @ part
+            for bank, part, x in zip(self.banks, self._parts, u.tolist(), strict=True)
+        ]
+        A, D = np.concatenate(both, axis=1).reshape(2, -1, len(self.torque))
+        return A.T, D.T
+
+    @cached_property
+    def _parts(self) -> list[Array]:
+        """Of each bank (K, k r) its columns at all values, one after the other."""
+        ends = np.cumsum([bank.columns.size for bank in self.banks])[:-1]
+        pairs = zip(self.banks, np.split(self.columns.T, ends), strict=True)
+        return [np.ascontiguousarray(x).reshape(len(b.values), -1) for b, x in pairs]
 
     @cached_property
     def _first(self) -> NDArray[np.intp]:
@@ -352,6 +360,22 @@ class _Profile:
     def _brakes(self) -> NDArray[np.bool_]:
         """(M,) columns whose coefficients are not negative."""
         return np.concatenate([[p.lower == 0.0 for p in b.effect.parameters] for b in self.banks])
+
+    def coefficients(self, u: Array, moved: NDArray[np.intp]) -> Array:
+        """(1 + moved, P) of the banks' columns with the constants as the model has them, and with one of
+        the ``moved`` each at ln u (B,)."""
+        now, other = self._columns(self.now)[0], self._columns(u)[0]
+        bank = np.repeat(np.arange(len(self.banks)), self._sizes)
+        out = []
+        for k in (-1, *moved):
+            theta = self._solved(np.where(bank == k, other, now))[0]
+            own = np.split(theta, self._first[1:])
+            at = np.where(np.arange(len(u)) == k, u, self.now)
+            weights = (b.weights(x)[0] for b, x in zip(self.banks, at.tolist(), strict=True))
+            out.append(
+                np.concatenate([np.outer(w, c).ravel() for w, c in zip(weights, own, strict=True)])
+            )
+        return np.array(out)
 
     def loss(self, u: Array) -> float:
         """Squared error at constants ln u (B,)."""
@@ -379,23 +403,17 @@ class _Profile:
         if not len(free):
             return start
 
+        def at(x: Array) -> tuple[Array, Array]:
+            left, slopes = self.at(all_of(x))
+            return left, slopes[:, free]
+
         def all_of(x: Array) -> Array:
             out = start.copy()
             out[free] = x
             return out
 
         low, high = np.log([[self.banks[k].values[0], self.banks[k].values[-1]] for k in free]).T
-        at = lru_cache(maxsize=1)(lambda x: self.at(all_of(np.frombuffer(x))))
-        found = optimize.least_squares(
-            lambda x: at(x.tobytes())[0],
-            np.clip(start[free], low + 1e-6, high - 1e-6),
-            lambda x: at(x.tobytes())[1][:, free],
-            bounds=(low, high),
-            xtol=1e-4,
-            ftol=1e-6,
-            max_nfev=50,
-        )
-        return all_of(found.x)
+        return all_of(least_squares(at, start[free], (low, high), xtol=1e-4, ftol=1e-6, steps=50)[0])
 
     def estimates(self) -> list[ShapeEstimate]:
         """The constants that together explain most; one that the data do not tell stays what it is."""
@@ -414,7 +432,6 @@ class _Profile:
             std = np.sqrt(self.variance) / own if own > 0.0 else np.inf
             # As many digits as a written effect has.
             after = float(f"{np.exp(u[k]):.6g}") if moves[k] else bank.now
-            near = AT_END * (high - low)
             out.append(
                 ShapeEstimate(
                     bank.effect.name,
@@ -425,7 +442,7 @@ class _Profile:
                     # Wider than the range itself: not bounded by the data.
                     after * std if std < (high - low) / np.sqrt(12.0) else np.inf,
                     float(gains[k]) if moves[k] else 0.0,
-                    bool(moves[k] and not low + near <= u[k] <= high - near),
+                    bool(moves[k] and at_end(u[k], low, high)),
                 )
             )
         return out
@@ -460,8 +477,7 @@ def _confirmed(
     for k, (rows, base_of, squares) in enumerate(zip(left, explained, own, strict=True)):
         fold = replace(profile, columns=rows[:, :-1], torque=rows[:, -1])
         there = fold.best(np.where(np.isin(np.arange(len(u)), moved), u, now), moved)
-        tried = [now, *(np.where(np.arange(len(u)) == m, there, now) for m in moved)]
-        theta = np.array([np.append(fold.at(x)[2], -1.0) for x in tried])
+        theta = np.column_stack([fold.coefficients(there, moved), np.full(len(moved) + 1, -1.0)])
         theta = np.hstack([-theta @ base_of.T, theta])
         loss = np.einsum("tk,kl,tl->t", theta, squares, theta)
         apart = theta[1:] - theta[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
@@ -75,13 +76,16 @@ def _other_model(proof: Proof, model: Estimate) -> str:
 def _reposed(model: Estimate, data: Measurements) -> Proof | None:
     """The problem that the data make, posed as the model says.
 
-    None for a method that poses none, and a log without torque: its servos' law and delay are found on
-    the way to the model, and posing with them given makes other instruments.
+    None for a method that poses none, and for a servo's law whose scale came from runs with known loads,
+    which are not given here.
     """
-    estimator = model.estimator
-    if not isinstance(estimator, LmiSdp) or not data.torque_logged:
+    estimator, recipe = model.estimator, model.details.get("recipe")
+    if not isinstance(estimator, LmiSdp) or (recipe is None and not data.torque_logged):
         return None
-    options = PoseOptions(model.model.effects, model.preprocessing, model.weighting)
+    settings: dict[str, Any] = {"preprocessing": model.preprocessing, "weighting": model.weighting}
+    options = PoseOptions(model.model.effects, **settings)
+    if recipe is not None:
+        options = PoseOptions.following(recipe, model.robot, **settings)
     task = pose(model.problem, data, options).task
     objective, constraints = estimator.posed(task)
     return stated(objective, constraints.convex, task.bound, [p.name for p in task.model.parameters])

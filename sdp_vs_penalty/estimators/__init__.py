@@ -47,9 +47,10 @@ __getattr__ = surface(
         "LmiSdp": "lmi_sdp",
         "LmiSdpEntropic": "lmi_sdp",
         "PenaltyPaper": "penalty_paper",
+        "PosedSdp": "sdp_fit",
         "Task": "estimator",
-        "interior_point": "lmi_sdp",
+        "interior_point": "sdp_fit",
         "make_task": "task",
-        "solve_sdp": "lmi_sdp",
+        "solve_sdp": "sdp_fit",
     },
 )

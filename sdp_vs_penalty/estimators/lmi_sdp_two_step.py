@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
-from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
+from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.solvers.objective import Objective
 
 

@@ -20,7 +20,8 @@ from sdp_vs_penalty.estimators.barycentric import (
     implied_by_centre,
 )
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS, interior_point
+from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
+from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.estimators.shifted_penalty import (
     AffinePart,
     Minimum,

@@ -46,7 +46,9 @@ def make_task(
     if weighting == "noise":
         data = regression.least_squares(joint_weights(regression, plain.ols))
         plain = replace(plain, data=with_plausible(data, model, regression.oversampling))
-    return replace(plain, prior=scaled_prior(plain, problem.guessed_links))
+    guessed = problem.guessed_links
+    total = None if np.any(guessed) else float(nominal[plain.links[:, 0]].sum())
+    return replace(plain, prior=scaled_prior(plain, guessed), total=total)
 
 
 def with_plausible(data: LeastSquares, model: Model, oversampling: float) -> LeastSquares:
@@ -109,3 +111,8 @@ def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
         return np.ones(len(rows))
     variance = np.maximum(variance, 1e-12 * variance.max())
     return np.sqrt(variance.mean() / variance)
+
+
+def sample_variance(task: Task) -> float:
+    """Residual variance of one filtered torque row in unconstrained least squares."""
+    return task.data.loss(task.ols) / max(task.data.rows, 1)

@@ -23,7 +23,8 @@ from sdp_vs_penalty.estimation.certify import certify, proved
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Fit, Progress, Task, no_progress
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, essential, interior_point
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.estimators.sdp_fit import essential, interior_point
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.solvers.cbf_file import cbf_text

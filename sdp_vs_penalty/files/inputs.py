@@ -15,6 +15,7 @@ import re
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -34,35 +35,34 @@ _DEEPEST = 100
 
 #: Device and inode of every file that the running command was given or has read. None outside of one:
 #: in a notebook a model may be written over the file that it came from.
-_inputs: set[tuple[int, int]] | None = None
+_inputs = ContextVar[set[tuple[int, int]] | None]("inputs", default=None)
 
 
 @contextmanager
 def protecting() -> Iterator[None]:
     """While this runs, no output may replace a file that :func:`opened` has heard of."""
-    global _inputs
-    before, _inputs = _inputs, set()
+    before = _inputs.set(set())
     try:
         yield
     finally:
-        _inputs = before
+        _inputs.reset(before)
 
 
 def is_input(found: os.stat_result) -> bool:
     """Whether the running command has read this file, by inode, so that no link hides it."""
-    return _inputs is not None and (found.st_dev, found.st_ino) in _inputs
+    return (found.st_dev, found.st_ino) in (_inputs.get() or ())
 
 
 def opened(path: str | Path) -> None:
     """An argument of the running command is an input; of a folder all files in it."""
-    if _inputs is None:
+    inputs, path = _inputs.get(), Path(path)
+    if inputs is None:
         return
-    path = Path(path)
     try:
         for file in path.iterdir() if path.is_dir() else [path]:
             found = file.stat()
             if stat.S_ISREG(found.st_mode):
-                _inputs.add((found.st_dev, found.st_ino))
+                inputs.add((found.st_dev, found.st_ino))
     except (OSError, ValueError):  # no such file, or no name of one: whoever reads it says so
         return
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import csv
 import glob
 import io
-import itertools
 import os
 import stat
+import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -73,8 +73,7 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
     _remove_leftovers(path)
     umask = os.umask(0)
     os.umask(umask)
-    temporary = path.parent / f"{_prefix(path)}{os.getpid()}.{next(_written)}{_PART}"
-    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    handle, temporary = tempfile.mkstemp(_PART, f"{_prefix(path)}{os.getpid()}.", path.parent)
     try:
         try:
             with open(handle, "wb", closefd=False) as file:
@@ -91,9 +90,8 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
     _sync_folder(path.parent)
 
 
-#: End of the names of files that are being written, and how many this process has written.
+#: End of the names of files that are being written.
 _PART = ".part"
-_written = itertools.count()
 
 
 def _prefix(path: Path) -> str:

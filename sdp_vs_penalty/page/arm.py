@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -54,7 +54,8 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
             on_click=clicked,
             camera=ui.scene.perspective_camera(fov=_ANGLE),
         ) as scene:
-            groups = [g for look in _LOOKS[:arms] for g in _one_arm(scene, about, reach, *look)]
+            shapes = view.session.arm["drawn"]["shapes"]
+            groups = [g for look in _LOOKS[:arms] for g in _one_arm(scene, about, shapes, reach, *look)]
         frame.props["data-arm"] = scene.id
         scene.props["role"] = "img"
         scene.props["aria-label"] = f"The arm in 3D: {said}"
@@ -86,9 +87,15 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
 
 
 def _one_arm(
-    scene: Any, about: Mapping[str, Any], reach: float, name: str, colour: str, solid: float
+    scene: Any,
+    about: Mapping[str, Any],
+    shapes: Sequence[Mapping[str, Any]],
+    reach: float,
+    name: str,
+    colour: str,
+    solid: float,
 ) -> list[Any]:
-    """Joints and links of an arm, in a group a joint."""
+    """Joints and links of an arm, in a group a joint; shapes : of its URDF (summary.py)."""
     groups = [scene.group() for _ in about["joints"]]
     for joint in about["joints"]:
         if float(np.linalg.norm(joint["at"])) > 1e-6:
@@ -97,6 +104,8 @@ def _one_arm(
     for k, group in enumerate(groups):
         with group:
             scene.sphere(0.02 * reach, 12, 8).material("#888888")
+            for shape in (s for s in shapes if s["joint"] == k):
+                scene.stl(f"data:model/stl;base64,{shape['stl']}").material("#888888", 0.35 * solid)
             for body in (b for b in about["bodies"] if b["joint"] == k):
                 place = np.array(body["place"])
                 ball = scene.sphere(1.0, 24, 16).scale(*body["half"])

@@ -25,7 +25,7 @@ _HEADERS = [
         b"content-security-policy",
         b"default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
         b"style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
-        b"connect-src 'self' SOCKETS; worker-src 'self' blob:; "
+        b"connect-src 'self' SOCKETS data:; worker-src 'self' blob:; "
         b"object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     ),
 ]

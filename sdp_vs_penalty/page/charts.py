@@ -17,13 +17,13 @@ from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.reports.pictures import shades
 from sdp_vs_penalty.reports.plots import (
     COLOURS,
-    SIGNALS,
     Curves,
     envelope,
     friction_figure,
     missing_figure,
     residual_figure,
     scatter_rows,
+    signal_title,
     styled,
     torque_figure,
 )
@@ -71,7 +71,8 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
             cross["marker"] = {"symbol": "x", "size": 5, "color": COLOURS[j % len(COLOURS)]}
             plot.add(trace("scatter", x=t[rows], y=there[rows, j], legendgroup=f"{j}", **cross), row)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
-    for row, said in enumerate((f"q [{kinds}]", f"dq [{kinds}/s]", "tau")):
+    torques = "/".join(dict.fromkeys(units))
+    for row, said in enumerate((f"q [{kinds}]", f"dq [{kinds}/s]", f"tau [{torques}]")):
         plot.update_axes("y", row, title=said)
     plot.update_axes("x", 2, title="time [s]")
     return _ready(styled(plot, 460))
@@ -149,7 +150,7 @@ def residual_chart(
     keep, turns = scatter_rows(read["dq"][cut, joint])
     values = [(x[keep], left[keep]) for left in lefts] + [(x[turns], lefts[-1][turns])]
     title = f"error of joint {joint + 1} [{unit}]"
-    axes = {"xaxis": _title(SIGNALS[signal]), "yaxis": _title(title)}
+    axes = {"xaxis": _title(signal_title(signal, unit)), "yaxis": _title(title)}
     return _filled(_residual_frame(floor, len(reads) > 1), values, axes)
 
 

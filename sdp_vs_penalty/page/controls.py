@@ -148,14 +148,14 @@ def table(
         f"{''.join(f'<td>{escape(cell)}</td>' for cell in row[1:])}</tr>"
         for row in rows
     )
-    framed(caption, f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody>", style)
+    inner = f'<caption class="unseen">{escape(caption)}</caption><thead><tr>{head}</tr></thead>'
+    framed(caption, f'<table class="{style}">{inner}<tbody>{body}</tbody></table>')
 
 
-def framed(caption: str, inner: str, style: str) -> Any:
-    """A table whose head and body are HTML, in a frame that scrolls."""
-    said, inner = escape(caption), f'<caption class="unseen">{escape(caption)}</caption>{inner}'
-    frame = f'<div class="wide" tabindex="0" role="region" aria-label="{said}">'
-    return ui.html(f'{frame}<table class="{style}">{inner}</table></div>', sanitize=False)
+def framed(caption: str, inner: str) -> Any:
+    """A table as HTML in a frame that scrolls."""
+    frame = f'<div class="wide" tabindex="0" role="region" aria-label="{escape(caption)}">'
+    return ui.html(f"{frame}{inner}</div>", sanitize=False)
 
 
 def figures(items: Mapping[str, str]) -> None:

@@ -53,6 +53,7 @@ from sdp_vs_penalty.problem.fields import entries
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.reports import report as write_report
+from sdp_vs_penalty.robot.geometry import link_hulls
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
@@ -78,7 +79,9 @@ def catalogue(request: Request, progress: Progress) -> Answer:
 
 def robot(request: Request, progress: Progress) -> Answer:
     """source : a built-in name or a URDF file; what the page shows of that robot."""
-    problem = load_problem(request["source"], request.get("gravity"))
+    source = request["source"]
+    problem = load_problem(source, request.get("gravity"))
+    hulls = link_hulls(source) if source.lower().endswith(".urdf") else []
     return {
         "title": problem.title
         if problem.folder is not None
@@ -88,7 +91,7 @@ def robot(request: Request, progress: Progress) -> Answer:
         "joints": list(problem.robot.joint_names),
         "units": [show.plain_unit(unit) for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
-        "drawn": drawn_arm(problem.robot, problem.nominal_links),
+        "drawn": drawn_arm(problem.robot, problem.nominal_links, hulls),
         "torque_side": problem.torque_side,
         "own_gravity": list(problem.robot.gravity),
         "known": _known(problem),

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+from sdp_vs_penalty.page.wording import spoken
+
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.session import Session
     from sdp_vs_penalty.page.summary import ModelStep
@@ -32,7 +34,7 @@ def model_verdict(model: ModelStep) -> Verdict:
     """What estimation/verdict.py says of a model."""
     said = model.comparison["verdict"]
     grade = said["grade"]
-    return Verdict(_COLOURS[grade], said["lines"][0]["text"], grade.capitalize())
+    return Verdict(_COLOURS[grade], spoken(said["lines"][0]["text"]), grade.capitalize())
 
 
 def _nothing(session: Session) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import atexit
 import contextlib
 import errno
+import gc
 import logging
 import os
 import secrets
@@ -161,6 +162,7 @@ def serve(
             uvicorn.Server(config).run(sockets=[listener])
     finally:
         page.close()
+        gc.freeze()  # going through all objects once more takes Python a second
 
 
 def _listen(host: str, port: int | None) -> socket.socket:

@@ -8,6 +8,7 @@ import secrets
 import shutil
 import tempfile
 import time
+from multiprocessing.util import get_temp_dir
 from pathlib import Path
 
 from sdp_vs_penalty.errors import InputError
@@ -25,15 +26,18 @@ _CONNECTS = 60.0
 
 #: Begin of the names of servers' folders; the number of the server's process follows.
 _PREFIX = "sdp-vs-penalty-page-"
+#: A link in it to the folder of Python's own that processes are started through.
+_OF_PYTHON = "processes"
 
 
-def _remove_leftovers(folder: Path) -> None:
+def _remove_leftovers(home: Path) -> None:
     """What servers of this account that were killed have left."""
-    for left in folder.glob(f"{_PREFIX}*-*"):
+    for left in home.glob(f"{_PREFIX}*-*"):
         number = left.name.removeprefix(_PREFIX).split("-")[0]
         with contextlib.suppress(OSError, AttributeError):
             if number.isdigit() and not lives(int(number)) and left.lstat().st_uid == os.getuid():
-                shutil.rmtree(left, ignore_errors=True)
+                for folder in ((left / _OF_PYTHON).resolve(), left):
+                    shutil.rmtree(folder, ignore_errors=True)
 
 
 class Sessions:
@@ -43,6 +47,7 @@ class Sessions:
         self.pool = pool
         _remove_leftovers(Path(tempfile.gettempdir()))
         self.root = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
+        (self.root / _OF_PYTHON).symlink_to(get_temp_dir())
         self._all: dict[str, Session] = {}
 
     def new(self) -> Session:

@@ -50,20 +50,21 @@ def _identified(session: Session) -> Verdict | None:
 
 
 def _diagnosed(session: Session) -> Verdict | None:
-    """What can be added still, or what became of each joint's error."""
-    found = session.findings
-    if found is not None and found.unknown and not session.added:
-        return Verdict("", f"Missing: {found.unknown}.")
-    left = sum(f.text not in session.added for f in found.effects) if found else 0
-    said = f"{show.count(left, 'missing effect')} can be added." if left else ""
+    """What became of each joint's error, and what the last diagnosis says, where it is of this model."""
+    found, added = session.findings, session.added
+    said = ""
+    if found is not None and added:
+        left = sum(f.text not in added for f in found.effects)
+        said = f"{show.count(left, 'more finding')} can be added." if left else ""
+        said = said or "Diagnose again to see what is missing now."
+    elif found is not None:
+        said = found.headline
     if len(session.history) > 1:
         first, last = (session.history[k].comparison for k in (0, -1))
         floor = None if None in last["noise_floor"] else np.array(last["noise_floor"], float)
         told = changes(np.array(first["rmse"]), np.array(last["rmse"]), floor)
         told = told or "no joint changed its error by more than 5 %."
         said = f"{told[0].upper()}{told[1:]} {said}".strip()
-    elif found is not None and not found.effects:
-        said = found.headline
     return Verdict("", said) if said else None
 
 

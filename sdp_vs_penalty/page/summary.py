@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -96,9 +97,16 @@ def about(estimate: Estimate) -> dict[str, Any]:
     }
 
 
-def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
-    """The arm in 3D: of each joint its parent and place there, of each link its joint and ellipsoid."""
-    bodies = []
+def drawn_arm(
+    robot: Robot, links: Iterable[Array], hulls: Sequence[Sequence[Array]] = ()
+) -> dict[str, Any]:
+    """The arm in 3D: of each joint its parent and place there, of each link its joint and ellipsoid, and
+    the convex hulls of a URDF's shapes and meshes (robot/geometry.py) with their joint, as STL."""
+    bodies, shapes = [], []
+    for k, some in enumerate(hulls):
+        frame = robot.tree[robot.link_joints[k]].link_frame
+        placed = [corners @ frame[:3, :3].T + frame[:3, 3] for corners in some]
+        shapes += [{"joint": robot.link_joints[k], "stl": _stl(corners)} for corners in placed]
     for k, link in enumerate(links):
         if (body := half_axes(link)) is not None:
             frame = robot.tree[robot.link_joints[k]].link_frame
@@ -106,7 +114,15 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
             place = frame @ np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
             bodies.append({"link": k, "joint": robot.link_joints[k], "half": half, "place": place})
     joints = [{"parent": j.parent, "at": [float(x) for x in j.placement[:3, 3]]} for j in robot.tree]
-    return {"bodies": _plain(bodies), "joints": joints}
+    return {"bodies": _plain(bodies), "joints": joints, "shapes": shapes}
+
+
+def _stl(corners: Array) -> str:
+    """Triangles (k, 3, 3) as a binary STL file, in base 64."""
+    file = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("end", "<u2")])
+    file["corners"] = corners
+    head = bytes(80) + len(corners).to_bytes(4, "little")
+    return base64.b64encode(head + file.tobytes()).decode()
 
 
 def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:

@@ -22,6 +22,15 @@ def figure(value: float | None, digits: int = 3) -> str:
     return f"{value:.{digits}g}"
 
 
+def spoken(text: str) -> str:
+    """A sentence of the command line's for the page, where a stage stands for the command.
+
+    >>> spoken("Torque beyond the noise; `diagnose` names causes.")
+    'Torque beyond the noise; Diagnose names causes.'
+    """
+    return text.replace("`diagnose`", "Diagnose").replace("`", "")
+
+
 def with_unit(value: float | None, unit: str) -> str:
     return f"{figure(value)} {plain_unit(unit)}".strip()
 

@@ -68,14 +68,14 @@ document.addEventListener("pointerdown", (event) => {
 document.addEventListener("toggle", () => dispatchEvent(new Event("resize")), true); // so do these
 addEventListener("DOMContentLoaded", () => {
   document.body.dataset.at = localStorage.getItem(location.pathname) ?? "measure";
-  const arrive = new MutationObserver(() => {
-    if (!document.querySelector("nav.stages a")) return;
-    arrive.disconnect();
-    document
-      .querySelector(`nav.stages a[data-to="${document.body.dataset.at}"]`)
-      ?.setAttribute("aria-current", "step");
-  });
-  arrive.observe(document.body, { childList: true, subtree: true });
+  const arrive = () => {
+    const link = document.querySelector(`nav.stages a[data-to="${document.body.dataset.at}"]`);
+    link?.setAttribute("aria-current", "step");
+    if (link) waiting.disconnect();
+  };
+  const waiting = new MutationObserver(arrive);
+  waiting.observe(document.body, { childList: true, subtree: true });
+  arrive(); // the page may be there already
   // The plotting script is large: fetched while the person still reads.
   setTimeout(() => import("nicegui-plotly").catch(() => {}), 1000);
   new MutationObserver(() => {

@@ -1,36 +1,33 @@
 """The process that does one job: told by JSON over a pipe, answers by JSON, ends.
 
-It is started before it is needed, with everything loaded (see pool.py), and ends with the server
+It is started before it is needed, with everything loaded (see worker_pool.py), and ends with the server
 whatever happens to that.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import json
 import multiprocessing
 import os
-import signal
 import threading
 import warnings
 from multiprocessing.connection import Connection
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.page.forked import end_with_parent
 from sdp_vs_penalty.page.jobs import JOBS
 
 #: Of the computer's memory, how much all jobs together may use, and what each has at least [bytes].
 _SHARE, _LEAST = 0.75, 2**31
-#: prctl's number for "which signal I get when my parent ends" (linux/prctl.h).
-_PR_SET_PDEATHSIG = 1
 
 
 def main(connection: Connection) -> None:
     """Do the one job that comes over the pipe."""
     with contextlib.suppress(OSError, AttributeError):  # where there are sessions: none of ours yet
         os.setsid()  # Ctrl-C in the terminal is the server's; a kill reaches what a job starts
-    _end_with_parent()
+    end_with_parent()
     try:
         request = json.loads(connection.recv_bytes())
     except (EOFError, OSError):  # not needed any more
@@ -74,17 +71,6 @@ def limit_memory(jobs: int) -> None:
 
 def _send(connection: Connection, message: dict[str, Any]) -> None:
     connection.send_bytes(json.dumps(message).encode())
-
-
-def _end_with_parent() -> None:
-    """Killed with the forking server, which ends with the page's, however busy this process is (Linux).
-
-    Not where a thread of the page has started it: the signal would come when that thread ends.
-    """
-    server = multiprocessing.parent_process()
-    if server is not None and os.getppid() != server.pid:
-        with contextlib.suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _end_with(connection: Connection) -> None:

@@ -10,6 +10,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Mapping
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
@@ -123,10 +124,13 @@ class WorkerPool:
     """Where workers come from: forked from a process that has loaded everything, where that exists."""
 
     def __init__(self) -> None:
-        forks = "forkserver" in multiprocessing.get_all_start_methods()
-        self._context: BaseContext = multiprocessing.get_context("forkserver" if forks else "spawn")
-        if forks:
-            self._context.set_forkserver_preload(["sdp_vs_penalty.page.worker"])
+        self._forks = "forkserver" in multiprocessing.get_all_start_methods()
+        self._context: BaseContext = multiprocessing.get_context(
+            "forkserver" if self._forks else "spawn"
+        )
+        if self._forks:
+            here = "sdp_vs_penalty.page"
+            self._context.set_forkserver_preload([f"{here}.forked", f"{here}.worker"])
         self._spare: JobProcess | None = None
         self._running = 0
 
@@ -151,6 +155,9 @@ class WorkerPool:
     def warm(self) -> None:
         """Start the next worker."""
         if self._spare is None or self._spare.ended:
+            if self._forks:  # by this thread, with which it ends
+                with contextlib.suppress(OSError):
+                    forkserver.ensure_running()
             self._spare = JobProcess(self._context)
 
     def worker(self) -> JobProcess:

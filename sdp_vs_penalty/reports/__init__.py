@@ -30,7 +30,6 @@ _SECTIONS = (
     sections.torques,
     sections.failures,
     findings_of.findings,
-    findings_of.curves,
     sections.history,
     sections.forward,
     parameters.parameters,

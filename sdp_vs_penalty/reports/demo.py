@@ -60,7 +60,6 @@ def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) ->
     what was hidden. Raises InputError where the folder cannot be written.
     """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     problem = load_problem(ARM)
     progress("simulating three runs")
     made = hidden_runs(problem, [(HIDDEN, [JOINT])], LEVEL, seed, count=len(RUNS))

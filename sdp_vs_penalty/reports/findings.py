@@ -1,4 +1,4 @@
-"""The sections of the report about a diagnosis: what is missing, by name and as measured curves."""
+"""The section of the report about a diagnosis: what was found, by name and as measured curves."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.comparison import predicted
+from sdp_vs_penalty.diagnosis.comparison import predicted, still_missing
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.reports.plots import history_figure, missing_figure
@@ -16,11 +16,12 @@ from sdp_vs_penalty.show import plain_unit
 
 
 def findings(material: Material) -> Section:
-    """What a diagnosis says is missing: verdict, and a row a finding."""
+    """What a diagnosis says: verdict, what the last model still lacks, a row a finding, each curve."""
     found = material.diagnosis
     if found is None:
-        note = "No diagnosis was given. Name one with --findings findings.json."
+        note = "No diagnosis was given. Name one with `--findings findings.json`."
         return Section("findings", "What is missing", text(note))
+    title = "What was found"
     rows = []
     for f in found.effects:
         joint = f.joints[0] - 1 if f.joints else 0
@@ -46,7 +47,9 @@ def findings(material: Material) -> Section:
         "with it",
         "noise floor",
     )
-    body = text(found.headline)
+    told = f": {found.headline}" if found.effects else ""
+    body = text(f"In the model that was diagnosed{told}" if told else found.headline)
+    body += text(f"In {material.last_name}: {still_missing(found, material.last)}") if told else ""
     if rows:
         names = ["model", *(f"+ {k}. {row[0]} {row[1]}" for k, row in enumerate(rows, start=1))]
         errors = [found.effects[0].held_out_rmse_before, *(f.held_out_rmse_after for f in found.effects)]
@@ -54,21 +57,12 @@ def findings(material: Material) -> Section:
         body += figure(plot, "Held-out RMS error of each joint, finding by finding.", 380)
         body += table(heads, rows, numbers_from=5)
     body += "".join(text(remark) for remark in (found.beside, *found.remarks) if remark)
-    return Section("findings", "What is missing", body)
-
-
-def curves(material: Material) -> Section:
-    """What a diagnosis measured without a name: each curve with its band and where the data lie."""
-    if material.diagnosis is None or not material.diagnosis.curves:
-        note = "No measured curves. Name a diagnosis that has some with --findings findings.json."
-        return Section("curves", "Missing torque without a name", text(note))
-    body = ""
     units = material.last.robot.torque_units
-    for curve in material.diagnosis.curves:
+    for curve in found.curves:
         said = curve.sentence(units)
         plot = missing_figure(curve, units, _along(curve, material))
         body += figure(plot, f"{said[0].upper()}{said[1:]}", 360)
-    return Section("curves", "Missing torque without a name", body)
+    return Section("findings", title, body)
 
 
 def _along(curve: Curve, material: Material) -> list[Array]:

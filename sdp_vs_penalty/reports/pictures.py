@@ -107,20 +107,37 @@ def heat_rows(
     return [(name, shares) for name, shares in every if max(shares) >= _SEEN]
 
 
-def heat_map(title: str, rows: Sequence[tuple[str, Sequence[float]]], n: int) -> str:
-    """A table whose rows are causes, whose columns joints; darker explains more of the joint's error."""
+def heat_map(
+    title: str,
+    rows: Sequence[tuple[str, Sequence[float]]],
+    n: int,
+    shown_by: Mapping[str, str] | None = None,
+) -> str:
+    """A table whose rows are causes, whose columns joints; darker explains more of the joint's error.
+
+    shown_by : the signal that shows a cause: cells are buttons then (data-joint, data-signal)."""
+
+    def cell(name: str, j: int, share: float) -> str:
+        said = f"{100.0 * share:.0f}" if share >= _SEEN else ""
+        if shown_by is None:
+            return said
+        told = f"joint {j}, {escape(name)}: {100.0 * share:.0f} %"
+        look = f'data-key="heat-{escape(name)}-{j}" data-signal="{shown_by.get(name, "")}"'
+        kind = f'type="button" class="action cell" aria-label="{told}"'
+        return f'<button {kind} data-joint="{j}" {look}>{said}</button>'
+
     heads = "".join(f'<th scope="col">{j + 1}</th>' for j in range(n))
     body = ""
     for name, shares in rows:
         cells = "".join(
-            f'<td style="--share:{s:.2f}">{f"{100.0 * s:.0f}" if s >= _SEEN else ""}</td>'
-            for s in shares
+            f'<td style="--share:{s:.2f}">{cell(name, j, s)}</td>' for j, s in enumerate(shares, 1)
         )
         body += f'<tr><th scope="row">{escape(name)}</th>{cells}</tr>'
     if not rows:
         body = f'<tr><td colspan="{n + 1}">No cause explains 1 % of any joint\'s error.</td></tr>'
     head = f'<thead><tr><th scope="col">cause \\ joint</th>{heads}</tr></thead>'
-    caption = f"<caption>{escape(title)}</caption>"
+    unseen = "" if shown_by is None else ' class="unseen"'
+    caption = f"<caption{unseen}>{escape(title)}</caption>"
     return f'<table class="heat">{caption}{head}<tbody>{body}</tbody></table>'
 
 

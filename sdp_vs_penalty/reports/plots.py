@@ -111,10 +111,21 @@ SIGNALS = {
     "dq": "velocity",
     "ddq": "acceleration",
     "torque": "measured torque",
-    "t": "time [s]",
+    "t": "time",
 }
 #: Points of a scatter, and reversals that it rings at most.
 _SCATTER, _TURNS = 1500, 200
+
+
+def signal_title(signal: str, unit: str) -> str:
+    """One of SIGNALS with its unit; unit : of the joint's torque.
+
+    >>> signal_title("dq", "N m")
+    'velocity [rad/s]'
+    """
+    way = "m" if unit == "N" else "rad"
+    units = {"q": way, "dq": f"{way}/s", "ddq": f"{way}/s^2", "torque": unit, "t": "s"}
+    return f"{SIGNALS[signal]} [{units[signal]}]"
 
 
 def scatter_rows(dq: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -138,12 +149,13 @@ def residual_figure(
     """What is left of a joint's torque (N,) against a signal x (N,), its reversals (of dq) ringed; the
     band is 1.96 noise floors wide to either side. first (N,) : what the first model left."""
     keep, turns = scatter_rows(dq)
+    own = COLOURS[0 if first is None else 1]  # as in the torque's figure
     looks = [
-        (keep, left, "error", {"size": 3, "color": COLOURS[0]}),
-        (turns, left, "reversals", {"size": 8, "symbol": "circle-open", "color": COLOURS[1]}),
+        (keep, left, "error", {"size": 3, "color": own}),
+        (turns, left, "reversals", {"size": 8, "symbol": "circle-open", "color": COLOURS[2]}),
     ]
     if first is not None:
-        looks.insert(0, (keep, first, "error of the first model", {"size": 3, "color": COLOURS[2]}))
+        looks.insert(0, (keep, first, "error of the first model", {"size": 3, "color": COLOURS[0]}))
     plot = Figure()
     for rows, y, name, marker in looks:
         plot.add(trace("scatter", x=x[rows], y=y[rows], mode="markers", name=name, marker=marker))

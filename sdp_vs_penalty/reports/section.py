@@ -2,6 +2,7 @@
 
 import base64
 import gzip
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -73,7 +74,12 @@ class Section:
 
 
 def text(sentence: str) -> str:
-    return f"<p>{escape(sentence)}</p>"
+    return f"<p>{marked(sentence)}</p>"
+
+
+def marked(sentence: object) -> str:
+    """Escaped; what stands between backticks as code."""
+    return re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(str(sentence)))
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[object]], *, numbers_from: int = 1) -> str:
@@ -81,7 +87,7 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[object]], *, numbers_
 
     def cells(row: Sequence[object], tag: str) -> str:
         return "".join(
-            f"<{tag}{' class=number' if k >= numbers_from else ''}>{escape(str(cell))}</{tag}>"
+            f"<{tag}{' class=number' if k >= numbers_from else ''}>{marked(cell)}</{tag}>"
             for k, cell in enumerate(row)
         )
 

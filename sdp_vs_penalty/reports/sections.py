@@ -25,7 +25,16 @@ from sdp_vs_penalty.reports.pictures import (
     shades,
 )
 from sdp_vs_penalty.reports.plots import POINTS, Curves, torque_figure
-from sdp_vs_penalty.reports.section import JOINT_HEIGHT, Material, Section, figure, number, table, text
+from sdp_vs_penalty.reports.section import (
+    JOINT_HEIGHT,
+    Material,
+    Section,
+    figure,
+    marked,
+    number,
+    table,
+    text,
+)
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -33,7 +42,7 @@ def verdict(material: Material) -> Section:
     """How good the last model is, what became of each joint's error, and each model in a line."""
     said, first, last = material.verdict, material.comparisons[0], material.comparisons[-1]
     several = len(material.comparisons) > 1
-    body = f'<p class="verdict {said.grade.replace(" ", "-")}">{escape(said.headline)}</p>'
+    body = f'<p class="verdict {said.grade.replace(" ", "-")}">{marked(said.headline)}</p>'
     if several and (changed := changes(first.rmse, last.rmse, last.noise_floor)):
         body += f"<p><b>{escape(changed)}</b></p>"
     floor = None if last.noise_floor is None else last.noise_floor.tolist()

@@ -21,6 +21,8 @@ from sdp_vs_penalty.robot.urdf import placed_links, pose_of
 
 #: Corners of the polygons that stand for circles, around them.
 _CORNERS = 16
+#: Directions in which a drawn hull reaches as far as its shape.
+_DIRECTIONS = 128
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,7 @@ def link_geometry(path: str | Path) -> list[Geometry | None]:
     Raises InputError for a file that is not a URDF of a tree of joints.
     """
     out: list[Geometry | None] = []
-    for parts in placed_links(path):
-        found = [_shapes(Path(path), link, placement) for link, placement in parts]
+    for found in _link_shapes(path):
         shapes = [shape for part in found for shape in part or []]
         if shapes and None not in found:
             cloud = np.concatenate([shape.points for shape in shapes])
@@ -46,6 +47,43 @@ def link_geometry(path: str | Path) -> list[Geometry | None]:
         else:
             out.append(None)
     return out
+
+
+def link_hulls(path: str | Path) -> list[list[Array]]:
+    """Of each moving link of a URDF the convex hulls of its shapes and meshes that can be read: the
+    corners (k, 3, 3) of their triangles, seen from outside, in the link's frame [m].
+
+    Raises InputError as :func:`link_geometry`.
+    """
+    shapes = [[s for part in found for s in part or []] for found in _link_shapes(path)]
+    return [[hull for s in some if (hull := _hull(s.points)) is not None] for some in shapes]
+
+
+def _hull(points: Array) -> Array | None:
+    """Triangles (k, 3, 3) around what reaches farthest; None for points in a plane."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    turn = np.arange(_DIRECTIONS) + 0.5  # a spiral of Fibonacci: directions all around
+    z, angle = 1.0 - 2.0 * turn / _DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * turn
+    ways = np.stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z])
+    points = points[np.unique(np.argmax(points @ ways, axis=0))]
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):
+        return None
+    corners = points[hull.simplices]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ki,ki->k", normal, hull.equations[:, :3]) < 0.0
+    corners[inward] = corners[inward][:, ::-1]
+    return corners
+
+
+def _link_shapes(path: str | Path) -> list[list[list[Geometry] | None]]:
+    """Of each moving link the shapes of it and of what is fixed to it."""
+    return [
+        [_shapes(Path(path), link, placement) for link, placement in parts]
+        for parts in placed_links(path)
+    ]
 
 
 def _shapes(path: Path, link: Any, placement: Array) -> list[Geometry] | None:

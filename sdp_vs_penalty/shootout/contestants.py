@@ -11,7 +11,7 @@ from typing import Any
 
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Fit
-from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
+from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.shootout import augmented_lagrangian, baselines
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.judge import Answer, dimacs_error, no_answer

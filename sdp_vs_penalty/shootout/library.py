@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import Infeasible, InputError
-from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
+from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.exporters.sdp import export_sdp, proof_of
 from sdp_vs_penalty.files import as_csv, write_bytes, write_text
 from sdp_vs_penalty.shootout.instance import Instance

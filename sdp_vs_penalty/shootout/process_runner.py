@@ -59,7 +59,7 @@ def main() -> None:
                 if contestant.name not in warm:  # what a first use pays for, before children are forked
                     warm.add(contestant.name)
                     contestant.warm_up()
-                reply = _run(request, contestant)
+                reply = run(request, contestant)
         except Exception as error:  # an answer must come: the other side waits for it
             reply = {"error": f"{type(error).__name__}: {error}"}
         answers.write(json.dumps(reply) + "\n")
@@ -105,14 +105,15 @@ def _prepare(made: Instance) -> None:
     _ = made.interior, made.near, made.constraints.stacks, made.task.ols
 
 
-def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
+def run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
+    """The row of runs.csv of one run; its seconds are processor time of set-up and solve."""
     made = _checked(request)
     _prepare(made)
     _ = made.sdp if made.sent is not None else None
     known = Reference(**request["reference"])
     asked = float(request["accuracy"])
     kind, payload, seconds = in_child(
-        lambda: contestant.solve(made, asked), request["time_limit"], request["memory"]
+        lambda: _timed(contestant, made, asked), request["time_limit"], request["memory"]
     )
     if kind == "ended":
         answer = payload
@@ -130,7 +131,11 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
 
 
 def _timed(contestant: Contestant, made: Instance, asked: float) -> Answer:
-    """The answer, its seconds in processor time: the machine is shared."""
+    """The answer, its seconds in processor time, programs that it ran included: machines are shared.
+
+    A contestant's own clock says which part of the call is set-up and which solve; both are cut to the
+    share of the call in which the processor worked.
+    """
     clock, used = time.perf_counter(), _processor()
     answer = contestant.solve(made, asked)
     share = min(1.0, (_processor() - used) / max(time.perf_counter() - clock, 1e-9))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
+from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.solvers import clarabel, verified

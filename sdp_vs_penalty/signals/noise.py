@@ -7,13 +7,15 @@ noise floor and an autoregression that makes the noise white. r(t + T) is read b
 samples at eight times the cut-off, at which the low-passed residual is a smooth curve: read between
 samples at its own rate, noise would be averaged and its floor too low.
 
-Where nothing repeats, the residual itself has to stand in, and what is called noise is a guess.
+Where nothing repeats it is that of the torque's spectrum above the motion's band
+(:mod:`.noise_spectrum`); where the log holds nothing there the residual itself has to stand in, and what
+is called noise is a guess.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -22,6 +24,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import ORDER, Pieces, autoregression, beside, innovations
+from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, spectral_floor
 from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import (
     Repeat,
@@ -59,10 +62,10 @@ class Noise:
     """The noise of each joint, below the cut-off of the runs that it was measured in.
 
     floor (n,) [N m or N]: its standard deviation; ar (n, ORDER) : autoregression; sigma (n,) : standard
-    deviation of the whitened noise; degrees (n,) of freedom behind it; source : REPETITION, or RESIDUAL
-    (a guess: the model's error is in it); suspect (M, n) : rows where the repetition shows an event;
-    profile (M, n) : how the motion swells the noise, around 1; held (M, n) : standard deviation of what
-    friction adds while a joint stands still; repeats : what repeats what.
+    deviation of the whitened noise; degrees (n,) of freedom behind it; source : REPETITION, SPECTRUM or
+    RESIDUAL (a guess: the model's error is in it); suspect (M, n) : rows where the repetition shows an
+    event; profile (M, n) : how the motion swells the noise, around 1; held (M, n) : standard deviation
+    of what friction adds while a joint stands still; repeats : what repeats what.
     """
 
     floor: Array
@@ -107,16 +110,24 @@ def noise_floor(runs: SegmentedRuns) -> Array | None:
 
 
 def noise_of(runs: SegmentedRuns, whole: SegmentedRuns | None = None) -> Noise:
-    """The noise from repetition; from the model's residual where too little repeats.
+    """The noise from repetition; where too little repeats from the torque's spectrum, at most the
+    model's residual, or from that residual alone, and then taken for white: a colour would be that of
+    the model's error, and hide what is looked for.
 
     whole : all that was measured, where ``runs`` are windows of it: the noise is that of the whole,
     which may repeat what a window does not; profile, suspect and repeats are of the rows of ``runs``.
     """
     residual = runs.residual
     if whole is None:
-        return _from_repetition(runs, residual) or noise_in(runs, residual)
-    measured = _from_repetition(whole, whole.residual, runs) if whole.segments else None
-    return measured or noise_in(runs, residual)
+        known = _from_repetition(runs, residual)
+    else:
+        known = _from_repetition(whole, whole.residual, runs) if whole.segments else None
+    if known is not None:
+        return known
+    guess, floor = noise_in(runs, residual), spectral_floor(runs)
+    least = guess.floor if floor is None else np.minimum(floor, guess.floor)
+    source = RESIDUAL if floor is None else SPECTRUM
+    return replace(guess, floor=least, sigma=least, ar=np.zeros_like(guess.ar), source=source)
 
 
 def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:

@@ -45,8 +45,11 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
     frequency = np.fft.rfftfreq(size, part.dt)
     first = min(_ABOVE * runs.cutoff, _LATEST / part.dt)
     band = (frequency >= first) & (frequency <= _LAST / part.dt)
-    if band.sum() < 4:
+    largest = max(float(np.abs(p.tau).max()) for p in parts)
+    if band.sum() < 4 or largest == 0.0:
         return None
+    # Channels that are stuck have the noise of rounding, beside the others'.
+    powers = np.maximum(powers, (64.0 * np.finfo(float).eps * largest) ** 2)
     turns = np.cos(2.0 * np.pi * frequency * part.dt)
     shapes = 1.0 / (1.0 + _COLOURS[:, None] ** 2 - 2.0 * _COLOURS[:, None] * turns)
     kernel = next(s.standstill for s in runs.segments if s.standstill.stretch is part).kernels[1]
@@ -54,12 +57,12 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
     passed = np.interp(frequency, np.fft.rfftfreq(max(size, 4 * len(kernel.value)), part.dt), response)
     weight = np.where((frequency > 0.0) & (frequency < 0.5 / part.dt), 2.0, 1.0)
     out = np.zeros(powers.shape[1])
-    for j, own in enumerate(np.log(np.maximum(powers[band], 1e-300)).T):
+    for j, own in enumerate(np.log(powers[band]).T):
         apart = own - np.log(shapes[:, band])
         best = int(np.argmin(np.var(apart, axis=1)))
         density = np.exp(np.mean(apart[best])) * shapes[best]
         out[j] = np.sqrt(np.sum(weight * density * passed) / np.sum(weight))
-    return out if np.all(out > 0.0) else None
+    return out
 
 
 def _powers(part: Stretch, cutoff: float) -> Array | None:

@@ -360,7 +360,7 @@ class _Kept:
             k: blocks
             for k, effect in enumerate(model.effects)
             for one, width, blocks in known
-            if one is effect and (effect.signless or width == model.sign_width)
+            if one.same_columns(effect) and (effect.signless or width == model.sign_width)
         }
 
     def keep(self, model: Model, piece: int, made: dict[int, list[Block]]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect
+
 import numpy as np
 
 from sdp_vs_penalty.robot.arrays import Array
@@ -19,7 +21,7 @@ class CubicSpline:
         s = _slopes(np.diff(self.x), rise)
         bend = (s[:-1] + s[1:] - 2.0 * rise) / width
         self._cubic, self._square = bend / width, (rise - s[:-1]) / width - bend
-        self._slope = s
+        self._slope, self._knots = s, self.x.tolist()
 
     def __call__(self, at: Array | float) -> Array:
         """(M, ...) values at M places, or at a single one."""
@@ -29,6 +31,12 @@ class CubicSpline:
         return np.asarray(
             self.y[k] + z * (self._slope[k] + z * (self._square[k] + z * self._cubic[k])), float
         )
+
+    def with_slope(self, at: float) -> tuple[Array, Array]:
+        """(...) the value at one place, and the derivative there."""
+        k = min(max(bisect(self._knots, at) - 1, 0), len(self._knots) - 2)
+        z, a, b, c = at - self._knots[k], self._cubic[k], self._square[k], self._slope[k]
+        return self.y[k] + z * (c + z * (b + z * a)), c + z * (2.0 * b + 3.0 * z * a)
 
 
 def _slopes(h: Array, rise: Array) -> Array:

@@ -67,6 +67,7 @@ def still(q: Array) -> NDArray[np.bool_]:
     if N < 16:
         return out
     alike, half, far = resolution(q), 1, int(_LONGEST * N) + 1
+    joints = np.arange(q.shape[1])  # that were quiet for as long as was looked at
     highest = lowest = np.pad(q, ((far, far), (0, 0)), mode="edge")
     reach = 1  # samples, from each on, of which these are the extremes
     while half < _LONGEST * N:
@@ -77,14 +78,20 @@ def still(q: Array) -> NDArray[np.bool_]:
             reach *= 2
         ends = [slice(k, k + N) for k in (far - half, far + half + 1 - reach)]
         top, bottom = np.maximum(*(highest[e] for e in ends)), np.minimum(*(lowest[e] for e in ends))
-        quiet = top - bottom <= 2.0 * alike
-        if not quiet.any():  # nor in longer ones
-            break
-        padded = np.pad(q, ((3 * half, 3 * half), (0, 0)), mode="edge")
-        away = np.maximum(np.abs(padded[: -6 * half] - q), np.abs(padded[6 * half :] - q))
-        stood = np.pad(quiet & (away > _TURNS * alike), ((half + 1, half), (0, 0)))
-        count = np.cumsum(stood, axis=0)
-        out |= count[width:] > count[:-width]
+        quiet = top - bottom <= 2.0 * alike[joints]
+        some = quiet.any(axis=0)
+        if not some.all():  # nor in longer ones
+            joints, quiet, highest, lowest = (x[..., some] for x in (joints, quiet, highest, lowest))
+            if not len(joints):
+                break
+        rows, own = np.nonzero(quiet)
+        here, aside = q[rows, joints[own]], np.clip([rows - 3 * half, rows + 3 * half], 0, N - 1)
+        away = np.abs(q[aside, joints[own]] - here).max(axis=0) > _TURNS * alike[joints[own]]
+        if away.any():
+            stood = np.zeros((N + width, len(joints)))
+            stood[rows[away] + half + 1, own[away]] = 1.0
+            count = np.cumsum(stood, axis=0)
+            out[:, joints] |= count[width:] > count[:-width]
         half = max(half + 1, int(_FINER * half))
     return out
 

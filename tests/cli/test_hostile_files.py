@@ -235,13 +235,49 @@ def test_no_file_crashes_hangs_or_bursts(
         assert not [*work.iterdir()], told
 
 
+def refused(verb: str, before: str, good: dict[str, str], folder: Path) -> str:
+    """What a verb says that ends with exit code 2, after the words of a shell, and leaves nothing."""
+    words = [good.get(word, word) for word in shlex.split(verb)]
+    command = f"{before} {shlex.join([sys.executable, '-m', 'sdp_vs_penalty', *words])}"
+    bare = {name: value for name, value in os.environ.items() if name != "HOME"}
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=folder, env=bare)
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert not [path for path in folder.rglob("*") if path.is_file()]
+    return done.stderr
+
+
 @pytest.mark.parametrize("verb", ["identify two_link --data RUN --out out.json", "check RUN", "list"])
 def test_a_limit_of_memory_is_one_sentence(verb: str, good: dict[str, str], tmp_path: Path) -> None:
     """OpenBLAS would end the process in words of its own."""
-    words = [good.get(word, word) for word in verb.split()]
-    command = f"ulimit -v 250000; exec {shlex.join([sys.executable, '-m', 'sdp_vs_penalty', *words])}"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=tmp_path)
-    assert done.returncode == 2
-    assert "this process may take 244 MiB of memory" in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert not [*tmp_path.iterdir()]
+    said = refused(verb, "ulimit -v 250000; exec", good, tmp_path)
+    assert "this process may take 244 MiB of memory" in said
+
+
+@pytest.mark.parametrize(
+    "verb",
+    [
+        "export MODEL --out out/arm.urdf",
+        *(
+            pytest.param(verb, marks=pytest.mark.slow)
+            for verb in (
+                "identify two_link --data RUN --jobs 2 --out out/model.json --proof out/proof.json",
+                "diagnose MODEL --data RUN --json out/findings.json",
+                "convert RUN --out out/run.npz",
+                "report MODEL --data RUN --out out/report.html",
+                "simulate two_link --out out",
+                "demo --out out",
+                "tables VIII --problem two_link --out out",
+                "shootout --problems 'two_link one-step plain' --solvers clarabel,scs --out out",
+                "excite two_link --duration 2 --out out/path.csv",
+            )
+        ),
+    ],
+)
+def test_where_nothing_can_be_written(verb: str, good: dict[str, str], tmp_path: Path) -> None:
+    """A full disk, and a folder of another account; neither has a home."""
+    assert "too large" in refused(verb, "ulimit -f 0; exec", good, tmp_path).lower()
+    folder = tmp_path / "theirs"
+    folder.mkdir(mode=0o555)
+    someone = "exec setpriv --bounding-set=-all --inh-caps=-all" if os.getuid() == 0 else "exec"
+    assert "Permission denied" in refused(verb, someone, good, folder)

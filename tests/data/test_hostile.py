@@ -16,6 +16,7 @@ from small_runs import small_run, write_bag
 from sdp_vs_penalty import InputError, Measurements, Problem, check, load_problem
 from sdp_vs_penalty.data import read_run, save
 from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.data.sources import as_measurements
 from sdp_vs_penalty.files import inputs
 from sdp_vs_penalty.page.uploads import too_large
 from sdp_vs_penalty.signals.runs import sample_rate, stretches
@@ -54,6 +55,17 @@ def test_absurd_numbers_end_in_a_sentence(
     (report,) = check(two_link, path)
     assert "missing numbers" in [f.kind for f in report.problems]
     assert len(report.mended.t) == len(run.t) - 1
+
+
+def test_numbers_that_no_sensor_resolves_are_zeros(two_link: Problem, tmp_path: Path) -> None:
+    run = small_run(two_link)
+    tau = run.tau.copy()
+    tau[3:9] = 5e-324
+    save(replace(run, tau=tau), tmp_path / "run.csv")
+    zeros = np.where(np.abs(tau) < 1e-30, 0.0, tau)
+    for source in (tmp_path / "run.csv", replace(run, tau=tau)):
+        assert np.array_equal(as_measurements(source).tau, zeros)
+    assert as_measurements(run) is run
 
 
 def ros1_chunk(compression: bytes, packed: bytes, claimed: int) -> bytes:

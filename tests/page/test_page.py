@@ -77,7 +77,7 @@ def story(
         page.click(key("diagnose"))
         page.wait_for_selector(key("add-0"))
         idle(page)
-        seen["findings"] = page.inner_text("[data-part=findings]")
+        seen["findings"] = page.inner_text("[data-stage=diagnose]")
         seen["barriers"] += barriers(page)
         page.click(key("add-0"))
         page.wait_for_selector("table.history")
@@ -142,7 +142,8 @@ def test_one_grade_everywhere_and_no_stale_sentence(story: dict[str, Any], files
     assert story["grade"].lower() in (story["folder"] / "report.html").read_text().lower()
     assert "Missing:" in story["findings"]
     assert "Missing:" not in story["diagnosed"]
-    assert "Added: presliding_hysteresis:1" in story["diagnosed"]
+    assert "Added to the model." in story["diagnosed"]
+    assert "Diagnose again" in story["diagnosed"]
     page = story["page"]
     go(page, "diagnose")
     page.click(key("undo"))

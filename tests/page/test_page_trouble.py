@@ -30,23 +30,28 @@ from page_driver import (
     pick,
     psutil,
     serving,
-    start,
 )
 
 from sdp_vs_penalty import Problem
 from sdp_vs_penalty.page.server import WAITS
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext
+    from playwright.sync_api import Browser, BrowserContext, Page
+
+
+def simulating(context: BrowserContext, server: Server, robot: str = "panda", path: str = "new") -> Page:
+    """A page on which runs of a robot are being simulated."""
+    page = open_page(context, server, path)
+    pick(page, robot)
+    page.wait_for_selector(key("simulate"))
+    idle(page)
+    page.click(key("simulate"))
+    return page
 
 
 @pytest.mark.slow
 def test_cancel_ends_the_work(context: BrowserContext, server: Server) -> None:
-    page = open_page(context, server)
-    pick(page, "panda")
-    page.wait_for_selector(key("simulate"))
-    idle(page)
-    page.click(key("simulate"))
+    page = simulating(context, server)
     page.wait_for_selector(".working .status:has-text('simulating')")
     # The next worker may be waiting already; it has done nothing yet.
     worker = max(server.workers(), key=lambda p: sum(p.cpu_times()[:2]))
@@ -99,34 +104,9 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
 
 
 @pytest.mark.slow
-def test_a_killed_server_leaves_no_worker(browser: Browser, tmp_path: Path) -> None:
-    made = start(tmp_path)
-    with a_context(browser) as context:
-        page = open_page(context, made)
-        pick(page, "panda")
-        page.wait_for_selector(key("simulate"))
-        idle(page)
-        page.click(key("simulate"))
-        page.wait_for_selector(".working .status:has-text('simulating')")
-        family = psutil.Process(made.process.pid).children(recursive=True)
-        assert len(family) >= 2
-        made.process.kill()
-        assert not psutil.wait_procs(family, 5.0)[1]
-    again = start(tmp_path)  # which takes away what the killed one has left
-    again.process.terminate()
-    again.process.wait(10)
-    assert list(tmp_path.glob("sdp-vs-penalty-page-*")) == []
-
-
-@pytest.mark.slow
 def test_two_tabs_are_independent(context: BrowserContext, server: Server) -> None:
-    first, second = open_page(context, server), open_page(context, server, "")
+    first, second = simulating(context, server), simulating(context, server, "emps", "")
     assert first.url != second.url
-    pick(first, "panda")
-    pick(second, "emps")
-    for page in (first, second):
-        page.wait_for_selector(key("simulate"))
-        page.click(key("simulate"))
     for page, joints in ((first, 7), (second, 1)):
         page.wait_for_selector("table.runs")
         assert page.locator(f"{key('hide-joint')} option").count() == joints
@@ -303,6 +283,7 @@ def test_the_folder_is_offered_and_kept_as_it_is(
         assert "not_mine" not in offered
         pick(page, "with_bounds")
         page.wait_for_selector("text=with_bounds has 2 joints")
+        page.click(key("another-robot"))
         page.click(key("robot-two_link"))
         page.wait_for_selector("text=two_link has 2 joints")  # the runs of the other one are gone
         page.wait_for_selector(key("read-folder"))

@@ -706,7 +706,7 @@ def test_over_tls_only_the_named_host_is_asked_and_the_cookie_stays_there() -> N
     assert sent[0]["status"] == 400
     headers = dict(sent[2]["headers"])
     assert headers[b"set-cookie"].endswith(b"Secure")
-    assert b"connect-src 'self' wss://lab.example:99;" in headers[b"content-security-policy"]
+    assert b"connect-src 'self' wss://lab.example:99 data:;" in headers[b"content-security-policy"]
 
 
 @pytest.mark.parametrize(

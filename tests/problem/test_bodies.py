@@ -20,7 +20,7 @@ from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
 from sdp_vs_penalty.robot import Body, Joint, Robot, inertia
 from sdp_vs_penalty.robot.body import around
-from sdp_vs_penalty.robot.geometry import Geometry
+from sdp_vs_penalty.robot.geometry import Geometry, link_hulls
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -156,6 +156,9 @@ def test_geometry_is_read_in_any_unit(kind: str, tmp_path: Path) -> None:
     )
     assert problem.nominal_from == ("geometry",)
     assert problem.nominal_links[0, 0] == pytest.approx(1500.0 * np.prod(BOX), rel=1e-4)
+    ((hull,),) = link_hulls(folder / "arm.urdf")  # as it is drawn: closed, and seen from outside
+    volume = np.einsum("ki,ki->", hull[:, 0], np.cross(hull[:, 1], hull[:, 2])) / 6.0
+    assert volume == pytest.approx(np.prod(BOX), rel=1e-4)
 
 
 def test_a_model_keeps_its_bodies_and_its_certificate_measures_them(tmp_path: Path) -> None:

@@ -32,7 +32,6 @@ SECTIONS = (
     "torques",
     "failures",
     "findings",
-    "curves",
     "history",
     "forward",
     "parameters",

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -22,7 +25,7 @@ from sdp_vs_penalty.shootout.judge import (
     judge,
     relative_violation,
 )
-from sdp_vs_penalty.shootout.process_runner import in_child
+from sdp_vs_penalty.shootout.process_runner import in_child, run
 from sdp_vs_penalty.shootout.reference import Reference, reference
 from sdp_vs_penalty.shootout.results import table_text
 from sdp_vs_penalty.solvers import clarabel
@@ -232,6 +235,31 @@ def test_a_run_ends_in_its_own_process() -> None:
     assert in_child(_eat, 20.0, 1.0)[:2] == ("crash", "asked for more than 1 GB")
     kind, words, _ = in_child(_raise, 20.0, 1.0)
     assert (kind, words) == ("failed", "ValueError: the matrix is odd")
+
+
+def test_seconds_are_processor_time(two_link: Instance, proved: Reference, best: Answer) -> None:
+    """Of two contestants that say half a second, one sleeps and the other's program computes."""
+    busy = "import time\nwhile time.process_time() < 0.5: pass"
+
+    def seconds(wait: Callable[[], object]) -> float:
+        def solve(made: Instance, accuracy: float) -> Answer:
+            wait()
+            return replace(best, setup_seconds=0.1, solve_seconds=0.4)
+
+        request = {"problem": made, "reference": asdict(proved), "accuracy": 1e-6}
+        row = run(
+            {**request, "time_limit": 20.0, "memory": 1.0}, replace(CONTESTANTS["lmi-sdp"], solve=solve)
+        )
+        assert row["class"] == "right"
+        assert row["setup_seconds"] == pytest.approx(0.2 * row["seconds"])
+        return float(row["seconds"])
+
+    made = "two_link one-step gyration"
+    assert seconds(lambda: time.sleep(0.5)) < 0.1
+    alone = time.perf_counter()
+    spun = seconds(lambda: subprocess.run([sys.executable, "-c", busy], check=True))
+    elapsed = time.perf_counter() - alone
+    assert 0.5 * 0.5 / elapsed <= spun <= 0.5
 
 
 def test_names_that_do_not_exist_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

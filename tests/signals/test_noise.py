@@ -13,7 +13,8 @@ from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.signals import Kernel, Preprocessing, noise_of, segmented
-from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, noise_floor
+from sdp_vs_penalty.signals.noise import REPETITION, noise_floor
+from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
@@ -97,13 +98,13 @@ def test_drift_and_events_are_no_noise() -> None:
     assert not noise.suspect[:, [0, 1, 3, 4, 5]].any()
 
 
-def test_without_repetition_there_is_no_floor_but_a_guess() -> None:
-    """The guess has the model's error in it, and says so."""
+def test_without_repetition_the_spectrum_tells_the_noise_within_a_factor_of_two() -> None:
+    """The model's error is not in it."""
     rows = without_model(run_of(5, 80.0, 40.0))
     assert noise_floor(rows) is None
-    guess = noise_of(rows)
-    assert guess.source == RESIDUAL
-    assert np.all(guess.floor > 5.0 * true_floor(0.0))
+    noise = noise_of(rows)
+    assert noise.source == SPECTRUM
+    assert np.all(np.abs(np.log2(noise.floor / true_floor(0.0))) < 1.0)
 
 
 def test_two_seconds_of_repetition_are_too_little() -> None:
@@ -137,7 +138,7 @@ def test_a_window_has_the_floor_of_the_whole() -> None:
     run = replace(run, tau=tau)
     window, whole = without_model(run.window(0.7, 8.0)), without_model(run)
     alone, beside = noise_of(window), noise_of(window, whole)
-    assert alone.source == RESIDUAL
+    assert alone.source == SPECTRUM
     assert beside.source == REPETITION
     np.testing.assert_array_equal(beside.floor, noise_of(whole).floor)
     assert beside.profile.shape == window.residual.shape

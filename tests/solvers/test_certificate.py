@@ -276,7 +276,7 @@ def test_the_certificate_decides_whether_a_solver_gave_up(
             found = replace(clarabel.solve(problem, accuracy), claims="failed", status="stalled")
             return found if finds else replace(found, x=0.0 * found.x, z=0.0 * found.z)
 
-    monkeypatch.setattr("sdp_vs_penalty.estimators.lmi_sdp.solver", lambda _: Doubtful)
+    monkeypatch.setattr("sdp_vs_penalty.estimators.sdp_fit.solver", lambda _: Doubtful)
     known, method = Known(0), LmiSdpThickness(thickness=THICKNESS, solver="clarabel")
     if finds:
         _, certificate = certify(known.task, method.fit(known.task))

@@ -29,6 +29,8 @@ def verb(
     bounds: options.Bounds = None,
     window: options.Window = None,
     known_load: options.KnownLoad = None,
+    known: options.Known = None,
+    instruments: options.Instruments = None,
 ) -> None:
     """Write the SDP that `identify` solves as a file for another solver, and FILE.json beside it.
 
@@ -39,13 +41,15 @@ def verb(
     from sdp_vs_penalty.cli.runs import as_told, runs_as_told
     from sdp_vs_penalty.estimation.known_load import parsed_known_load
     from sdp_vs_penalty.estimation.pose import PoseOptions
+    from sdp_vs_penalty.estimation.servo import parsed_known
     from sdp_vs_penalty.exporters.sdp import write_posed
 
     robot = as_told(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
         loads = [parsed_known_load(text) for text in known_load or []]
         _, runs = runs_as_told(robot, data, window)
-        chosen = PoseOptions(effects, known_loads=loads)
+        given = parsed_known(known or "")
+        chosen = PoseOptions(effects, known_loads=loads, known=given, instruments=instruments)
         told = write_posed(robot, runs, out, method, chosen, progress)
     console.written(out, f"{told['method']}: {told['variables']} variables, {told['rows']} rows")
     console.written(f"{out}.json", f"the loss lies in [{told['lower']!r}, {told['upper']!r}]")

@@ -35,21 +35,8 @@ def verb(
     ] = None,
     gain_uncertainty: options.GainUncertainty = None,
     known_load: options.KnownLoad = None,
-    known: Annotated[
-        str | None,
-        typer.Option(
-            metavar="kp2=600",
-            help="Known parameters, which set the scale of a log without torque (names: model.json).",
-        ),
-    ] = None,
-    instruments: Annotated[
-        str | None,
-        typer.Option(
-            metavar="command|none",
-            help="Instruments against noise of positions: the command's simulated motion, or none. "
-            "Default: command where no torque was logged.",
-        ),
-    ] = None,
+    known: options.Known = None,
+    instruments: options.Instruments = None,
     jobs: options.Jobs = 1,
     scheduler: options.Scheduler = None,
 ) -> None:

@@ -131,16 +131,6 @@ def _table(rows: Iterator[str], width: int) -> Array | None:
     return table if table.shape[1] == width else None
 
 
-def at_once(path: Path, width: int, first: int) -> Array | None:
-    """All rows by the fast reader; None where a row is unusual."""
-    pieces, found = [], _fast(path, width, first)
-    while True:
-        try:
-            pieces.append(next(found))
-        except StopIteration as end:
-            return np.concatenate(pieces) if end.value is None else None
-
-
 def _fast(path: Path, width: int, first: int) -> Generator[Array, None, int | None]:
     """Yield the rows as plain decimals; return the first row that needs the slow parser, or None."""
     row, found = first, False
@@ -148,14 +138,13 @@ def _fast(path: Path, width: int, first: int) -> Generator[Array, None, int | No
         with path.open("rb") as file:
             for _ in range(first - 1):
                 file.readline(_LONGEST)
-            # Bytes that are read at once: more would not fit the processor's cache.
-            while text := file.read(1 << 18):
+            while text := file.read(1 << 20):
                 rest = file.readline(_LONGEST)
                 if len(rest) == _LONGEST:
                     return row
                 text += rest
-                count = text.count(b"\n")
-                table = _decimals(text, width)
+                count = text.count(b"\n") + (not text.endswith(b"\n"))
+                table = _decimals(text, width, count)
                 if table is None:
                     return row
                 yield table
@@ -167,24 +156,19 @@ def _fast(path: Path, width: int, first: int) -> Generator[Array, None, int | No
     return None
 
 
-def _decimals(text: bytes, width: int) -> Array | None:
-    """Rows (N, width) of cells that hold plain decimals or exponents; None for any other text. The same
-    numbers as Python's, to the last bit."""
-    ends = np.frombuffer(text, np.uint8)
-    ends = ends[(ends == ord("\n")) | (ends == ord(","))]
-    if not text.endswith(b"\n"):
-        ends = np.append(ends, np.uint8(ord("\n")))
-    if len(ends) % width or np.any((ends.reshape(-1, width) == ord("\n")) != np.eye(width)[-1]):
-        return None
+def _decimals(text: bytes, width: int, count: int) -> Array | None:
+    """So many rows (count, width) of cells that hold plain decimals or exponents; None for any other
+    text. The same numbers as Python's, to the last bit."""
     if text.translate(None, _PLAIN):
         return None
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # what follows a cell that is no number
-            values = np.fromstring(text.replace(b"\n", b",").rstrip(b","), sep=",")
-    except (ValueError, DeprecationWarning):
+            warnings.simplefilter("error")  # no rows
+            rows = text.decode("ascii").splitlines()
+            values = np.loadtxt(rows, delimiter=",", ndmin=2, comments=None)
+    except (ValueError, UserWarning):
         return None
-    return values.reshape(-1, width) if len(values) == len(ends) else None
+    return values if values.shape == (count, width) else None
 
 
 def _without_tail(rows: Iterator[str]) -> Iterator[str]:

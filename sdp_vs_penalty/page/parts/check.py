@@ -47,7 +47,9 @@ def _draw(view: View) -> None:
         parts["chart"] = chart(drawn, "Positions, velocities and torques of all joints over time")
         parts["chart"].classes("timed")
         parts["arm"] = draw_arm(view, session.arm["drawn"], "nominal links")
-    note("Crosses: what the check would put there. Drag to look closer; Play moves the arm.")
+    crosses = "Crosses: what the check would put there. "
+    mended = any(found["mends"] for run in session.runs for found in run["findings"])
+    note(f"{crosses * mended}Drag to look closer; Play moves the arm.")
     move()
 
 

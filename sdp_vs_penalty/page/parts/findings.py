@@ -39,11 +39,6 @@ def _draw(view: View) -> None:
         )
         return
     added = session.added
-    if not added:
-        tag("p", found.headline, f"verdict {found.verdict}")
-    else:  # the headline is about the model before
-        names = show.words([text.partition("@")[0] for text in sorted(added)])
-        tag("p", f"Added: {names}. Diagnose again to see what is missing now.", "verdict")
     sure = [f.text for f in found.effects if f.confidence == "confident" and f.text not in added]
     with tag("ol", style="findings"):
         for k, finding in enumerate(found.effects):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import Any
 
 from nicegui import ui
@@ -21,8 +20,8 @@ from sdp_vs_penalty.page.controls import button, chart, choice, figures, framed,
 from sdp_vs_penalty.page.part import after_model
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.view import View
-from sdp_vs_penalty.page.wording import figure, held, with_unit
-from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_rows, legend
+from sdp_vs_penalty.page.wording import figure, held, spoken, with_unit
+from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
 from sdp_vs_penalty.reports.plots import SIGNALS
 
 
@@ -81,6 +80,8 @@ def _draw(view: View) -> None:
         at = j, view.run, view.span
         if seen.get("chart") != at:
             parts["chart"].update_figure(options())
+        causes = {cause for *_, cause in _stretches(view, model)}
+        parts["legend"].content = legend([cause for cause in SHADES if cause in causes])
         if seen.get("run") != view.run and "arm" in parts:
             read = session.recording(model, view.run)
             parts["arm"](read, torque_errors(model, read))
@@ -98,8 +99,7 @@ def _draw(view: View) -> None:
         parts["chart"].on("plotly_relayout", zoom).classes("timed")
         if model.about["bodies"]:
             parts["arm"] = draw_arm(view, model.about, "redder: larger torque error")
-    seen_causes = {s["cause"] for f in model.failures for s in f["stretches"]}
-    ui.html(legend([cause for cause in SHADES if cause in seen_causes]), sanitize=False)
+    parts["legend"] = ui.html("", sanitize=False)
     parts["words"] = tag("p", "", "words")
     if model.failures:
         found = session.findings if session.found_for == len(session.history) else None
@@ -134,7 +134,7 @@ def _figures(model: ModelStep) -> None:
         }
     )
     for line in comparison["verdict"]["lines"][1:]:  # the first one stands above
-        tag("p", f"{line['about'].capitalize()} ({line['grade']}): {line['text']}", "line")
+        tag("p", f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}", "line")
 
 
 def _chips(view: View, model: ModelStep, units: list[str]) -> list[Any]:
@@ -197,28 +197,16 @@ def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -
         "Share of each joint's error that a function of a cause explains on held-out data, in per "
         "cent; causes that explain nothing are left out. Click a cell to see the joint."
     )
-    heads = "".join(f'<th scope="col">{failure["joint"]}</th>' for failure in failures)
-    rows = ""
-    for name, shares in heat_rows(failures, found_shares(found, len(failures))):
-        rows += f'<tr><th scope="row">{escape(name)}</th>'
-        for j, share in enumerate(shares, start=1):
-            shown = f"{100 * share:.0f}" if share >= 0.01 else ""
-            rows += (
-                f'<td style="--share: {share:.2f}"><button type="button" class="action cell" '
-                f'data-key="heat-{escape(name)}-{j}" data-joint="{j}" '
-                f'data-signal="{_SHOWN_BY.get(name, "")}" '
-                f'aria-label="joint {j}, {escape(name)}: {100 * share:.0f} %">{shown}</button></td>'
-            )
-        rows += "</tr>"
+    rows = heat_rows(failures, found_shares(found, len(failures)))
+    title = "Share of the error explained by each cause, by joint"
 
     def show(event: Any) -> None:
         joint, signal = event.args
         at = {"joint": min(max(int(joint), 1), len(failures)) - 1}
         view.look(**at, **({"signal": signal} if signal in SIGNALS else {}))
 
-    head = f'<thead><tr><th scope="col">cause</th>{heads}</tr></thead>'
-    caption = "Share of the error explained by each quantity, by joint"
-    framed(caption, f"{head}<tbody>{rows}</tbody>", "heat").on("click", show, js_handler=_CELL)
+    drawn = heat_map(title, rows, len(failures), _SHOWN_BY)
+    framed(title, drawn).on("click", show, js_handler=_CELL)
 
 
 #: What a click on a cell sends.

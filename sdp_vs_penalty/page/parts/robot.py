@@ -21,23 +21,24 @@ def _depends(session: Session) -> Any:
 
 def _draw(view: View) -> None:
     session, robot = view.session, view.session.robot
-    if robot is not None and session.runs:
-        with details("Another robot", "another-robot"):
-            _choose(view)
-    else:
+    if robot is None:
         _choose(view)
-    if robot is not None and robot["file"]:
-        tag("p", f"{robot['file']}: {robot['name']}, {robot['title']}", "chosen")
-    elif robot is not None:
-        tag("p", f"{robot['name']}: {robot['title']}", "chosen")
-    if robot is not None:
-        note(f"{_joints(robot)} {robot['known']}")
-        (gravity,) = view.forms.get("robot", [None])
-        if gravity is not None:
-            now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
+        return
+    tag(
+        "p",
+        f"{robot['file'] + ': ' if robot['file'] else ''}{robot['name']}, {robot['title']}",
+        "chosen",
+    )
+    note(f"{_joints(robot)} {robot['known']}")
+    (gravity,) = view.forms.get("robot", [None])
+    if gravity is not None:
+        now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
+        with tag("div", style="pick"):
             text_field(gravity.help, now, session.mount, "gravity", gravity.example)
-        if robot["source"].lower().endswith(ROBOT_SUFFIXES):
-            _inertials(view)
+    if robot["source"].lower().endswith(ROBOT_SUFFIXES):
+        _inertials(view)
+    with details("Another robot", "another-robot"):
+        _choose(view)
 
 
 def _choose(view: View) -> None:

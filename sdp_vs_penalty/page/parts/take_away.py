@@ -47,11 +47,6 @@ def _draw(view: View) -> None:
         tiles(FILES)
         if session.findings is not None:
             tiles({"findings.json": "the diagnosis"})
-        for k, run in enumerate(session.runs):
-            take = partial(session.take_run, k, view.download)
-            with button("", take, f"take-run-{k + 1}.csv", "tile"):
-                tag("strong", f"run-{k + 1}.csv")
-                tag("span", run["name"])
     if "payload" in session.history[-1].effects:
         said = "Flange in the last joint's frame [m]: x,y,z"
         text_field(said, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107")
@@ -60,6 +55,13 @@ def _draw(view: View) -> None:
     more = details("For other simulators and controllers", "more-files")
     with more, tag("div", style="tiles", role="group", aria_label="More files to download"):
         tiles(MORE)
+    runs = details("Runs as they were used, repaired where that was asked", "runs-files")
+    with runs, tag("div", style="tiles", role="group", aria_label="Runs to download"):
+        for k, run in enumerate(session.runs):
+            take = partial(session.take_run, k, view.download)
+            with button("", take, f"take-run-{k + 1}.csv", "tile"):
+                tag("strong", f"run-{k + 1}.csv")
+                tag("span", f"from {run['name']}")
     with details("The same on the command line", "commands"):
         tag("pre", "\n".join(session.commands()), tabindex="0")
 

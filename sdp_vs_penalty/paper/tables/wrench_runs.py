@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 from scipy import optimize
 
-from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.estimators.penalty import Penalty
+from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
 from sdp_vs_penalty.paper.wrenches import (
     WrenchIntervals,

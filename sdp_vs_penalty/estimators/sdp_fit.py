@@ -1,0 +1,304 @@
+"""One identification SDP, solved until our own certificate is tight; a point strictly inside of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.estimators.estimator import Array, Fit, Task
+from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.solvers import solver
+from sdp_vs_penalty.solvers.certificate import repair
+from sdp_vs_penalty.solvers.conic import Solution
+from sdp_vs_penalty.solvers.identification import (
+    SdpProblem,
+    largest_margin,
+    least_squares_sdp,
+    moving_scale,
+)
+from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers.primal_dual import minimise
+from sdp_vs_penalty.solvers.rewrite import NotApplicableError
+from sdp_vs_penalty.solvers.small_cones import SmallCones
+from sdp_vs_penalty.solvers.verified import proves_infeasible
+
+#: A certified gap relative to the loss below which an answer is kept at once.
+_TIGHT = 1e-8
+#: Whose answers every solver is judged beside, and our own method, which goes before it where it can.
+REFERENCE, OWN = "clarabel", "primal-dual"
+#: A certified gap up to which an answer counts that its solver itself did not call one.
+_LOOSE = 1e-2
+#: Each attempt's way from the last answer to the interior point at which cones are scaled, and
+#: whether parameters are scaled by the residual instead of the torque.
+_ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
+#: The loss at the optimum relative to |tau|^2 that the first attempt expects at least.
+_FIRST_LOSS = 1e-6
+
+#: Where our own method starts: the share of the torque that each parameter of a sign makes by itself.
+_STARTING_SHARE = 0.1
+
+#: Depth (:meth:`ConstraintSet.depth`) from which the nominal robot serves as the interior point. Seen
+#: from one on the boundary, such as an earlier estimate, cones are stretched a million times.
+_DEEP = 1e-3
+#: Depth up to which rounding decides what is inside.
+_NO_ROOM = 1e-12
+
+
+def solve_sdp(
+    task: Task,
+    objective: Objective,
+    constraints: ConstraintSet,
+    solver_name: str | None,
+    accuracy: float,
+) -> Fit:
+    """Solve one SDP until our own certificate is tight; the answer lies inside the constraints.
+
+    Identification SDPs are degenerate (their optimal faces are flat where the data see little), and
+    a solver may stall short of what it was asked for. So every answer is certified, and where the
+    gap is above ``_TIGHT`` the same problem is solved again as seen from the answer, each cone scaled
+    by a point a little inside of it. The tightest answer is kept, what a solver gave up on included.
+    solver_name None: our own interior-point method, then Clarabel where its answer is not tight.
+    Raises InputError where the constraints admit no interior point, or nothing near an optimum came.
+    """
+    return PosedSdp.of(task, objective, constraints, solver_name).fit(objective, accuracy)
+
+
+@dataclass(frozen=True)
+class PosedSdp:
+    """Constraints, prior and bounds of a problem that is solved once, or again with other data.
+
+    interior (p,) : strictly inside; cones : for our own method (None: another one was asked for, or a
+    cone is larger than it takes).
+    """
+
+    task: Task
+    constraints: ConstraintSet
+    interior: Array
+    solver: str
+    cones: SmallCones | None
+
+    @classmethod
+    def of(
+        cls,
+        task: Task,
+        objective: Objective,
+        constraints: ConstraintSet,
+        solver_name: str | None = None,
+    ) -> PosedSdp:
+        """Raises InputError where the constraints admit no interior point."""
+        interior = interior_point(task, constraints, solver_name or REFERENCE)
+        cones = None
+        if solver_name is None:
+            with suppress(NotApplicableError):
+                cones = SmallCones.of(objective.entropy, constraints.convex, len(interior))
+        return cls(task, constraints, interior, solver_name or REFERENCE, cones)
+
+    def fit(self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None) -> Fit:
+        """The certified optimum of an objective with the same prior.
+
+        near : the fit to similar data, from which half the steps remain. Raises InputError where nothing
+        near an optimum is found.
+        """
+        if self.cones is not None:
+            fit = self._own(self.cones, objective, accuracy, near)
+            if fit is not None and fit.gap <= _TIGHT:
+                return fit
+        return _solved(self, objective, accuracy)
+
+    def _own(
+        self, cones: SmallCones, objective: Objective, accuracy: float, near: Fit | None
+    ) -> Fit | None:
+        data = objective.least_squares
+        found = None
+        if near is not None and near.central is not None:
+            found = minimise(cones, data, [near.central], accuracy)
+        if found is None:
+            starts = [_start(self.task, data, self.interior), self.interior]
+            found = minimise(cones, data, starts, accuracy)
+        if found is None:
+            return None
+        multipliers, slopes = cones.multipliers(found.multipliers)
+        theta = repair(self.constraints, found.theta, self.interior)
+        return Fit(
+            theta,
+            objective,
+            self.constraints,
+            multipliers,
+            slopes,
+            self.interior,
+            self.task.bound,
+            {"solver": OWN, "solver_said": [found.said]},
+            found.central,
+        )
+
+
+def _start(task: Task, data: LeastSquares, interior: Array) -> Array:
+    """The interior point, with what only has a sign (friction, rotor inertia) where it makes a tenth of
+    the torque: next to zero its multiplier would be the first to block a step."""
+    start, norms = interior.copy(), np.linalg.norm(data.R, axis=0)
+    lower = np.array([q.lower for q in task.model.parameters])
+    signed = np.isfinite(lower) & (norms > 0.0)
+    signed[task.model.rigid_indices] = False
+    size = _STARTING_SHARE * np.sqrt(data.tau_squared) / np.where(signed, norms, 1.0)
+    start[signed] = (lower + np.minimum(size, 0.5 * task.bound))[signed]
+    return start
+
+
+def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
+    """The tightest answer of all attempts of a conic solver."""
+    task, constraints, interior, solver_name = (
+        posed.task,
+        posed.constraints,
+        posed.interior,
+        posed.solver,
+    )
+    sent = essential(constraints, objective)
+    best: Fit | None = None
+    answered = False
+    said = []
+    data = objective.least_squares
+    least = _FIRST_LOSS * data.tau_squared
+    for share, fine in _ATTEMPTS:
+        centre = interior if best is None else best.theta
+        inside = centre + share * (interior - centre)
+        # Without noise, or with as many rows as parameters, the unconstrained residual vanishes and
+        # says nothing of the optimum: a problem scaled by it looks infeasible to a solver. Nor may
+        # the unit fall at once to a loss that is nothing but rounding.
+        if best is not None:
+            least = max(data.loss(best.theta), 1e-3 * least)
+        problem = least_squares_sdp(objective, sent, inside, task.bound, centre, fine, least)
+        try:
+            solution = solver(solver_name).solve(problem.conic, accuracy)
+        except NotApplicableError as error:
+            raise InputError(
+                f"solver {solver_name} cannot pose this method's problem ({error})",
+                "choose the solver clarabel, or a method without an entropic prior, such as "
+                "lmi-sdp-thickness",
+            ) from error
+        said.append(f"{solution.status} ({solution.iterations})")
+        answered |= solution.claims in ("optimal", "inaccurate")
+        if not np.all(np.isfinite(solution.x)):
+            continue
+        theta = repair(constraints, problem.theta(solution), interior)
+        own = dict(zip(sent, problem.multipliers(solution), strict=True))
+        multipliers = [own.get(c, np.zeros_like(c.constant)) for c in constraints.convex]
+        slopes = problem.entropy_slopes(solution)
+        details = {"solver": solver_name, "solver_said": said}
+        fit = Fit(theta, objective, constraints, multipliers, slopes, interior, task.bound, details)
+        if fit.gap < (np.inf if best is None else best.gap):
+            best = fit
+        if fit.gap <= _TIGHT:
+            break
+    if best is None or not (answered or best.gap <= _LOOSE):
+        raise InputError(
+            f"solver {solver_name} gave up on a problem that has an interior point ({', '.join(said)})",
+            "choose another solver, or check the units of the measurements",
+        )
+    return best
+
+
+def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:
+    """The convex constraints without those that others or the data imply.
+
+    A minimum thickness implies the pseudo-inertia, and the range of a parameter is out of reach where
+    the way there makes more torque than was measured, whatever the other parameters do. Redundant
+    rows leave the dual undetermined, which costs a solver iterations and digits; feasibility and
+    certificate use the full set.
+    """
+    data = objective.least_squares
+    torque = data.own_torque
+    thick = {c.name for c in constraints.convex if c.family == "minimum thickness"}
+    kept = []
+    for c in constraints.convex:
+        if c.family == "pseudo-inertia" and c.name in thick:
+            continue
+        if c.family == "range":
+            # From the rows themselves, so that it holds in any system of units.
+            reach = float(np.min(c.constant / np.abs(c.coefficients).max(axis=0)))
+            if bool(np.all(reach * torque[c.indices] > np.sqrt(data.tau_squared))):
+                continue
+        kept.append(c)
+    return kept
+
+
+def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "clarabel") -> Array:
+    """A theta strictly inside all convex constraints: the nominal one, or that of largest margin.
+
+    Raises Infeasible, which names the families that exclude each other or leave no room, and
+    InputError where the solver finds neither a point nor an optimum.
+    """
+    nominal = task.nominal.copy()
+    others = np.setdiff1d(np.arange(len(nominal)), task.model.rigid_indices)
+    for k in others:
+        lower = task.model.parameters[k].lower
+        # A share of its bound: strictly inside in any system of units.
+        nominal[k] = 0.0 if np.isinf(lower) else lower + 1e-6 * task.bound[k]
+    if constraints.depth(nominal) >= _DEEP:
+        return nominal
+    optimum = None
+    # Where a link may weigh a hundred times what it does, units as large as the bounds can cost a
+    # solver the digits that decide; then units that move each matrix about as far.
+    for scale in (task.bound, moving_scale(constraints.convex, nominal, task.bound)):
+        problem = largest_margin(constraints.convex, nominal, scale)
+        solution = solver(solver_name).solve(problem.conic, 1e-8)
+        if not np.all(np.isfinite(np.concatenate([solution.x, solution.z]))):
+            continue
+        theta = max((problem.theta(solution), nominal), key=constraints.depth)
+        if constraints.depth(theta) > _NO_ROOM:
+            return theta
+        _refuse_if_proved(task, constraints, problem, solution)
+        if solution.claims == "optimal":
+            optimum = problem, solution
+    if optimum is None:
+        raise InputError(
+            f"solver {solver_name} found neither parameters that satisfy all constraints nor a proof "
+            "that there are none",
+            "choose another solver, or check the units of the bounds",
+        )
+    families = conflicting(constraints.convex, optimum[0].shares(optimum[1]))
+    raise Infeasible(
+        f"The constraints leave no room for parameters: {' and '.join(families)} can at best hold with "
+        "nothing to spare (equal bounds?)",
+        "widen one of them a little",
+        families=families,
+    )
+
+
+def _refuse_if_proved(
+    task: Task, constraints: ConstraintSet, problem: SdpProblem, solution: Solution
+) -> None:
+    """Raises Infeasible where the dual of the largest margin proves that nothing satisfies all."""
+    multipliers = problem.multipliers(solution)
+    if not proves_infeasible(constraints.convex, multipliers, task.bound):
+        return
+    families = conflicting(constraints.convex, problem.shares(solution))
+    raise Infeasible(
+        f"The constraints admit no parameters: {' and '.join(families)} exclude each other (from the "
+        "infeasibility certificate)",
+        "relax one of them",
+        families=families,
+        proof=(constraints.convex, multipliers),
+    )
+
+
+def conflicting(constraints: Sequence[Constraint], shares: Array) -> list[str]:
+    """The families, each with its links, that carry the proof that nothing satisfies all."""
+    families: dict[str, dict[str, float]] = {}
+    for constraint, share in zip(constraints, shares, strict=True):
+        if share > 1e-3 * shares.max():
+            families.setdefault(constraint.family, {})[constraint.name] = float(share)
+    order = sorted(families, key=lambda family: -sum(families[family].values()))
+    return [f"{family} ({_listed(list(families[family]))})" for family in order]
+
+
+def _listed(names: Sequence[str]) -> str:
+    """link 1, link 2, robot -> links 1, 2; robot."""
+    links = [name.removeprefix("link ") for name in names if name.startswith("link ")]
+    others = [name for name in names if not name.startswith("link ")]
+    together = [f"link{'s' if len(links) > 1 else ''} {', '.join(links)}"] if links else []
+    return "; ".join(together + others)
