@@ -27,7 +27,8 @@ GAIN_PRIOR = 0.3
 #: Distance [m] of a load's mass from the last link's frame, as a standard deviation.
 LOAD_REACH = 0.3
 
-#: Folds of the motion by which a shape constant is confirmed [-].
+#: Folds of the motion by which a shape constant is confirmed, and a servo's law chosen [-]; stretches of
+#: it whose errors an interval takes for independent, where no torque is logged.
 SHAPE_FOLDS = 10
 #: Least that another value of a shape constant takes from the squared error, in variances of the noise:
 #: Akaike's price of one parameter.
@@ -51,13 +52,7 @@ SCALE_TOLD = 1e-5
 TURNS, WIDER_TURNS = (1e-3, 0.01, 0.05, 0.25), 3
 #: How far Taylor's series of a command reaches, and the grid in which a law's delay is sought [s].
 DELAY_REACH, DELAY_GRID = 0.02, 1e-3
-#: What a delay lowers the held-out error by at least, else there is none [-]: at most 1.02 on 6
-#: simulated logs without one, 1.18 to 1.76 on 14 with 5 to 18 ms.
-SEEN_DELAY = 1.1
-#: Stretches of a motion whose errors an interval takes for independent, without torque [-].
-PHASES = 20
-#: Folds of the motion by which a servo's law is chosen [-].
-LAW_FOLDS = 5
-#: What a wrong law of friction lets a gain too many lower the held-out error by [-]: at most 1.19 on 25
-#: simulated logs, where a gain that is missing raises it 1.24 times or more.
-FEWER_GAINS = 1.2
+#: What a wrong law of friction lets a gain too many, or a delay that is none, lower the held-out error by
+#: [-]: on 25 simulated logs at most 1.19 where a missing gain raises it 1.24 times or more; a delay at
+#: most 1.02 on 6 logs without one, 1.18 to 1.76 on 14 with 5 to 18 ms.
+FEWER_GAINS, SEEN_DELAY = 1.2, 1.1

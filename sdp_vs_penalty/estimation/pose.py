@@ -22,7 +22,7 @@ from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot, unknown
-from sdp_vs_penalty.estimation.constants import PHASES
+from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
 from sdp_vs_penalty.estimation.servo import servo_filters, servo_log, with_instruments
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
@@ -169,7 +169,7 @@ def in_columns(
     and periods repeat them: blocks are stretches of the motion then, in all its periods."""
     if data.torque_logged:
         return compress(data, model, settings, workers=workers)
-    return compress_cells(data, model, settings, phase_folds(data, settings, PHASES))
+    return compress_cells(data, model, settings, phase_folds(data, settings, SHAPE_FOLDS))
 
 
 def readable(problem: Problem, measurements: Source | BlackBox, what: str) -> Measurements | BlackBox:

@@ -24,8 +24,8 @@ from sdp_vs_penalty.estimation.constants import (
     DELAY_GRID,
     DELAY_REACH,
     FEWER_GAINS,
-    LAW_FOLDS,
     SEEN_DELAY,
+    SHAPE_FOLDS,
     TURNS,
 )
 from sdp_vs_penalty.regression.partial import visible
@@ -49,8 +49,6 @@ LAWS = {
         "servo_feedforward",
     ),
 }
-#: Terms of all laws.
-_TERMS = 7
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ class _Terms(Effect):
     """Of each joint what the laws are made of: the command, its two derivatives and its integral at
     t - T, and position, velocity and integral."""
 
-    name = "servo_terms"
+    name, count = "servo_terms", 7
     equation = explanation = reference = ""
 
     def __init__(self, robot: Robot, T: float) -> None:
@@ -77,7 +75,9 @@ class _Terms(Effect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
-            Parameter(f"term{m}_{j}", "", self.name, j + 1) for j in self.joints for m in range(_TERMS)
+            Parameter(f"term{m}_{j}", "", self.name, j + 1)
+            for j in self.joints
+            for m in range(self.count)
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
@@ -85,8 +85,8 @@ class _Terms(Effect):
         rate = c.velocity(t)
         terms = (c.position(t), rate, np.gradient(rate, motion.t, axis=0), c.integral(t))
         every = np.stack([*terms, motion.q, motion.dq, motion.integral], axis=2)
-        count = every.shape[2]
-        return [Block(j, np.arange(count) + count * j, every[:, j]) for j in self.joints]
+        own = np.arange(self.count)
+        return [Block(j, own + self.count * j, every[:, j]) for j in self.joints]
 
 
 def _law(name: str, d: float) -> Array:
@@ -153,13 +153,13 @@ def _joints(
     """Of each joint, about a delay T."""
     robot = load[0].robot
     model = Model(robot, (*load, _Terms(robot, T)), changes=True)
-    split = phase_folds(data, settings, LAW_FOLDS)
+    split = phase_folds(data, settings, SHAPE_FOLDS)
     cells = compress_cells(data, model, settings, split)
     out = []
     for joint in range(robot.n):
         every = {f.block: f.triangle[:, :-1] for f in cells.factors if f.joint == joint}
         folds = []
-        for fold in range(LAW_FOLDS):
+        for fold in range(SHAPE_FOLDS):
             train = [every[b] for b in split.training(fold) if b in every]
             test = [every[b] for b in split.tested(fold) if b in every]
             if train and test:
@@ -171,10 +171,10 @@ def _joints(
 
 def _beside(train: Array, test: Array) -> tuple[Array, Array]:
     """(r, 7), (s, 7) terms beside the load of rows (r, k + 7), (s, k + 7), by the first ones' fit."""
-    U, V = visible(train[:, :-_TERMS])
-    made = U.T @ train[:, -_TERMS:]
-    rest = np.linalg.qr(train[:, -_TERMS:] - U @ made, mode="r")
-    return rest, test[:, -_TERMS:] - test[:, :-_TERMS] @ (V @ made)
+    U, V = visible(train[:, : -_Terms.count])
+    made = U.T @ train[:, -_Terms.count :]
+    rest = np.linalg.qr(train[:, -_Terms.count :] - U @ made, mode="r")
+    return rest, test[:, -_Terms.count :] - test[:, : -_Terms.count] @ (V @ made)
 
 
 def _fitted(terms: Array, law: Array) -> Array:
