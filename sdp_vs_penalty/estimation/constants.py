@@ -58,6 +58,6 @@ TURNS, WIDER_TURNS = (1e-3, 0.01, 0.05, 0.25), 3
 #: How far Taylor's series of a command reaches, and the grid in which a law's delay is sought [s].
 DELAY_REACH, DELAY_GRID = 0.02, 1e-3
 #: What a wrong law of friction lets a gain too many, or a delay that is none, lower the held-out error
-#: by [-]: on 25 simulated logs at most 1.19 where a missing gain raises it 1.24 times or more; a delay at
-#: most 1.02 on 6 logs without one, 1.18 to 1.76 on 14 with 5 to 18 ms.
+#: by [-]: on 25 simulated logs at most 1.19 where a missing gain raises it 1.24 times or more; a delay
+#: at most 1.02 on 6 logs without one, 1.18 to 1.76 on 14 with 5 to 18 ms.
 FEWER_GAINS, SEEN_DELAY = 1.2, 1.1
