@@ -17,7 +17,7 @@ class Exchange(Transformation):
         poor = scene.poor(score)
         for a, b in combinations(scene.joints, 2):
             yield now.with_swap(a, b, positions=False, torques=True)
-            if poor[a] and poor[b]:
+            if poor[a] or poor[b]:
                 yield now.with_swap(a, b, positions=True, torques=False)
                 yield now.with_swap(a, b, positions=True, torques=True)
 

@@ -25,7 +25,7 @@ class Sign(Transformation):
         sets = product((False, True), repeat=n) if many else [*np.eye(n, dtype=bool), (True,) * n]
         for turned in sets:
             yield now.times("gain", np.flatnonzero(turned).tolist(), -1.0)
-        for j in np.flatnonzero(scene.poor(score)).tolist():
+        for j in scene.joints if scene.poor(score).any() else ():
             yield now.times("scale", (j,), -1.0)
             yield now.times("scale", (j,), -1.0).times("gain", (j,), -1.0)
 
