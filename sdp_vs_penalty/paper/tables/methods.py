@@ -43,8 +43,8 @@ def build(study: Study) -> Table:
             "of lmi-sdp-plain); negative only for what is not feasible. penalty-two-step and "
             "penalty-paper-two-step minimise the distance to the OLS base parameters; the last step of "
             "lmi-sdp-two-step is the SDP of lmi-sdp-plain. Bodies, minimum thickness and entropy cost "
-            "some loss by design; 'joint prior' is the pull of friction and offsets to zero that lmi-sdp "
-            "has, by itself. Measured rows are fitted to the first 14 s of the run.",
+            "some loss by design; 'joint prior' is lmi-sdp's pull of friction and offsets to zero, by "
+            "itself. Measured rows are fitted to the first 14 s of the run.",
             "worst_violation: over every constraint family of the problem, in that family's units, "
             "those included that the method did not receive; smallest_eigenvalue: of the links' "
             "pseudo-inertias.",

@@ -224,8 +224,8 @@ class Study:
         return self._tasks[key]
 
     def result(self, method: str, data: Data) -> Result:
-        """A method's estimate from the training part of a data set; "penalty, joint prior": with the pull
-        of joint parameters to zero that ``lmi-sdp`` has, and nothing else of it."""
+        """A method's estimate from the training part of a data set; "penalty, joint prior": with
+        the pull of joint parameters to zero that ``lmi-sdp`` has, and nothing else of it."""
         self.estimate([method], [data])
         return self._results[method, data.key]
 
