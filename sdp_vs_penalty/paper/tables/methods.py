@@ -94,7 +94,8 @@ def _row(study: Study, data: Data, method: str, result: Result, optimum: float) 
     worst = violations[family]
     unseen, fold, again = _errors(study, data, method, result)
     share = 1.0 if consistent(links) else positive_mass_matrices(study.problem.robot, links)
-    runs = result.details.get("runs") or []  # the independent ones of a multi-start method
+    # The independent ones of a multi-start method; with a joint prior their losses hold it too.
+    runs = [] if method in WITH_PRIOR else result.details.get("runs") or []
     excess = [_excess(run["loss"], optimum) for run in runs]
     broken = [float(run["violation"]) for run in runs]
     return {
