@@ -31,6 +31,7 @@ from sdp_vs_penalty.diagnosis.causes import (
 )
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.whitening import clocks_of, phase_folds
+from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.estimation.sources import as_estimate
@@ -154,12 +155,14 @@ def where_it_fails(
     preprocessing: Preprocessing | None = None,
     *,
     noise_from: Measurements | None = None,
+    noise: tuple[Array | None, str] | None = None,
 ) -> Failures:
     """One JointFailure a joint: what its residual depends on, and when it is large.
 
     estimate : the model, or its model.json; measurements : whatever
     :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than the
-    model's; noise_from : as in :func:`~.comparison.compare`. Of a long recording windows are judged
+    model's; noise_from : as in :func:`~.comparison.compare`; noise : the floor (n,) and its source,
+    where a comparison with the same measurements knows them. Of a long recording windows are judged
     (:mod:`~sdp_vs_penalty.signals.excerpt`).
     Raises InputError where the measurements are not of this robot.
     """
@@ -168,6 +171,9 @@ def where_it_fails(
         measurements, names=estimate.robot.joint_names, what="where_it_fails(measurements=...)"
     )
     estimate.require_joints(measurements)
+    if noise_from is not None:
+        _, noise_from = driven(estimate, noise_from)
+    estimate, measurements = driven(estimate, measurements)
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
     given = measurements if noise_from is None else noise_from
     same = given is measurements
@@ -177,7 +183,7 @@ def where_it_fails(
     repeated = rows
     if not same:
         repeated = with_estimate(segmented(excerpt(given, settings), settings), estimate)
-    floors, source = noise_level(estimate.problem, given, settings)
+    floors, source = noise or noise_level(estimate.problem, given, settings)
     folds = phase_folds(rows, clocks_of(rows, None if same else repeated))
     known, runs = states(rows), measurements.runs()
     keep = np.asarray(rows.keep.all(axis=1), bool)

@@ -234,6 +234,8 @@ def _left(fit: Line, over: Array | None) -> str:
 
 def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
     """Why the links are not to be believed, in a sentence; "" where they are."""
+    if certificate.not_found:
+        return certificate.not_found
     broken = {
         family: value
         for family, value in certificate.violations.items()

@@ -38,7 +38,8 @@ def verb(
     runs = windowed(whole, time_windows(window))
     results = compare(estimates, runs, noise_from=whole)
     oldest = next(iter(estimates.values()))
-    failures = where_it_fails(estimate, runs, oldest.preprocessing, noise_from=whole)
+    floor = results[0].noise_floor, results[0].noise_source
+    failures = where_it_fails(estimate, runs, oldest.preprocessing, noise_from=whole, noise=floor)
     for result in results:
         printing.verdict(result.verdict, result.name)
     next_diagnosis(newest, estimate, data, window)
