@@ -31,10 +31,6 @@ __all__ = ["Issue", "Report", "check"]
 
 #: Samples that are looked at as a whole, and those of each window of a longer run.
 _MOST, _WINDOW = 1 << 18, 1 << 16
-#: Issues with what all runs of an arm share.
-_OF_THE_ARM = ("encoder offset", "gravity direction")
-#: Kind and place of an issue.
-Key = tuple[str, str]
 
 
 @dataclass(frozen=True, repr=False)
@@ -131,40 +127,15 @@ def check(
 
 def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     """Runs of one arm share its mounting, its zeros, its gains and its load: where one run's differ,
-    it is named; what is only likely to be wrong with the arm is a warning where at least as many runs,
-    checked to their end, do not show it."""
-    found = [{(f.kind, f.where) for f in r.problems} for r in reports]
-    without = contradicted(found, [r.unexplained is not None for r in reports])
-
-    def weighed(issue: Issue) -> Issue:
-        key = issue.kind, issue.where
-        if issue.severity != "error" or key not in without or issue.mends:
-            return issue
-        sure = f"{issue.certainty.rstrip('.')}; {without[key]} of {len(reports)} runs do not show it"
-        return replace(issue, severity="warning", certainty=sure)
-
-    out = [replace(r, issues=gravest_first(map(weighed, r.issues))) for r in reports]
-    places = [k for k, r in enumerate(out) if r.content is not None and r.content.settled]
-    whole = [c for k in places if (c := out[k].content) is not None]
-    scenes = [c.scene for c in whole if c.scene is not None]
-    named = [out[k].run for k in places]
-    for k, issue in compare(scenes, [c.repair for c in whole], named):
-        report = out[places[k]]
-        out[places[k]] = replace(report, issues=gravest_first((*report.issues, issue)))
-    return out
-
-
-def contradicted(found: Sequence[set[Key]], whole: Sequence[bool]) -> dict[Key, int]:
-    """Issues of the arm that at least as many runs lack as show, and how many lack them.
-
-    found : kind and place of each run's issues; whole : whether it was checked to its end, since only
-    then a run can lack one.
-    """
-    out = {}
-    for key in {key for one in found for key in one if key[0] in _OF_THE_ARM}:
-        without = sum(key not in one for one, end in zip(found, whole, strict=True) if end)
-        if without >= sum(key in one for one in found):
-            out[key] = without
+    it is named."""
+    out = list(reports)
+    settled = [(k, r.content) for k, r in enumerate(out) if r.content and r.content.settled]
+    whole = [(k, c.scene, c.repair) for k, c in settled if c.scene is not None]
+    if len(whole) > 1:
+        places, scenes, repairs = zip(*whole, strict=True)
+        for k, issue in compare(scenes, repairs, [out[k].run for k in places]):
+            odd = places[k]
+            out[odd] = replace(out[odd], issues=gravest_first((*out[odd].issues, issue)))
     return out
 
 

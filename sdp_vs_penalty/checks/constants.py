@@ -9,7 +9,7 @@ import numpy as np
 
 # -- rows and columns that hypotheses are judged on ----------------------------------------------------
 #: Rows that hypotheses are tried on, and judged on (4 samples a parameter of a 7-axis arm).
-TRIED, JUDGED = 240, 480
+TRIED, JUDGED = 160, 480
 #: Rows for each independent sample of the low-passed torque.
 DENSE = 1.2
 #: Leads [s] of the torque at which it is filtered; between them it is interpolated.
@@ -61,11 +61,9 @@ CALIBRATED_GAIN, WRONG_GAIN = 0.06, 0.5
 LEVEL, MISMOUNTED = float(np.radians(2.0)), float(np.radians(10.0))
 #: Drives and their drivers take as long [s].
 USUAL_DELAY = 0.01
-#: Ranges of joints are known to so much [rad, m].
-RANGES = 0.2
-#: Other positions are asked for where some joint leaves more than this share of its torque's energy (3 %
-#: of the torque): a wrong sign, order or quarter turn leaves more, even of slow motion.
-UNEXPLAINED = 1e-3
+#: Other positions are asked for where some joint leaves more than this share of its torque's energy, a
+#: fourteenth of the torque: a wrong sign, order or quarter turn leaves more, even of slow motion.
+UNEXPLAINED = 5e-3
 #: Friction that warms up and slow noise look like a drift or a step (natural logarithm of the odds).
 SLOW_ODDS = 15.0
 

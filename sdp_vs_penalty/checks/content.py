@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdp_vs_penalty.checks import channel_rules, excitation, residual, size
+from sdp_vs_penalty.checks import channel_rules as rules
+from sdp_vs_penalty.checks import excitation, residual, size
 from sdp_vs_penalty.checks.constants import JUDGED, TRIED, UNRELATED
 from sdp_vs_penalty.checks.glance import Glance
 from sdp_vs_penalty.checks.issue import Issue
@@ -15,8 +16,8 @@ from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.search import Found, Search
-from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS, Element, Scene
-from sdp_vs_penalty.checks.words import said
+from sdp_vs_penalty.checks.transformation import Element, Scene
+from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
@@ -63,19 +64,19 @@ def content(
     if len(run.t) < 10:
         raise InputError("fewer than 10 usable rows", "record longer", run.names[0])
     glance = Glance(run, problem.robot, settings.standstill)
-    settings = settings if not glance.moving.any() else settings.resolve(run)
     none = Repair.none(run.n, problem.robot.gravity)
     if not glance.moving.any():
-        return _stopped(problem, none, [said("no motion", "all joints")])
-    seldom = list(channel_rules.sample_rate(glance))
+        return _stopped(none, rules.NO_MOTION(glance))
+    settings = settings.resolve(run)
+    glance = replace(glance, settings=settings)
     if not run.torque_logged:  # rows, clock and positions are all there is
-        told = [*channel_rules.idle(glance), *channel_rules.quantised(glance, settings), *seldom]
-        return _stopped(problem, none, [*told, *channel_rules.implausible(glance)])
+        told = (rules.IDLE, rules.STAND_STILL, rules.QUANTISATION, rules.RATE, rules.implausible)
+        return _stopped(none, (issue for rule in told for issue in rule(glance)))
     data = RegressionData.of(problem, run, settings, JUDGED)
-    scene = Scene(problem, Likelihood(data.few(TRIED)), Likelihood(data), bool(seldom))
-    first = [*_frozen(scene, glance), *channel_rules.dead(glance)]
+    scene = Scene(problem, Likelihood(data.few(TRIED)), Likelihood(data), any(rules.RATE(glance)))
+    first = [*_frozen(scene, glance), *rules.DEAD(glance), *rules.MAGNITUDE(glance)]
     if any(i.kind in ("frozen position", "torque magnitude") for i in first):
-        return _stopped(problem, none, first)  # nothing else can be asked of such a motion
+        return _stopped(none, first)  # nothing else can be asked of such a motion
     found = Search(scene).run()
     score = found.after
     settled = _settled(scene, settings)
@@ -86,16 +87,18 @@ def content(
     issues += sizes
     if any(i.kind == "torque channel kind" for i in issues):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
-    velocity = list(channel_rules.velocity(glance, settings))
+    velocity = list(rules.VELOCITY(glance))
     issues += [
-        *residual.find(scene, found.repair, score, settled), *channel_rules.idle(glance), *velocity,
-        *channel_rules.clipped(glance), *channel_rules.quantised(glance, settings), *seldom,
+        *residual.find(scene, found.repair, score, settled), *rules.IDLE(glance),
+        *rules.STAND_STILL(glance), *velocity, *rules.QUANTISATION(glance), *rules.RATE(glance),
     ]  # fmt: skip
+    bent = {e.joints[0] + 1 for e in found.elements if e.kind == "saturation"}
+    issues += [i for i in rules.SATURATION(glance) if i.figures["joint"] not in bent]
     moved = ("encoder offset", "positions in degrees", "position unit")
     if not any(e.kind in moved for e in found.elements):
         for issue in velocity:
             run = issue.repair(run) if issue.repair is not None else run
-        issues += channel_rules.implausible(replace(glance, run=run))
+        issues += rules.implausible(replace(glance, run=run))
     if thorough:
         for issue in sizes:
             run = issue.repair(run) if issue.repair is not None else run
@@ -123,8 +126,8 @@ def _certain(scene: Scene, found: Found) -> Repair:
     return certain
 
 
-def _stopped(problem: Problem, none: Repair, issues: list[Issue]) -> Content:
-    return Content(issues, None, none, none, None, False)
+def _stopped(none: Repair, issues: Iterable[Issue]) -> Content:
+    return Content(list(issues), None, none, none, None, False)
 
 
 def _settled(scene: Scene, settings: Preprocessing) -> bool:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations import Number, Scene
+from sdp_vs_penalty.checks.transformation import Number, Scene
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.intervals import NOT_SEEN, counts
 from sdp_vs_penalty.estimation.uncertainty import of_regression
@@ -62,7 +63,8 @@ def find(problem: Problem, run: Measurements, settings: Preprocessing) -> Iterat
 
 
 def hidden_errors(scene: Scene, repair: Repair) -> Iterator[Issue]:
-    """One note: from which size on the zero of a joint would be named."""
+    """One note: from which size on the zero of a joint would be named (few rows tell)."""
+    scene = replace(scene, judged=scene.tried)
     zeros = {j + 1: 3.0 * scene.deviation(_zero(repair, j)) for j in scene.revolute}
     hidden = [
         f"joint {j}{'' if not x < np.pi else f' below {np.degrees(x):.2g} degrees'}"
@@ -80,4 +82,4 @@ def hidden_errors(scene: Scene, repair: Repair) -> Iterator[Issue]:
 
 
 def _zero(repair: Repair, j: int) -> Number:
-    return Number(repair.zero[j], partial(repair.with_entry, "zero", j), _SMALL, 0.0, str)
+    return Number(repair.zero[j], partial(repair.with_entries, "zero", (j,)), _SMALL, 0.0, str)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,16 +11,19 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import Movement, movement, moving_joints, spans
 
 
 @dataclass(frozen=True)
 class Glance:
-    """A run, the robot it is of, and the share of its speed below which the robot stands still."""
+    """A run, the robot it is of, the share of its speed below which the robot stands still, and the
+    filters (resolved) that some rules pass it through."""
 
     run: Measurements
     robot: Robot
     standstill: float
+    settings: Preprocessing = field(default_factory=Preprocessing)
 
     @cached_property
     def finite(self) -> NDArray[np.bool_]:

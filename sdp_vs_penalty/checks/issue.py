@@ -1,16 +1,19 @@
-"""What the data check says: one issue a problem."""
+"""What the data check says: one issue a problem; and rules, the rows of one table, that find them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.checks.glance import Glance
 from sdp_vs_penalty.data.measurements import Measurements
 
 #: Repairs one run; the issue's ``remedy`` says in words what it does.
 Repair = Callable[[Measurements], Measurements]
+#: What a rule finds: where, the repair, and the figures that its words hold.
+Finding = tuple[str, Repair | None, dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -41,16 +44,32 @@ class Issue:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; joints count from 1."""
-        return {
-            "kind": self.kind,
-            "severity": self.severity,
-            "where": self.where,
-            "what": self.what,
-            "certainty": self.certainty,
-            "remedy": self.remedy,
-            "can_fix": self.mends,
-            "figures": dict(self.figures),
-        }
+        names = ("kind", "severity", "where", "what", "certainty", "remedy")
+        plain = {name: getattr(self, name) for name in names}
+        return {**plain, "can_fix": self.mends, "figures": dict(self.figures)}
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One row of a table of rules: the kind of issue, how grave, its three sentences with the finding's
+    figures (and ``where``) in braces, and what finds it in a glance at a run, any number of times.
+
+    A figure "severity" is another one than usual; one "kind" names it more closely.
+    """
+
+    kind: str
+    severity: str
+    what: str
+    sure: str
+    remedy: str
+    find: Callable[[Glance], Iterator[Finding]]
+
+    def __call__(self, g: Glance) -> Iterator[Issue]:
+        for where, repair, figures in self.find(g):
+            texts = (self.what, self.sure, self.remedy)
+            what, sure, remedy = (text.format(where=where, **figures) for text in texts)
+            severity = figures.pop("severity", self.severity)
+            yield Issue(self.kind, severity, where, what, sure, remedy, repair, figures)
 
 
 def joints_text(joints: Any) -> str:

@@ -21,7 +21,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,8 @@ from sdp_vs_penalty.checks.regression_data import RegressionData, under_gravity
 from sdp_vs_penalty.checks.repair import Event, Repair
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -66,19 +68,12 @@ class Equations:
         """(s,) parameters of weighted (n,) least squares."""
         return solve(np.tensordot(weights, self.gram, 1), weights @ self.cross)
 
-    def left(self, theta: Array) -> Array:
-        """(n,) squared residual, at least FLOOR of the whole."""
-        bent = np.einsum("jst,t->js", self.gram, theta) - 2.0 * self.cross
-        return np.maximum(self.energy + bent @ theta, FLOOR * np.maximum(self.whole, 1e-280))
-
-    def fitted(self, asked: Array) -> Array:
-        """(s,) parameters at the maximum of L; asked (n,) 0 for joints that are not."""
+    def fitted(self, asked: Array) -> tuple[Array, Array]:
+        """(s,) parameters at the maximum of L and (n,) squared residuals there, at least FLOOR of the
+        whole; asked (n,) 0 for joints that are not."""
         whole = np.maximum(self.whole, 1e-280)
-        return minimised(self.gram, self.cross[None], self.energy[None], whole[None], asked)[0][0]
-
-    def best(self, asked: Array) -> Array:
-        """(n,) squared residual there."""
-        return self.left(self.fitted(asked))
+        theta, left = minimised(self.gram, self.cross[None], self.energy[None], whole[None], asked)
+        return theta[0], np.maximum(left[0], FLOOR * whole)
 
 
 @dataclass(frozen=True)
@@ -106,11 +101,16 @@ class Likelihood:
 
     def __init__(self, data: RegressionData) -> None:
         self.data = data
-        self._rows: dict[object, Rows] = {}
-        self._columns: dict[object, Array] = {}
-        self._pushed: dict[object, Array] = {}
-        self._joints: dict[object, tuple[Array, Array, Array]] = {}
-        self._channels: dict[tuple[int, float], tuple[Array, Array]] = {}
+        self._kept: dict[str, dict[object, Any]] = {}
+
+    def _once(self, kind: str, most: int, key: object, make: Callable[[], T]) -> T:
+        """What was made for a key, or is now; of a kind so many are remembered."""
+        kept = self._kept.setdefault(kind, {})
+        if key not in kept:
+            if len(kept) >= most:
+                del kept[next(iter(kept))]
+            kept[key] = make()
+        return cast(T, kept[key])
 
     # -- what a repair makes of the rows ---------------------------------------------------------
 
@@ -119,6 +119,9 @@ class Likelihood:
         out = np.empty((self.data.n, self.data.count))
         for j, k in enumerate(repair.tau_order):
             value, rate = self._at(k, repair.lead[j])
+            if repair.bend[j]:
+                limit = self.data.largest[k] / repair.bend[j]
+                value = limit * np.arctanh(np.clip(value / limit, -0.999, 0.999))
             out[j] = repair.gain[j] * (value + repair.lag[j] * rate)
         return out * self._heard(repair)
 
@@ -127,16 +130,17 @@ class Likelihood:
 
     def _at(self, k: int, lead: float) -> tuple[Array, Array]:
         """Channel k and its rate, so much later [s]: cubic between the leads that were filtered."""
-        if (k, lead) not in self._channels:
+
+        def make() -> tuple[Array, Array]:
             x, dx = self.data.torque[:, :, k], self.data.rate[:, :, k]
             i = int(np.clip(np.searchsorted(LEADS, lead, "right") - 1, 0, len(LEADS) - 2))
             h = float(LEADS[1] - LEADS[0])
             u = (lead - float(LEADS[i])) / h
             a, b = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u**2 * (3.0 - 2.0 * u)
             bent = h * (u * (1.0 - u) ** 2 * dx[i] - u**2 * (1.0 - u) * dx[i + 1])
-            found = a * x[i] + b * x[i + 1] + bent, (1.0 - u) * dx[i] + u * dx[i + 1]
-            _keep(self._channels, (k, lead), found, 200)
-        return self._channels[k, lead]
+            return a * x[i] + b * x[i + 1] + bent, (1.0 - u) * dx[i] + u * dx[i + 1]
+
+        return self._once("channel", 200, (k, lead), make)
 
     def motion(self, repair: Repair) -> Motion:
         """States as repaired."""
@@ -146,14 +150,14 @@ class Likelihood:
 
     def rows(self, repair: Repair) -> Rows:
         """What depends on the motion alone, worked out once for repairs of the torque."""
-        key = repair.motion_key, repair.events, repair.reversed
-        if key not in self._rows:
+
+        def make() -> Rows:
             basis, drag, spin = self._own(repair)
             raw = self.raw(repair)
             columns = raw - basis @ (np.swapaxes(basis, 1, 2) @ raw)
-            gram = np.swapaxes(columns, 1, 2) @ columns
-            _keep(self._rows, key, Rows(basis, raw, columns, gram, drag, spin), 6)
-        return self._rows[key]
+            return Rows(basis, raw, columns, np.swapaxes(columns, 1, 2) @ columns, drag, spin)
+
+        return self._once("rows", 6, (repair.motion_key, repair.events, repair.reversed), make)
 
     def raw(self, repair: Repair) -> Array:
         """(n, M, s) the columns of the parameters that joints share, 0 where torque is not asked for."""
@@ -165,21 +169,24 @@ class Likelihood:
 
     def _under(self, repair: Repair, gravity: tuple[float, float, float]) -> Array:
         """(n, M, s) the same of whole channels."""
-        shared, keep, key = self.data.shared, self.data.independent, (repair.motion_key[:4], gravity)
+        keep = self.data.independent
+        return self._once(
+            "columns", 12, (repair.motion_key[:4], gravity),
+            lambda: self._shared(gravity, self.motion(repair))[:, :, keep],
+        )  # fmt: skip
+
+    def _shared(self, gravity: Sequence[float], motion: Motion) -> Array:
+        """(n, M, p) the columns of all parameters that joints share."""
+        shared, width = self.data.shared, len(self.data.independent)
         if shared is None:
-            return np.zeros((self.data.n, self.data.count, 0))
-        if key not in self._columns:
-            blocks = under_gravity(shared, gravity).columns(self.motion(repair))
-            _keep(self._columns, key, np.stack([b.wide(len(keep))[:, keep] for b in blocks]), 12)
-        return self._columns[key]
+            return np.zeros((self.data.n, len(motion.t), 0))
+        return np.stack([b.wide(width) for b in under_gravity(shared, gravity).columns(motion)])
 
     def last_link(self, repair: Repair) -> Array:
         """(n, M, 10) the columns of the last link's parameters."""
         assert self.data.shared is not None
-        model, width = under_gravity(self.data.shared, repair.gravity), len(self.data.independent)
-        blocks = model.columns(self.motion(repair))
-        columns = np.stack([b.wide(width)[:, model.rigid_indices[-10:]] for b in blocks])
-        return np.asarray(self._heard(repair)[:, :, None] * columns)
+        columns = self._shared(repair.gravity, self.motion(repair))
+        return self._heard(repair)[:, :, None] * columns[:, :, self.data.shared.rigid_indices[-10:]]
 
     def nominal_weight(self, repair: Repair) -> Array:
         """(M, n) the weight of a plausible arm at the repaired positions."""
@@ -202,8 +209,9 @@ class Likelihood:
 
     def _joint(self, k: int, events: tuple[Event, ...]) -> tuple[Array, Array, Array]:
         """Of one channel: basis (M, k), 0 for columns that depend on others; drag and spin (M,)."""
-        if (k, events) not in self._joints:
-            data, m, heard = self.data, self.data.motion, self.data.heard[:, k]
+        data, m, heard = self.data, self.data.motion, self.data.heard[:, k]
+
+        def make() -> tuple[Array, Array, Array]:
             columns = np.column_stack([data.own[k], *(e.shape(m.t) for e in events)])
             columns = heard[:, None] * columns
             sizes = np.linalg.norm(columns, axis=0)
@@ -216,13 +224,14 @@ class Likelihood:
             power[data.own.shape[2] :, 0] = 0.0
             power[1:, 1] = 0.0
             drag, spin = (u @ (back.T @ power)).T
-            self._joints[k, events] = u, drag, spin
-        return self._joints[k, events]
+            return u, drag, spin
+
+        return self._once("joint", 200, (k, events), make)
 
     def slope(self, at: Callable[[float], Repair], value: float, h: float, theta: Array) -> Array:
-        """(n, M) d(y - Y theta)/dx of a number at a value, by central differences."""
-        plus, minus = (self.channels(at(x)) - self.raw(at(x)) @ theta for x in (value + h, value - h))
-        return np.asarray((plus - minus) / (2.0 * h))
+        """(n, M) d(y - Y theta)/dx of a number at a value, by a difference forward."""
+        here, there = (self.channels(at(x)) - self.raw(at(x)) @ theta for x in (value, value + h))
+        return np.asarray((there - here) / h)
 
     def parts(self, repair: Repair, count: int = PARTS, more: Array | None = None) -> tuple[Array, int]:
         """(count, n, w, w) Gram matrices of that many parts of the log, which add, and how many of their
@@ -296,19 +305,18 @@ class Likelihood:
     def pushed(self, repair: Repair) -> Array:
         """(2, s) what the mean of ddq^T M(q) ddq is of the shared parameters, and the weight's mean
         product with the weight of a plausible arm."""
-        data, key = self.data, repair.motion_key
-        if data.shared is None:
-            return np.zeros((2, 0))
-        if key not in self._pushed:
-            m, keep, made = self.motion(repair), data.independent, []
+
+        def make() -> Array:
+            m = self.motion(repair)
             rest, loads = np.zeros_like(m.q), self.nominal_weight(repair)
             ways = (((0.0, 0.0, 0.0), m.ddq, m.ddq), (repair.gravity, rest, loads))
-            for gravity, ddq, along in ways:
-                blocks = under_gravity(data.shared, gravity).columns(Motion(m.t, m.q, rest, ddq))
-                some = zip(blocks, along.T, strict=True)
-                made.append(sum(b.wide(len(keep))[:, keep].T @ a for b, a in some) / data.count)
-            _keep(self._pushed, key, np.array(made), 6)
-        return self._pushed[key]
+            made = [
+                np.einsum("jms,mj->s", self._shared(gravity, Motion(m.t, m.q, rest, ddq)), along)
+                for gravity, ddq, along in ways
+            ]
+            return np.array(made)[:, self.data.independent] / self.data.count
+
+        return self._once("pushed", 6, repair.motion_key, make)
 
 
 @dataclass
@@ -390,9 +398,8 @@ def left_out_alone(score: Score, repair: Repair) -> Array:
     parts, left = score.of.parts(repair)[0], 0.0 * score.whole
     for part in parts:
         rest = parts.sum(axis=0) - part
-        for j in range(len(left)):
-            v = np.append(solve(rest[j, :-1, :-1], rest[j, :-1, -1]), -1.0)
-            left[j] += v @ part[j] @ v
+        fits = (solve(r[:-1, :-1], r[:-1, -1]) for r in rest)
+        left += [v @ p @ v for p, v in zip(part, (np.append(x, -1.0) for x in fits), strict=True)]
     return np.maximum(left / score.whole, FLOOR)
 
 
@@ -448,10 +455,3 @@ def minimised(
         left = np.maximum(energy + np.einsum("kjs,ks->kj", bent, theta), 0.0)
         weights = asked / np.maximum(left, FLOOR * whole)
     return theta, left
-
-
-def _keep(kept: dict[Any, Any], key: object, value: object, most: int) -> None:
-    """Remember a value, and no more than so many of them."""
-    if len(kept) >= most:
-        del kept[next(iter(kept))]
-    kept[key] = value

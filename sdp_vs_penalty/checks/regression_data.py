@@ -44,7 +44,7 @@ class RegressionData:
     derivatives, each LEADS[k] later than the motion; own : (n, M, k) columns that each joint's own
     motion makes; heard : (M, n) 1 where a joint slides, 0 where its torque is not asked; moving : (n,);
     shared : the effects whose columns joints share, ``independent`` of their parameters stand for all;
-    nominal : (10 links,) parameters of a plausible arm.
+    nominal : (10 links,) parameters of a plausible arm; largest : (n,) sizes that the channels reach.
     """
 
     shared: Model | None
@@ -56,6 +56,7 @@ class RegressionData:
     heard: Array
     moving: NDArray[np.bool_]
     nominal: Array
+    largest: Array
 
     @property
     def n(self) -> int:
@@ -120,7 +121,8 @@ class RegressionData:
             )
         nominal, states = np.asarray(problem.nominal_links.ravel(), float), Motion(t, q, dq, ddq)
         heard = slides.astype(float)
-        made = cls(shared, kept, states, torque, rate, own, heard, moving, nominal)
+        largest = np.abs(torque).max(axis=(0, 1))
+        made = cls(shared, kept, states, torque, rate, own, heard, moving, nominal, largest)
         # Where all have stopped nothing is asked of any joint.
         return made.part(asked)
 

@@ -5,10 +5,13 @@ joint can have two zeros, two gains or two signs, and what is reported is what i
 
     q_j   = scale_j q_raw[order_j] + zero_j            time  t = t_0 + rate (t_raw - t_0), or reversed
     tau_j = gain_j (tau_raw[tau_order_j] earlier by lead_j) + lag_j d(tau_j)/dt - events_j
+
+where a channel that bends is straightened first: s artanh(tau_raw / s), s = max |tau_raw| / bend_j.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -38,7 +41,7 @@ class Event:
 class Repair:
     """See the module; all tuples have an entry a joint. gravity : [m/s^2] in the base frame, and
     ``weight``, the share of the arm's weight that each torque channel holds: what a model has to assume,
-    no change of the log."""
+    no change of the log; ``bend`` of a repaired file stays as it is."""
 
     order: Order
     scale: Numbers
@@ -49,6 +52,7 @@ class Repair:
     lag: Numbers
     gravity: tuple[float, float, float]
     weight: Numbers
+    bend: Numbers
     rate: float = 1.0
     reversed: bool = False
     events: tuple[Event, ...] = ()
@@ -58,18 +62,24 @@ class Repair:
         """The repair that changes nothing of n joints under a gravity [m/s^2]."""
         same, one, zero = tuple(range(n)), (1.0,) * n, (0.0,) * n
         x, y, z = gravity
-        return cls(same, one, zero, same, one, zero, zero, (x, y, z), one)
+        return cls(same, one, zero, same, one, zero, zero, (x, y, z), one, zero)
 
     @property
     def n(self) -> int:
         """How many joints."""
         return len(self.order)
 
-    def with_entry(self, name: str, joint: int, value: Any) -> Repair:
-        """One joint's entry of one of the tuples."""
-        values = list(getattr(self, name))
-        values[joint] = value
-        changed: dict[str, Any] = {name: tuple(values)}
+    def with_entries(self, name: str, joints: Sequence[int], value: Any) -> Repair:
+        """Some joints' entries of one of the tuples."""
+        entries = tuple(value if j in joints else x for j, x in enumerate(getattr(self, name)))
+        changed: dict[str, Any] = {name: entries}
+        return replace(self, **changed)
+
+    def times(self, name: str, joints: Sequence[int], factor: float) -> Repair:
+        """Some joints' entries multiplied by a factor."""
+        values = getattr(self, name)
+        entries = (factor * x if j in joints else x for j, x in enumerate(values))
+        changed: dict[str, Any] = {name: tuple(entries)}
         return replace(self, **changed)
 
     def with_swap(self, a: int, b: int, positions: bool, torques: bool) -> Repair:
@@ -92,7 +102,7 @@ class Repair:
     def leaves_log(self) -> bool:
         """Whether only what a model assumes is changed."""
         none = Repair.none(self.n, self.gravity)
-        return replace(self, weight=none.weight, events=()) == none
+        return replace(self, weight=none.weight, bend=none.bend, events=()) == none
 
     def positions(self, q: Array) -> Array:
         """(N, n) true positions from those of the log."""

@@ -15,7 +15,7 @@ from sdp_vs_penalty.checks.constants import CONTRADICTS, EVENT, TWO_ARMS, TYPICA
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations, Score, left_out_alone
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations import Scene
+from sdp_vs_penalty.checks.transformation import Scene
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -110,7 +110,7 @@ def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
     parts, k = scene.judged.parts(repair, _STRIPES)
 
     def two(first: Array, second: Array) -> Array:
-        one, other = (Equations.of(some.sum(axis=0), k).best(asked) for some in (first, second))
+        one, other = (Equations.of(some.sum(axis=0), k).fitted(asked)[1] for some in (first, second))
         return one + other
 
     stripes = two(parts[::2], parts[1::2])

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -19,8 +20,7 @@ from sdp_vs_penalty.checks.glance import (
     lattice_step,
     with_steps,
 )  # fmt: skip
-from sdp_vs_penalty.checks.issue import Issue, joints_text, rows_text
-from sdp_vs_penalty.checks.words import said
+from sdp_vs_penalty.checks.issue import Finding, Issue, Rule, joints_text, rows_text
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -46,18 +46,24 @@ _SLOWING = 10
 _FREEZES = 20
 
 
-def missing(g: Glance) -> Issue | None:
+def _listed(rows: NDArray[np.intp]) -> str:
+    return rows_text(int(rows[0]), len(rows))
+
+
+def _rows(rows: NDArray[np.intp]) -> dict[str, Any]:
+    return {"count": len(rows), "rows": rows[:100].tolist()}
+
+
+def missing(g: Glance) -> Iterator[Finding]:
     bad = np.flatnonzero(~g.finite)
-    return None if not len(bad) else said(
-        "missing numbers", rows_text(int(bad[0]) + 2, len(bad)), lambda r: r.rows(g.finite),
-        count=len(bad), rows=(bad[:100] + 2).tolist(),
-    )  # fmt: skip
+    if len(bad):
+        yield _listed(bad + 2), lambda r: r.rows(g.finite), _rows(bad + 2)
 
 
-def time_unit(g: Glance) -> Issue | None:
+def time_unit(g: Glance) -> Iterator[Finding]:
     """A clock that does not count seconds: taken for seconds, it makes the motion far too slow."""
     if g.step <= 0.0 or not g.moving.any():
-        return None
+        return
     speeds, name, sure = _speeds(g.run)[g.moving], None, ""
     if g.run.dq is not None:
         measured = np.quantile(np.abs(g.run.dq), 0.9, axis=0)[g.moving]
@@ -78,11 +84,9 @@ def time_unit(g: Glance) -> Issue | None:
         known = "seconds" in possible or not possible
         name = "seconds" if known else min(possible, key=lambda k: possible[k])
         sure = f"likely: in seconds it were one row in {g.step:.3g} s of a motion at {speed:.2g} rad/s"
-    unit = _UNITS[name]
-    return None if unit == 1.0 else said(
-        "time unit", "column t", lambda r: replace(r, t=r.t * unit),
-        unit=name, factor=unit, step=g.step, sure=sure,
-    )  # fmt: skip
+    if (unit := _UNITS[name]) != 1.0:
+        figures = {"unit": name, "factor": unit, "step": g.step, "sure": sure}
+        yield "column t", lambda r: replace(r, t=r.t * unit), figures
 
 
 def _speeds(run: Measurements, half: int = 5) -> Array:
@@ -95,11 +99,11 @@ def _speeds(run: Measurements, half: int = 5) -> Array:
     return np.asarray(np.quantile(travel / span[rows, None], 0.9, axis=0))
 
 
-def backwards(g: Glance) -> Issue | None:
+def backwards(g: Glance) -> Iterator[Finding]:
     """Rows whose time lies before that of an earlier row."""
     bad = np.flatnonzero(g.steps < 0.0)
     if not len(bad):
-        return None
+        return
     t, q = g.run.t, g.run.q
     long = np.diff(bad, prepend=0, append=len(t) - 1) > _RUN
     near = np.abs(np.diff(q, axis=0))
@@ -121,26 +125,20 @@ def backwards(g: Glance) -> Issue | None:
         steps = np.diff(r.t)
         return with_steps(r, np.where(steps < 0.0, step, steps))
 
-    return said(
-        "time runs backwards", rows_text(int(bad[0]) + 3, len(bad)), repair, count=len(bad),
-        seconds=float(-g.steps[bad].min()), how=how, remedy=remedy, rows=(bad[:100] + 3).tolist(),
-    )  # fmt: skip
+    seconds = float(-g.steps[bad].min())
+    yield _listed(bad + 3), repair, _rows(bad + 3) | {"seconds": seconds, "how": how, "remedy": remedy}
 
 
-def repeated_time(g: Glance) -> Issue | None:
+def repeated_time(g: Glance) -> Iterator[Finding]:
     bad = np.flatnonzero(g.steps == 0.0)
-    if not len(bad):
-        return None
-    same = bool(np.all(g.run.q[bad] == g.run.q[bad + 1]))
-    return said(
-        "repeated time", rows_text(int(bad[0]) + 3, len(bad)),
-        lambda r: r.rows(np.concatenate([[True], np.diff(r.t) != 0.0])), count=len(bad),
-        how="are copies of the row before" if same else "differ from the row before",
-        rows=(bad[:100] + 3).tolist(),
-    )  # fmt: skip
+    if len(bad):
+        same = bool(np.all(g.run.q[bad] == g.run.q[bad + 1]))
+        how = "are copies of the row before" if same else "differ from the row before"
+        repair = lambda r: r.rows(np.concatenate([[True], np.diff(r.t) != 0.0]))  # noqa: E731
+        yield _listed(bad + 3), repair, _rows(bad + 3) | {"how": how}
 
 
-def uneven(g: Glance) -> Issue | None:
+def uneven(g: Glance) -> Iterator[Finding]:
     """Stamps that jitter, or come in bursts, although the samples were taken evenly: q is smoother over
     the row number."""
     steps, q = g.steps, g.run.q[:, g.moving]
@@ -151,16 +149,16 @@ def uneven(g: Glance) -> Issue | None:
     even = (steps[1:] < pause) & (steps[:-1] < pause)
     spread = float(np.std(steps[steps < pause]) / np.mean(steps[steps < pause])) if even.any() else 0.0
     if spread < 0.02 or not q.shape[1] or np.count_nonzero(even) < _RUN:
-        return None
+        return
     share = (steps[:-1] / (g.run.t[2:] - g.run.t[:-2]))[:, None]
     over_time = q[1:-1] - (q[:-2] * (1.0 - share) + q[2:] * share)
     over_rows = q[1:-1] - 0.5 * (q[:-2] + q[2:])
     rough_time, rough_rows = (np.sqrt(np.mean(x[even] ** 2, axis=0)) for x in (over_time, over_rows))
     ratio = float(np.median(rough_time / np.maximum(rough_rows, 1e-300)))
-    return None if ratio < 3.0 else said(
-        "jittered time stamps", "column t", lambda r: evened(r, pause),
-        "error" if spread > 1.0 else "", percent=100.0 * spread, ratio=ratio,
-    )  # fmt: skip
+    if ratio >= 3.0:
+        grave = {"severity": "error"} if spread > 1.0 else {}
+        figures = {"percent": 100.0 * spread, "ratio": ratio, **grave}
+        yield "column t", lambda r: evened(r, pause), figures
 
 
 def _long_steps(g: Glance) -> tuple[NDArray[np.intp], Rows]:
@@ -179,28 +177,27 @@ def _long_steps(g: Glance) -> tuple[NDArray[np.intp], Rows]:
     return long, moved
 
 
-def clock_step(g: Glance) -> Issue | None:
+def clock_step(g: Glance) -> Iterator[Finding]:
     """The clock jumps ahead, the arm does not: stamps are wrong, no sample is missing."""
     long, moved = _long_steps(g)
     jumps = long[~moved]
     wrong = np.isin(np.arange(len(g.steps)), jumps)
-    return None if not len(jumps) else said(
-        "clock step", f"t = {g.run.t[jumps[0]]:.4g} s, {rows_text(int(jumps[0]) + 3, len(jumps))}",
-        lambda r: with_steps(r, np.where(wrong, g.step, np.diff(r.t))),
-        seconds=float(g.steps[jumps].max()), rows=(jumps[:100] + 3).tolist(),
-    )  # fmt: skip
+    if len(jumps):
+        repair = lambda r: with_steps(r, np.where(wrong, g.step, np.diff(r.t)))  # noqa: E731
+        where = f"t = {g.run.t[jumps[0]]:.4g} s, {_listed(jumps + 3)}"
+        yield where, repair, _rows(jumps + 3) | {"seconds": float(g.steps[jumps].max())}
 
 
-def gap(g: Glance) -> Issue | None:
+def gap(g: Glance) -> Iterator[Finding]:
     long, _ = _long_steps(g)
-    return None if not len(long) else said(
-        "gap in time", f"t = {g.run.t[long[0]]:.4g} s, {rows_text(int(long[0]) + 3, len(long))}",
-        count=len(long), seconds=float(g.steps[long].max()), step=g.step,
-        total=float(g.steps[long].sum()), rows=(long[:100] + 3).tolist(),
-    )  # fmt: skip
+    if len(long):
+        steps = g.steps[long]
+        sizes = {"seconds": float(steps.max()), "step": g.step, "total": float(steps.sum())}
+        where = f"t = {g.run.t[long[0]]:.4g} s, {_listed(long + 3)}"
+        yield where, None, _rows(long + 3) | sizes
 
 
-def wrapped(g: Glance) -> Issue | None:
+def wrapped(g: Glance) -> Iterator[Finding]:
     """A revolute position that jumps by a turn from one row to the next."""
     steps = np.abs(np.diff(g.run.q, axis=0))
     turns = np.any(np.abs(steps - 2.0 * np.pi) < 0.3, axis=0) & (np.median(steps, axis=0) < 0.3)
@@ -211,11 +208,11 @@ def wrapped(g: Glance) -> Issue | None:
         q[:, joints] = np.unwrap(q[:, joints], axis=0)
         return replace(r, q=q)
 
-    where = joints_text(joints) if joints else ""
-    return said("wrapped angle", where, repair, joints=[j + 1 for j in joints]) if joints else None
+    if joints:
+        yield joints_text(joints), repair, {"joints": [j + 1 for j in joints]}
 
 
-def repeated_run(g: Glance) -> Issue | None:
+def repeated_run(g: Glance) -> Iterator[Finding]:
     """Rows that come a second time, all at the same distance and one after the other.
 
     Where a motion repeats and its columns are coarse, single rows are equal by chance.
@@ -226,20 +223,17 @@ def repeated_run(g: Glance) -> Issue | None:
     lag = np.arange(len(number)) - first[number]
     lags, counts = np.unique(lag[lag > _RUN], return_counts=True)
     if not len(lags) or counts.max() < _RUN:
-        return None
+        return
     most = int(lags[np.argmax(counts)])
     same = np.concatenate([np.zeros(most, bool), number[most:] == number[:-most]])
     again = _only(same, [p for p in spans(same) if p[1] - p[0] >= _RUN])
     by_chance = int(same.sum() - again.sum())
     if by_chance > 0.1 * again.sum() or not again.any():
-        return None
-    if np.ptp(g.run.q[again], axis=0).max() < 0.05 * np.ptp(g.run.q, axis=0).max():
-        return None  # one pose, held by a simulator without noise
-    rows = np.flatnonzero(again)
-    return said(
-        "repeated run", rows_text(int(rows[0]) + 2, len(rows)), lambda r: r.rows(~again),
-        rows=len(rows), lag=most,
-    )  # fmt: skip
+        return
+    # One pose, held by a simulator without noise, is no copy.
+    if np.ptp(g.run.q[again], axis=0).max() >= 0.05 * np.ptp(g.run.q, axis=0).max():
+        rows = np.flatnonzero(again)
+        yield _listed(rows + 2), lambda r: r.rows(~again), {"rows": len(rows), "lag": most}
 
 
 def _only(like: Rows, parts: list[Array]) -> Rows:
@@ -249,7 +243,7 @@ def _only(like: Rows, parts: list[Array]) -> Rows:
     return out
 
 
-def frozen_packets(g: Glance) -> Issue | None:
+def frozen_packets(g: Glance) -> Iterator[Finding]:
     """Stretches in which every channel repeats one row while the arm moves: no packet came."""
     parts = spans(g.held)
     if not len(parts):
@@ -258,23 +252,22 @@ def frozen_packets(g: Glance) -> Issue | None:
     usual = float(np.median(lengths)) if len(parts) > _FREEZES else 1.0
     long = parts[lengths >= max(STUCK_ROWS, STUCK_TIMES * usual)]
     found = [p for p in long if p[1] < len(g.run.t) and _leaps(g, int(p[0]) - 1, int(p[1]) - 1)]
-    return _deleted(g, "frozen packets", "", [], found)
+    for where, repair, figures in _deleted(g, "", [], found):
+        short = {"severity": "warning"} if figures["seconds"] < STUCK_SECONDS else {}
+        yield where, repair, figures | short
 
 
-def _deleted(g: Glance, kind: str, named: str, joints: list[int], parts: list[Array]) -> Issue | None:
+def _deleted(g: Glance, named: str, joints: list[int], parts: list[Array]) -> Iterator[Finding]:
     """Parts of the rows that are no measurements."""
     if not len(parts):
-        return None
+        return
     gone = _only(np.zeros(len(g.run.t), bool), parts)
     places = spans(gone)
     seconds = float(max(g.run.t[min(b, len(g.run.t)) - 1] - g.run.t[max(a - 1, 0)] for a, b in places))
     more = f" and {len(places) - 1} more parts" if len(places) > 1 else ""
     where = f"{named}{', ' if named else ''}rows {places[0][0] + 2} to {places[0][1] + 1}{more}"
-    short = kind == "frozen packets" and seconds < STUCK_SECONDS
-    return said(
-        kind, where, lambda r: r.rows(~gone), "warning" if short else "", named=named, joints=joints,
-        seconds=seconds, parts=len(places), rows=int(gone.sum()),
-    )  # fmt: skip
+    figures = {"seconds": seconds, "parts": len(places), "rows": int(gone.sum())}
+    yield where, lambda r: r.rows(~gone), {"named": named, "joints": joints, **figures}
 
 
 def _leaps(g: Glance, a: int, b: int) -> bool:
@@ -288,37 +281,45 @@ def _leaps(g: Glance, a: int, b: int) -> bool:
     return any(jump[j] > 2.5 * lattice_step(q[:, j]) for j in np.flatnonzero(leaps))
 
 
-def doubled(g: Glance) -> Issue | None:
-    """Rows that are copies of the one before while the arm moves, under an even clock."""
+def _copies(g: Glance) -> tuple[Rows, bool] | None:
+    """Rows that are copies of the one before while the arm moves, under an even clock, and whether the
+    motion skips ahead after them."""
     if not g.step or np.ptp(g.steps) > 1e-3 * g.step:
         return None  # own stamps: a logger a little faster than its source holds samples, too
     same, span = g.held & g.movement.moves, 20
-    share, at = float(same.mean()), np.flatnonzero(same)
+    at = np.flatnonzero(same)
     at = at[(at >= span) & (at < len(same) - span)]
     at = at[~same[at - 1] & ~same[at + 1]]
-    if not 0.002 <= share <= 0.8 or not len(at):
+    if not 0.002 <= same.mean() <= 0.8 or not len(at):
         return None
 
     def speed(reach: int) -> Array:
         away = np.linalg.norm(g.run.q[at + reach] - g.run.q[at - reach], axis=1)
         return np.asarray(away / np.maximum(g.run.t[at + reach] - g.run.t[at - reach], 1e-300))
 
-    where = rows_text(int(np.flatnonzero(same)[0]) + 2, int(same.sum()))
-    if np.median(speed(1) / np.maximum(speed(span), 1e-300)) <= 0.75:
-        return said(
-            "doubled rows", where,
-            lambda r: with_steps(r, np.where(same[1:], 0.0, np.diff(r.t))).rows(~same),
-            rows=int(same.sum()),
-        )  # fmt: skip
-    if not _FEW < share < 0.5:  # from half on the log is faster than its source
-        return None
-    return said("repeated packets", where, lambda r: r.rows(~same), rows=int(same.sum()))
+    return same, bool(np.median(speed(1) / np.maximum(speed(span), 1e-300)) > 0.75)
 
 
-def interpolated_rows(g: Glance) -> Issue | None:
+def doubled(g: Glance) -> Iterator[Finding]:
+    found = _copies(g)
+    if found is not None and not found[1]:
+        same = found[0]
+        repair = lambda r: with_steps(r, np.where(same[1:], 0.0, np.diff(r.t))).rows(~same)  # noqa: E731
+        yield _listed(np.flatnonzero(same) + 2), repair, {"rows": int(same.sum())}
+
+
+def repeated_packets(g: Glance) -> Iterator[Finding]:
+    """From half of the rows on a log is faster than its source."""
+    found = _copies(g)
+    if found is not None and found[1] and _FEW < found[0].mean() < 0.5:
+        same = found[0]
+        yield _listed(np.flatnonzero(same) + 2), lambda r: r.rows(~same), {"rows": int(same.sum())}
+
+
+def interpolated_rows(g: Glance) -> Iterator[Finding]:
     """Rows that lie on straight lines in every channel: a gap that was filled in."""
     if not g.run.torque_logged:
-        return None  # coarse positions alone lie on straight lines by themselves
+        return  # coarse positions alone lie on straight lines by themselves
     x = np.column_stack([g.run.q, g.run.tau])
     x = x[:, np.ptp(x, axis=0) > 0.0]
     steps = g.steps[:, None]
@@ -331,10 +332,10 @@ def interpolated_rows(g: Glance) -> Issue | None:
     usual = float(np.median(np.diff(edges))) if inside.mean() > 0.3 else 0.0
     least = max(_STRAIGHT, 5.0 * usual)
     parts = [p for p in edges if p[1] - p[0] >= least and moves[p[0] : p[1]].mean() > 0.5]
-    return _deleted(g, "interpolated rows", "", [], parts)
+    yield from _deleted(g, "", [], parts)
 
 
-def zeros(g: Glance) -> Issue | None:
+def zeros(g: Glance) -> Iterator[Finding]:
     """Exact zeros in channels of fine steps: rows that a logger filled in because it had no sample."""
     found = {}
     for name, j, x in g.channels:
@@ -343,16 +344,15 @@ def zeros(g: Glance) -> Issue | None:
         if bad.sum() > (name[0] == "t"):
             found[name] = bad
     if not found:
-        return None
+        return
     steps, long = np.gradient(g.run.t), np.zeros(len(g.run.t), bool)
     for bad in found.values():
         long |= _only(bad, [p for p in spans(bad) if steps[p[0] : p[1]].sum() > 0.02])
     rows = np.flatnonzero(np.any(list(found.values()), axis=0))
     named = ", ".join(found) + (" is" if len(found) == 1 else " are")
-    return said(
-        "zeros", f"{', '.join(found)}, {rows_text(int(rows[0]) + 2, len(rows))}",
-        lambda r: interpolated(r, found).rows(~long), named=named, joints=_joints(found), rows=len(rows),
-    )  # fmt: skip
+    figures = {"named": named, "joints": _joints(found), "rows": len(rows)}
+    where = f"{', '.join(found)}, {_listed(rows + 2)}"
+    yield where, lambda r: interpolated(r, found).rows(~long), figures
 
 
 def _filled(x: Array) -> Rows:
@@ -378,7 +378,7 @@ def _filled(x: Array) -> Rows:
     return bad if bad.sum() > 10.0 * by_chance else np.zeros(len(x), bool)
 
 
-def spikes(g: Glance) -> Issue | None:
+def spikes(g: Glance) -> Iterator[Finding]:
     """Single samples far from their neighbours on both sides: bits turned, packets torn."""
     found = {}
     for name, j, x in g.channels:
@@ -391,24 +391,18 @@ def spikes(g: Glance) -> Issue | None:
         bad = (off > max(SPIKE[0] * np.quantile(off, 0.9), least)) & g.inside
         if 0 < bad.sum() <= _FEW * len(x):
             found[name] = bad
-    if not found:
-        return None
-    count, first = (
-        sum(int(b.sum()) for b in found.values()),
-        min(int(np.argmax(b)) for b in found.values()),
-    )
-    return said(
-        "spikes", f"{', '.join(found)}, {rows_text(first + 2, count)}",
-        partial(interpolated, found=found),
-        named=", ".join(found), joints=_joints(found), samples=count,
-    )  # fmt: skip
+    if found:
+        count, first = sum(int(b.sum()) for b in found.values()), min(map(np.argmax, found.values()))
+        named = ", ".join(found)
+        figures = {"named": named, "joints": _joints(found), "samples": count}
+        yield f"{named}, {rows_text(int(first) + 2, count)}", partial(interpolated, found=found), figures
 
 
 def _joints(found: dict[str, Rows]) -> list[int]:
     return sorted({int(name.lstrip("qtau")) for name in found})
 
 
-def lost_rows(g: Glance) -> Issue | None:
+def lost_rows(g: Glance) -> Iterator[Finding]:
     """All joints skip ahead within one step of an even clock: rows are missing that it does not show.
 
     A position that comes again is a packet repeated, and makes up for the skip behind it: each counts
@@ -418,7 +412,7 @@ def lost_rows(g: Glance) -> Issue | None:
     fresh = np.flatnonzero(np.concatenate([[True], np.any(np.diff(q, axis=0) != 0.0, axis=1)]))
     q, steps = q[fresh], np.diff(g.run.t[fresh])
     if len(fresh) < 50 or q.shape[1] < 2:
-        return None
+        return
     speed = np.abs(np.diff(q, axis=0)) / np.maximum(steps, 1e-300)[:, None]
     # Three in four of the joints that tell have to skip; a skip is above the median of its window.
     pad, least = np.pad(speed, ((5, 5), (0, 0)), "edge"), max(2, (q.shape[1] + 1) // 2)
@@ -426,7 +420,7 @@ def lost_rows(g: Glance) -> Issue | None:
     rows = np.flatnonzero(np.sum(slower > 5, axis=1) >= least - 1 - (least - 1) // 4)
     rows = rows[steps[rows] < 3.0 * np.median(steps)]
     if not len(rows):
-        return None
+        return
     windows = sliding_window_view(pad, 11, axis=0)[rows]
     usual, rough = np.median(windows, axis=2), np.quantile(windows, 0.9, axis=2)
     # Only joints that move well above their own scatter there can tell.
@@ -434,37 +428,27 @@ def lost_rows(g: Glance) -> Issue | None:
     tells = (usual > 3.0 * scatter) & (rough < 2.0 * usual)
     rows, tells, usual = (x[tells.sum(axis=1) >= least] for x in (rows, tells, usual))
     if not len(rows):
-        return None
+        return
     ratio = np.where(tells, speed[rows] / np.maximum(usual, 1e-300), np.nan)
     low, middle, high = np.nanquantile(ratio, [0.25, 0.5, 0.75], axis=1)
     torn = (low > TORN) & (high < 2.0 * low + 1.0)
     rows, lost = fresh[rows[torn] + 1] - 1, np.round(middle[torn] - 1.0)
     if not len(rows) or len(rows) > _FEW * len(steps):
-        return None
+        return
     added = np.zeros(len(g.steps))
     added[rows] = lost * np.median(steps)
-    return said(
-        "lost rows", rows_text(int(rows[0]) + 3, len(rows)),
-        lambda r: with_steps(r, np.diff(r.t) + added),
-        count=len(rows), lost=lost.sum(), missing=lost.tolist()[:100], rows=(rows + 3).tolist()[:100],
-    )  # fmt: skip
+    figures = {"lost": lost.sum(), "missing": lost.tolist()[:100], **_rows(rows + 3)}
+    yield _listed(rows + 3), lambda r: with_steps(r, np.diff(r.t) + added), figures
 
 
-def frozen(g: Glance, word: str) -> Issue | None:
+def frozen(g: Glance, word: str) -> Iterator[Finding]:
     """Channels that repeat a value bit by bit while the arm moves, and did not slow down before."""
-    parts: list[Array] = []
-    named: list[int] = []
-    for name, j, x in g.channels:
-        if (
-            (name[0] == "q") == (word == "position")
-            and (word == "torque" or g.moving[j])
-            and np.ptp(x) > 0
-        ):
-            stuck = _stuck(g, j, x, word == "position")
-            parts, named = parts + stuck, named + [j] * bool(stuck)
-    return _deleted(
-        g, f"frozen {word}", joints_text(named) if named else "", [j + 1 for j in named], parts
-    )
+    position = word == "position"
+    asked = [(j, x) for name, j, x in g.channels if (name[0] == "q") == position and np.ptp(x) > 0.0]
+    stuck = {j: _stuck(g, j, x, position) for j, x in asked if g.moving[j] or not position}
+    joints = [j for j, parts in stuck.items() if parts]
+    parts = [part for j in joints for part in stuck[j]]
+    yield from _deleted(g, joints_text(joints) if joints else "", [j + 1 for j in joints], parts)
 
 
 def _stuck(g: Glance, j: int, x: Array, position: bool) -> list[Array]:
@@ -501,12 +485,100 @@ def _stuck(g: Glance, j: int, x: Array, position: bool) -> list[Array]:
     return bad
 
 
+_READ = "certain: read from the file"
+
 #: In the order of mending; each sees the run as those before have mended it. Those of MOTION are about
 #: a motion.
-CLOCK = (missing, time_unit, backwards, repeated_time, uneven, clock_step, gap)
+CLOCK = (
+    Rule(
+        "missing numbers", "error", "{count} rows with values that are not finite numbers, or "
+        "that no robot measures.", _READ, "delete those rows", missing,
+    ),
+    Rule(
+        "time unit", "error", "time is in {unit}, not in seconds (it advances by {step:.4g} from "
+        "row to row).", "{sure}", "multiply t by {factor:g}", time_unit,
+    ),
+    Rule(
+        "time runs backwards", "error", "the clock is set back {count} times, by up to "
+        "{seconds:.3g} s: {how}.", _READ, "{remedy}", backwards,
+    ),
+    Rule(
+        "repeated time", "error", "{count} rows with a repeated time; the values {how}.", _READ,
+        "keep the first of each", repeated_time,
+    ),
+    Rule(
+        "jittered time stamps", "warning", "the time steps vary by {percent:.0f} %, but the "
+        "positions are {ratio:.0f} times smoother over the row number than over these times: the "
+        "samples are evenly spaced, the time stamps are not.", "likely: if the sampling itself "
+        "jittered, the motion would be smoother over the recorded times", "space the time stamps "
+        "evenly (and log the samples' own time)", uneven,
+    ),
+    Rule(
+        "clock step", "warning", "the clock jumps ahead by up to {seconds:.3g} s while the moving "
+        "arm does not: the clock was set, and no sample is missing.", "likely: the distance "
+        "travelled is that of one usual step", "continue the time at the usual step there",
+        clock_step,
+    ),
+    Rule(
+        "gap in time", "warning", "{count} gaps of up to {seconds:.3g} s (the usual step is "
+        "{step:.3g} s); in all {total:.3g} s are missing.", _READ, "no action needed: the run is "
+        "split there, and the filters lose a second on either side", gap,
+    ),
+)  # fmt: skip
 MOTION = (
-    wrapped, repeated_run, frozen_packets, doubled, interpolated_rows, zeros, spikes, lost_rows,
-    partial(frozen, word="position"), partial(frozen, word="torque"),
+    Rule(
+        "wrapped angle", "error", "the position of {where} jumps by a full turn between two rows: "
+        "the angle is wrapped.", _READ, "unwrap the angle", wrapped,
+    ),
+    Rule(
+        "repeated run", "error", "{rows} rows are copies, bit by bit, of rows {lag} earlier: a "
+        "part of the run is in the file twice, and would count as a repetition without noise.",
+        _READ, "delete the copies", repeated_run,
+    ),
+    Rule(
+        "frozen packets", "error", "all channels repeat one row for up to {seconds:.3g} s, "
+        "{parts} times, while the arm moves on: no packets came.", _READ, "delete these rows",
+        frozen_packets,
+    ),
+    Rule(
+        "doubled rows", "error", "{rows} rows are copies of the row before, and the motion does "
+        "not skip ahead after them: rows were doubled and the clock was made again.", _READ,
+        "delete the copies and their time", doubled,
+    ),
+    Rule(
+        "repeated packets", "warning", "{rows} rows repeat the one before, and the motion skips "
+        "ahead after them: packets were lost, and the logger wrote the last one again.", _READ,
+        "delete the copies", repeated_packets,
+    ),
+    Rule(
+        "interpolated rows", "error", "{rows} rows lie on straight lines in every channel: a gap "
+        "was filled by interpolation.", _READ, "delete these rows; the run is split there",
+        interpolated_rows,
+    ),
+    Rule(
+        "zeros", "error", "{named} exactly zero in {rows} rows, and jumps there and back: nothing "
+        "was measured.", "certain: the channel hardly ever takes any other value near zero",
+        "replace single rows by interpolation, delete longer parts", zeros,
+    ),
+    Rule(
+        "spikes", "error", "{samples} samples of {named} lie far from the samples on both sides.",
+        "certain: no joint moves like that", "replace them by interpolation", spikes,
+    ),
+    Rule(
+        "lost rows", "error", "at {count} places every joint skips ahead within one time step: "
+        "about {lost:.0f} rows are missing and the clock was made again.", "certain: all joints "
+        "skip by the same time", "put the missing time back", lost_rows,
+    ),
+    Rule(
+        "frozen position", "error", "the position of {named} repeats one value for {seconds:.3g} "
+        "s, {parts} times, while the arm moves: the channel was frozen.", "certain: elsewhere it "
+        "never repeats for nearly as long", "delete these rows", partial(frozen, word="position"),
+    ),
+    Rule(
+        "frozen torque", "error", "the torque of {named} repeats one value for {seconds:.3g} s, "
+        "{parts} times, while the arm moves: the channel was frozen.", "certain: elsewhere it "
+        "never repeats for nearly as long", "delete these rows", partial(frozen, word="torque"),
+    ),
 )  # fmt: skip
 #: Rows below which nothing but missing numbers is looked for, and those for rules about a motion.
 _FEWEST, _MOTION = 3, 30
@@ -519,17 +591,14 @@ def mended(
     ones."""
     issues: list[Issue] = []
     fixed, glance = run, Glance(run, robot, standstill)
-    rules: tuple[Callable[[Glance], Issue | None], ...] = (*CLOCK, *MOTION)
-    for k, rule in enumerate(rules):
+    for k, rule in enumerate((*CLOCK, *MOTION)):
         rows, motion = len(glance.run.t), k >= len(CLOCK)
         if k and (rows < _FEWEST or (motion and (rows < _MOTION or not glance.moving.any()))):
             break
-        issue = rule(glance)
-        if issue is None:
-            continue
-        issues.append(issue)
-        if issue.repair is not None:
-            # What is only likely is mended for the rules that follow, whose rows are counted there.
-            fixed = issue.repair(fixed) if issue.mends and len(fixed.t) == rows else fixed
-            glance = Glance(issue.repair(glance.run), robot, standstill)
+        for issue in rule(glance):
+            issues.append(issue)
+            if issue.repair is not None:
+                # What is only likely is mended for the rules that follow, whose rows are counted there.
+                fixed = issue.repair(fixed) if issue.mends and len(fixed.t) == rows else fixed
+                glance = Glance(issue.repair(glance.run), robot, standstill)
     return issues, glance.run, fixed

@@ -1,4 +1,4 @@
-"""The search over compositions of transformations: add the best, refine its numbers, drop, exchange.
+"""The search over compositions of transformations: add the best, refine its numbers, drop.
 
 What is maximised is one posterior, L + log p(physics) - cost of the repair (see likelihood.py). A
 repair that is added has to predict parts of the log that the arm was not fitted to, and its number has
@@ -17,14 +17,14 @@ from sdp_vs_penalty.checks.constants import (
     LOUDEST,
     MIN_GAIN,
     MOST_FAULTS,
-    ODDS,
     PARTS,
     SIGMAS,
     SIGNIFICANT,
 )  # fmt: skip
-from sdp_vs_penalty.checks.likelihood import Score, independent_samples
+from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS, Element, Number, Scene
+from sdp_vs_penalty.checks.transformation import Element, Number, Scene
+from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Search:
 
     def likelihood(self, score: Score, repair: Repair) -> float:
         """Log-likelihood less the repair's cost."""
-        cost = sum(e.cost for e in self.elements(repair)) + ODDS * self.scene.outside(repair)
+        cost = sum(e.cost for e in self.elements(repair))
         return -0.5 * self.samples * score.score - cost
 
     def posterior(self, repair: Repair) -> float:
@@ -72,11 +72,7 @@ class Search:
             if better is None:
                 break
             now = self.dropped(better)
-            # What is left of a better arm is less alike from row to row: more samples count.
-            residual = self.scene.tried.score(now).residual
-            self.samples = max(self.samples, independent_samples(residual, self.scene.moving))
-            self._posteriors.clear()
-        return self.found(self.polished(self.exchanged(now)))
+        return self.found(now)
 
     def _contradicts(self, now: Repair) -> bool:
         """Whether joints by themselves explain far more than one arm does: two things may be wrong at
@@ -93,11 +89,13 @@ class Search:
         )
         asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
         scores = self.scene.tried.scores(asked)
-        values = [self.likelihood(s, r) for s, r in zip(scores, asked, strict=True)]
-        level, order = self.likelihood(score, now), np.argsort(values)[::-1].tolist()
-        tied = [i for i in order if values[i] > level - LOUDEST and _same_fit(asked[i], now)]
-        near = [i for i in order[:CLOSELY] if values[i] > level - LOUDEST]
-        return [asked[i] for i in dict.fromkeys(near + tied[: CLOSELY + 2])]
+        level = self.likelihood(score, now)
+        # Costs are positive: most need not be asked for.
+        free = np.array([-0.5 * self.samples * s.score for s in scores])
+        near = {i: self.likelihood(scores[i], asked[i]) for i in np.flatnonzero(free > level - LOUDEST)}
+        order = sorted((i for i in near if near[i] > level - LOUDEST), key=lambda i: -near[i])
+        tied = [i for i in order if _same_fit(asked[i], now)]
+        return [asked[i] for i in dict.fromkeys(order[:CLOSELY] + tied[: CLOSELY + 2])]
 
     def added(self, now: Repair, pairs: bool = False) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
@@ -119,7 +117,7 @@ class Search:
         usual."""
         judged, known = self.scene.judged, {e.name for e in self.elements(now)}
         numbers = [e.number for e in self.elements(repair) if e.name not in known and e.number]
-        if not all(n.value in n.snaps or self._determined(n) for n in numbers):
+        if not all(map(self._determined, numbers)):
             return False
         change = np.log(judged.left_out(now) / judged.left_out(repair))[:, self.scene.moving].sum(axis=1)
         error = float(np.std(change)) / np.sqrt(PARTS)
@@ -129,7 +127,8 @@ class Search:
 
     def _determined(self, number: Number) -> bool:
         """Beyond what is usual, and its interval is closed: far to either side it explains less."""
-        values = [number.value + d * number.reach for d in (0.0, -1.0, 1.0)]
+        far = number.apart if number.value in number.snaps else number.reach
+        values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
         here, *sides = self.scene.judged.scores([number.at(x) for x in values])
         if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < CLOSED:
             return False
@@ -149,23 +148,9 @@ class Search:
                 options={"xatol": 0.05 * number.tolerance, "maxiter": 14},
             )  # fmt: skip
             near = [x for x in number.snaps if abs(x - best.x) < number.tolerance]
-            tried = [number.at(x) for x in near] or [repair, number.at(float(best.x))]
+            tried = [number.at(x) for x in near] or [number.at(float(best.x)), repair]
             repair = max(tried, key=self.posterior)
         return repair
-
-    def polished(self, repair: Repair) -> Repair:
-        """All numbers beside each other once more; each in turn at the round value near it."""
-        if len(self.elements(repair)) < 2:
-            return repair
-        repair = self.refined(repair, self.scene.none)
-        round_ = repair
-        for e in self.elements(repair):
-            number = next(o.number for o in self.elements(round_) if o.name == e.name)
-            for x in number.snaps if number else ():
-                # Beside one that is not yet round another looks a few tolerances away from it.
-                if abs(x - number.value) < 7.0 * number.tolerance:  # type: ignore[union-attr]
-                    round_ = number.at(x)  # type: ignore[union-attr]
-        return max(repair, round_, key=self.posterior)
 
     def dropped(self, repair: Repair) -> Repair:
         """Without whatever it does better without."""
@@ -175,15 +160,6 @@ class Search:
             if better == repair or self.posterior(better) < self.posterior(repair) - MIN_GAIN:
                 return repair
             repair = better
-
-    def exchanged(self, now: Repair) -> Repair:
-        """One thing against another, where that is better."""
-        elements = self.elements(now)
-        for e in elements if len(elements) > 1 else ():
-            other = self.added(e.without)
-            if other is not None and self.posterior(other) > self.posterior(now) + MIN_GAIN:
-                return self.dropped(other)
-        return now
 
     def found(self, repair: Repair) -> Found:
         elements = tuple(self.elements(repair))

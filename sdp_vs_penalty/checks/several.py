@@ -18,8 +18,7 @@ from sdp_vs_penalty.checks.constants import APART
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations import Scene
-from sdp_vs_penalty.checks.transformations.transformation import choices
+from sdp_vs_penalty.checks.transformation import Scene, choices
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -36,8 +35,8 @@ def compare(
     def gain(before: Array, after: Array) -> float:
         return 0.5 * samples * float(np.log(before / after)[np.concatenate(asked) > 0.0].sum())
 
-    alone = np.concatenate([x.best(a) for x, a in zip(runs, asked, strict=True)])
-    one = _together(runs, asked)
+    alone = np.concatenate([x.fitted(a)[1] for x, a in zip(runs, asked, strict=True)])
+    one = _fitted(runs, asked)[1]
     apart = gain(one, alone)
     if apart < APART:
         return
@@ -45,7 +44,7 @@ def compare(
     odd = int(np.argmax(each))
     if len(runs) > 2:  # the run without which the others agree best
         kept = [[k for k in range(len(runs)) if k != out] for out in range(len(runs))]
-        rest = [_together([runs[k] for k in ks], [asked[k] for k in ks]) for ks in kept]
+        rest = [_fitted([runs[k] for k in ks], [asked[k] for k in ks])[1] for ks in kept]
         base = [np.concatenate([alone.reshape(len(runs), -1)[k] for k in ks]) for ks in kept]
         odd = int(np.argmin([np.log(x / b).mean() for x, b in zip(rest, base, strict=True)]))
     causes = []
@@ -53,8 +52,8 @@ def compare(
         wide, count = _equations(scenes[odd], repairs[odd], more), more.shape[2]
         some = [wide if k == odd else _widened(r, count) for k, r in enumerate(runs)]
         cost = choices(1 if count > 1 else scenes[odd].n) + 0.5 * count * np.log(samples)
-        theta = _fitted(some, asked)
-        causes.append((gain(one, _left(some, theta)) - cost, kind, j, float(theta[-1])))
+        theta, left = _fitted(some, asked)
+        causes.append((gain(one, left) - cost, kind, j, float(theta[-1])))
     value, kind, j, x = max(causes)
     # An arm of its own for each run costs as many parameters.
     own = apart - 0.5 * runs[0].gram.shape[1] * np.log(samples * len(runs))
@@ -94,14 +93,13 @@ def _changes(
     scene: Scene, repair: Repair, runs: list[Equations], asked: list[Array], odd: int
 ) -> Iterator[tuple[str, int, Array]]:
     """Kind, joint and columns (n, M, r) of what may be different in the odd run."""
-    theta = _fitted(
-        [r for k, r in enumerate(runs) if k != odd], [a for k, a in enumerate(asked) if k != odd]
-    )
+    others = [k for k in range(len(runs)) if k != odd]
+    theta = _fitted([runs[k] for k in others], [asked[k] for k in others])[0]
     torque = scene.judged.rows(repair).columns @ theta
     for j in scene.joints:
         yield "torque gain", j, (torque * np.eye(scene.n)[j][:, None])[:, :, None]
         if j in scene.revolute:
-            at = partial(repair.with_entry, "zero", j)
+            at = partial(repair.with_entries, "zero", (j,))
             yield "encoder offset", j, -scene.judged.slope(at, repair.zero[j], 0.01, theta)[:, :, None]
     yield "another load", scene.n - 1, scene.judged.last_link(repair)
 
@@ -117,23 +115,9 @@ def _widened(run: Equations, count: int) -> Equations:
     return replace(run, gram=gram, cross=np.pad(run.cross, ((0, 0), (0, count))))
 
 
-def _fitted(runs: Sequence[Equations], asked: Sequence[Array]) -> Array:
-    """(s,) one arm of all runs."""
-    return _all(runs).fitted(np.concatenate(list(asked)))
-
-
-def _all(runs: Sequence[Equations]) -> Equations:
-    """The runs' joints side by side."""
+def _fitted(runs: Sequence[Equations], asked: Sequence[Array]) -> tuple[Array, Array]:
+    """(s,) one arm of all runs, whose joints stand side by side, and what it leaves of each."""
     gram, cross, energy, whole = (
         np.concatenate([getattr(r, name) for r in runs]) for name in ("gram", "cross", "energy", "whole")
     )
-    return Equations(gram, cross, energy, whole, runs[0].own)
-
-
-def _left(runs: Sequence[Equations], theta: Array) -> Array:
-    return _all(runs).left(theta)
-
-
-def _together(runs: Sequence[Equations], asked: Sequence[Array]) -> Array:
-    """What one arm leaves of each joint of each run."""
-    return _left(runs, _fitted(runs, asked))
+    return Equations(gram, cross, energy, whole, runs[0].own).fitted(np.concatenate(list(asked)))

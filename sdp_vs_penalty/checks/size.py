@@ -15,7 +15,7 @@ from sdp_vs_penalty.checks.constants import EFFORT, MASS_SLACK, OTHER_UNIT
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.regression_data import under_gravity
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations import Scene
+from sdp_vs_penalty.checks.transformation import Scene
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 

@@ -27,6 +27,11 @@ GAIN_PRIOR = 0.3
 #: Distance [m] of a load's mass from the last link's frame, as a standard deviation.
 LOAD_REACH = 0.3
 
+#: Smaller numbers are the rounding of a zero in every unit that is shown (kg, kg m^2, N m, ...).
+ROUNDING = 1e-9
+#: Share by which a joint's error changes before it is said or coloured [-].
+CHANGES = 0.05
+
 #: Folds of the motion by which a shape constant is confirmed [-].
 SHAPE_FOLDS = 10
 #: Least that another value of a shape constant takes from the squared error, in variances of the noise:

@@ -25,7 +25,7 @@ from sdp_vs_penalty.estimation.shape_constants import (
     with_sensitivities,
 )
 from sdp_vs_penalty.estimators.task import joint_weights
-from sdp_vs_penalty.regression.levenberg_marquardt import least_squares
+from sdp_vs_penalty.regression.bounded_least_squares import least_squares
 from sdp_vs_penalty.regression.partial import partialled, visible
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array

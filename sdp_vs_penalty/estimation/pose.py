@@ -56,8 +56,10 @@ class PoseOptions:
 
     def recipe(self) -> dict[str, Any]:
         """Plain JSON of what :meth:`following` takes; only those shape constants that were given."""
-        asked = None if self.effects is None else [e for e in self.effects if isinstance(e, Effect)]
-        effects = asked and [e.to_dict() | {"shape": {k: e.shape[k] for k in e.given}} for e in asked]
+        effects: list[dict[str, Any]] | None = None
+        if self.effects is not None:
+            asked = [e for e in self.effects if isinstance(e, Effect)]
+            effects = [e.to_dict() | {"shape": {k: e.shape[k] for k in e.given}} for e in asked]
         return {"effects": effects, "known": dict(self.known), "instruments": self.instruments}
 
     @classmethod

@@ -37,7 +37,7 @@ from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS, SHAPE_GAIN,
 from sdp_vs_penalty.estimation.joint_shapes import settled
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.regression.levenberg_marquardt import least_squares
+from sdp_vs_penalty.regression.bounded_least_squares import least_squares
 from sdp_vs_penalty.regression.partial import partialled, visible
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array

@@ -17,6 +17,7 @@ import numpy as np
 from sdp_vs_penalty import show
 from sdp_vs_penalty.constraints.constraint import BarycentricBound
 from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation.constants import CHANGES, ROUNDING
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, SPECTRUM_KNOWN
 
@@ -37,12 +38,8 @@ MOSTLY_NEW = 0.5
 BY_TABLES = 0.1
 #: Share of rows outside of a measured curve from which on a prediction is not good.
 _OUTSIDE = 0.05
-#: Violations up to this (kg, kg m, kg m^2) are rounding.
-_ROUNDING = 1e-9
 #: No link of an arm weighs less than this share of it; the lightest wrists have a hundredth.
 _LIGHTEST = 1e-3
-#: Share by which a joint's error changes before it is said.
-_CHANGES = 0.05
 FIT, PREDICTION, MISSING = "fit against noise", "prediction", "missing"
 
 
@@ -239,7 +236,7 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
     broken = {
         family: value
         for family, value in certificate.violations.items()
-        if value > _ROUNDING and family != BarycentricBound.family
+        if value > ROUNDING and family != BarycentricBound.family
     }
     if broken:
         family = max(broken, key=lambda name: broken[name])
@@ -269,8 +266,8 @@ def changes(before: Array, after: Array, floor: Array | None) -> str:
         return f"{before[j] / scale[j]:.3g} -> {after[j] / scale[j]:.3g}{percent}"
 
     order = np.argsort(share)
-    better = [f"joint {j + 1}: {said(j)}" for j in order if share[j] < -_CHANGES]
-    worse = [f"joint {j + 1} worse: {said(j)}" for j in order[::-1] if share[j] > _CHANGES]
+    better = [f"joint {j + 1}: {said(j)}" for j in order if share[j] < -CHANGES]
+    worse = [f"joint {j + 1} worse: {said(j)}" for j in order[::-1] if share[j] > CHANGES]
     if not better and not worse:
         return ""
     unit = "times the noise" if known else "N m or N"

@@ -43,7 +43,8 @@ class Task:
     box : (n, 10, 2) barycentric bounds of each link.
     independent : names of the base parameters to use, or None.
     bodies : one constraint a link, that its mass lies inside of its body; prior : (n, 10) the nominal
-        links, those of a guessed mass at the scale that the data choose (None: as in nominal).
+        links, those of a guessed mass at the scale that the data choose (None: as in nominal);
+        total : mass of the nominal links [kg] where a file or bounds state it, else None.
     joint_scale : (p,) the value of a joint's own parameter (friction, offset, ...) that alone would
         make the torque of that joint in these data; infinite for the links' parameters.
     """
@@ -60,6 +61,7 @@ class Task:
     joint_scale: Array | None = None
     bodies: tuple[Constraint, ...] = ()
     prior: Array | None = None
+    total: float | None = None
 
     @property
     def prior_links(self) -> Array:

@@ -46,7 +46,9 @@ def make_task(
     if weighting == "noise":
         data = regression.least_squares(joint_weights(regression, plain.ols))
         plain = replace(plain, data=with_plausible(data, model, regression.oversampling))
-    return replace(plain, prior=scaled_prior(plain, problem.guessed_links))
+    guessed = problem.guessed_links
+    total = None if np.any(guessed) else float(nominal[plain.links[:, 0]].sum())
+    return replace(plain, prior=scaled_prior(plain, guessed), total=total)
 
 
 def with_plausible(data: LeastSquares, model: Model, oversampling: float) -> LeastSquares:

@@ -203,7 +203,6 @@ def keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[
         "seconds": seconds,
         "split": _split(problem, part),
         "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
-        "whole": found.unexplained is not None,
         "findings": [{word: getattr(f, word) for word in _SHOWN} for f in found.problems],
     }
 

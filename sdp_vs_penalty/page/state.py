@@ -12,7 +12,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from sdp_vs_penalty.checks import contradicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.options import FormField, words
@@ -132,15 +131,8 @@ class TabState:
 
     @property
     def checked(self) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
-        """Each run with what the check says of it, beside the other runs of the same arm."""
-        keys = [{(f["kind"], f["where"]) for f in run["findings"]} for run in self.runs]
-        doubtful = contradicted(keys, [run["whole"] for run in self.runs])
-
-        def weighed(f: dict[str, Any]) -> dict[str, Any]:
-            doubt = (f["kind"], f["where"]) in doubtful and not f["mends"]
-            return {**f, "severity": "warning"} if doubt else f
-
-        return [(run, [weighed(f) for f in run["findings"]]) for run in self.runs]
+        """Each run with what the check says of it."""
+        return [(run, run["findings"]) for run in self.runs]
 
     @property
     def meaningless(self) -> list[str]:

@@ -101,11 +101,13 @@ class LeastSquares:
     def with_prior(self, scale: ArrayLike, weight: float) -> LeastSquares:
         """The same plus weight |theta_k / scale_k|^2 summed over k; infinite scale: no prior on k."""
         size = np.asarray(scale, float)
-        p = len(size)
-        rows = np.zeros((p, p + 1))
-        rows[:, :p] = np.diag(np.sqrt(weight) / size)
-        end = np.append(np.zeros(p), self.residual_norm)[None, :]
-        stack = [np.column_stack([self.R, self.rho]), end, rows]
+        return self.observing(np.diag(1.0 / size), np.zeros(len(size)), weight)
+
+    def observing(self, rows: Array, values: Array, weight: float) -> LeastSquares:
+        """The same plus weight |rows theta - values|^2; rows (k, p), values (k,)."""
+        more = np.sqrt(weight) * np.column_stack([rows, values])
+        end = np.append(np.zeros(self.R.shape[1]), self.residual_norm)[None, :]
+        stack = [np.column_stack([self.R, self.rho]), end, more]
         return LeastSquares.stacked(stack, self.rows, self.tau_squared)
 
     @property

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.estimation.constants import NORMAL_95
+from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.intervals import Interval, counts
 from sdp_vs_penalty.exporters.friction_table import friction_curves
@@ -47,8 +47,6 @@ def parameters(material: Material) -> Section:
 #: What :func:`cells` writes of a parameter.
 HEADS = ("parameter", "verdict", "from", "value", "low", "high", "nominal", "unit")
 Row = dict[str, Any]
-#: Smaller values (kg, m, N m ...) are rounding.
-_ROUNDING = 1e-9
 
 
 def standard_rows(estimate: Estimate) -> list[Row]:
@@ -77,7 +75,7 @@ def cells(row: Row) -> tuple[str, ...]:
 
 def _seen(value: float | None) -> float | None:
     """Zero for what rounding alone keeps from it."""
-    return 0.0 if value is not None and abs(value) < _ROUNDING else value
+    return 0.0 if value is not None and abs(value) < ROUNDING else value
 
 
 LINK_HEADS = (

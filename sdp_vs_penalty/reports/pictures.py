@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.diagnosis.causes import CAUSES
+from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.show import plain_unit
 
 #: How bars and legends look.
@@ -26,8 +27,6 @@ SHADES = dict(
 #: Shares below this are not shown: one in a hundred of the error.
 _SEEN = 0.01
 _WIDTH, _BAR = 400.0, 9.0
-#: Share by which an error changes before it is coloured.
-_CHANGES = 0.05
 
 
 def bars(
@@ -51,7 +50,7 @@ def bars(
         unit = "" if known else f" {plain_unit(units[j])}"
         said = f"{new:.3g}{unit}" if after is None else f"{old:.3g} → {new:.3g}{unit}"
         change = new / old - 1.0 if old > 0.0 else 0.0
-        kind = "better" if change < -_CHANGES else "worse" if change > _CHANGES else "same"
+        kind = "better" if change < -CHANGES else "worse" if change > CHANGES else "same"
         note = "" if after is None else f'<td class="change {kind}">{_percent(change)}</td>'
         shapes = _bar(old, largest, 2.0, "before") if after is not None else ""
         shapes += _bar(new, largest, 3.0 + _BAR if after is not None else 6.5, "after")

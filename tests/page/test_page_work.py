@@ -309,25 +309,6 @@ def test_meaningless_runs_are_identified_only_when_asked_twice(
     assert "--no-check" in s.commands()[0]
 
 
-def test_runs_of_one_arm_are_weighed_together(sessions: Sessions) -> None:
-    """As on the command line: what one of three runs shows of the arm's zeros is a warning."""
-    session = sessions.new()
-    issue = {
-        "severity": "error", "kind": "encoder offset", "where": "joint 2", "what": "The zero is off.",
-        "remedy": "add 0.1 rad", "mends": False, "gravity": None,
-    }  # fmt: skip
-    for shown, refused in ((1, False), (2, True)):
-        session.runs = [
-            {"name": str(k), "use": "train", "whole": True, "findings": [issue] if k < shown else []}
-            for k in range(3)
-        ]
-        assert bool(session.meaningless) == refused
-        assert session.checked[0][1][0]["severity"] == ("error" if refused else "warning")
-    session.runs[1]["findings"] = session.runs[2]["findings"] = []
-    session.runs[1]["whole"] = session.runs[2]["whole"] = False
-    assert session.meaningless
-
-
 def test_a_run_is_repaired_where_it_is_certain(
     sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 
@@ -25,6 +26,9 @@ def test_the_demo_tells_the_whole_story(tmp_path: Path, capsys: pytest.CaptureFi
     assert f"Missing: {HIDDEN} on joint {JOINT + 1}" in text
     fall = text.partition(f"joint {JOINT + 1}: ")[2].partition(" %)")[0]
     assert int(fall.rpartition("(")[2]) <= -60
+    readme = re.sub("<!--.*?-->", "", (Path(__file__).parents[2] / "README.md").read_text())
+    for figure in re.findall(r"-?[\d.]+", fall.replace("->", "")):
+        assert f"{figure} times" in readme or f"({figure} %)" in readme
     for method in ("ols", "penalty", "lmi-sdp"):
         assert f"{method} " in text
     assert "ols do not use" in text

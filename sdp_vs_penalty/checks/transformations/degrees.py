@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from sdp_vs_penalty.checks.constants import ODDS
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations.transformation import Element, Scene, Transformation, choices
+from sdp_vs_penalty.checks.transformation import Element, Scene, Transformation, choices
 
 _DEGREE = float(np.pi / 180.0)
 #: Numbers that stay below this are no degrees of a motion.
@@ -21,27 +20,20 @@ _LEAST = 6.0
 class Degrees(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         far = [j for j in scene.revolute if np.abs(scene.reach(now)[:, j]).max() > _LEAST]
-        if far:
-            every = scene.revolute
-            scale = (_DEGREE * s if j in every else s for j, s in enumerate(now.scale))
-            yield replace(now, scale=tuple(scale))
-        for j in far if scene.n > 1 else ():
-            yield now.with_entry("scale", j, _DEGREE * now.scale[j])
+        for joints in [scene.revolute, *([j] for j in far if scene.n > 1)] if far else ():
+            yield now.times("scale", joints, _DEGREE)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         joints = tuple(j for j, s in enumerate(repair.scale) if abs(abs(s) - _DEGREE) < 1e-9)
         if not joints:
             return
-        without = repair
-        for j in joints:
-            without = without.with_entry("scale", j, repair.scale[j] / _DEGREE)
+        without = repair.times("scale", joints, 1.0 / _DEGREE)
         reach = float(np.abs(scene.reach(without))[:, joints].max())
         every = joints == tuple(scene.revolute)
         named = ", ".join(f"q{j + 1}" for j in joints)
+        what = f"the position of {joints_text(joints)} is in degrees, not in radians"
         yield Element(
             "positions in degrees" if every else "position unit", "error", joints,
-            f"the position of {joints_text(joints)} is in degrees, not in radians (reaching "
-            f"{reach:.4g}).",
-            f"multiply {named} (and dq) by pi / 180", without,
+            f"{what} (reaching {reach:.4g}).", f"multiply {named} (and dq) by pi / 180", without,
             ODDS if every else len(joints) * choices(scene.n), place=named, figures={"largest": reach},
         )  # fmt: skip

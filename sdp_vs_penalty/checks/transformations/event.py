@@ -12,7 +12,7 @@ from sdp_vs_penalty.checks.constants import SLOW_ODDS
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Event, Repair
-from sdp_vs_penalty.checks.transformations.transformation import Element, Scene, Transformation, choices
+from sdp_vs_penalty.checks.transformation import Element, Scene, Transformation, choices
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Instants, as shares of the log, at which a step is tried.

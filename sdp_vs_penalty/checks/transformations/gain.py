@@ -11,18 +11,10 @@ from sdp_vs_penalty.checks.constants import CALIBRATED_GAIN, ODD_NUMBER, WRONG_G
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations.transformation import (
-    Element,
-    Number,
-    Scene,
-    Transformation,
-    choices,
-)  # fmt: skip
+from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation, choices
 
 #: Factors that are tried: units, and a grid whose steps the refinement bridges.
-_TRIED = np.r_[
-    1e-3, 1e-2, 0.1, 0.3, 0.5, 0.63, 0.77, 0.87, 0.94, 1.06, 1.14, 1.3, 1.6, 2, 3, 10, 100, 1e3
-].tolist()  # fmt: skip
+_TRIED = (1e-3, 1e-2, 0.1, 0.3, 0.6, 0.85, 1.17, 1.7, 3, 10, 100, 1e3)
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
 _UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
 
@@ -30,8 +22,7 @@ _UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
 class Gain(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         for j in scene.joints if len(scene.joints) > 1 else ():
-            for factor in _TRIED:
-                yield now.with_entry("gain", j, now.gain[j] * factor)
+            yield from (now.times("gain", (j,), factor) for factor in _TRIED)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
@@ -39,16 +30,12 @@ class Gain(Transformation):
             unit = next((name for u, name in _UNITS.items() if abs(g / u - 1.0) < 1e-9), None)
             size = f"{1.0 / g:.3g} times too large" if g < 1.0 else f"{g:.3g} times too small"
             what = f"the torque of {joints_text([j])} is {size} beside those of its neighbours"
+            at = lambda x, j=j, s=sign: repair.with_entries("gain", (j,), s * x)  # noqa: E731
             yield Element(
                 "torque gain" if unit is None else "torque unit",
                 "error" if abs(np.log(g)) > WRONG_GAIN else "warning", (j,),
                 f"{what}." if unit is None else f"{what}: it is in {unit}.",
-                f"multiply tau{j + 1} by {g:.3g}", repair.with_entry("gain", j, sign),
+                f"multiply tau{j + 1} by {g:.3g}", at(1.0),
                 choices(scene.n) + (ODD_NUMBER if unit is None else 0.0),
-                Number(
-                    float(np.log(g)),
-                    lambda v, j=j, s=sign: repair.with_entry("gain", j, s * float(np.exp(v))),  # type: ignore[misc]
-                    CALIBRATED_GAIN, 0.5, lambda v: f"a factor of {np.exp(v):.3g}",
-                    tuple(float(np.log(u)) for u in _UNITS),
-                ), figures={"factor": g},
+                Number.factor(g, at, CALIBRATED_GAIN, 0.5, tuple(_UNITS)), figures={"factor": g},
             )  # fmt: skip

@@ -11,13 +11,7 @@ from sdp_vs_penalty.checks.constants import LEVEL, MISMOUNTED, ODD_NUMBER, ODDS
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations.transformation import (
-    Element,
-    Number,
-    Scene,
-    Transformation,
-    choices,
-)  # fmt: skip
+from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation, choices
 from sdp_vs_penalty.robot.arrays import Array
 
 #: On Earth [m/s^2]; a problem whose gravity is of another size is corrected.
@@ -102,18 +96,14 @@ class Weight(Transformation):
         for share in _LEFT:
             yield replace(now, weight=(share,) * scene.n)
             for j in np.flatnonzero(held > _CARRIES * logged).tolist():
-                yield now.with_entry("weight", j, share)
+                yield now.with_entries("weight", (j,), share)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         every = tuple(range(scene.n))
         changed = [(j,) for j in every if repair.weight[j] != 1.0]
         common = len(set(repair.weight)) == 1
         for joints in [every] if changed and common else changed:
-
-            def at(x: float, joints: tuple[int, ...] = joints) -> Repair:
-                kept = (1.0 + x if j in joints else w for j, w in enumerate(repair.weight))
-                return replace(repair, weight=tuple(kept))
-
+            at = lambda x, some=joints: repair.with_entries("weight", some, 1.0 + x)  # noqa: E731
             left = repair.weight[joints[0]]
             gx, gy, gz = (float(round(left * v, 3)) + 0.0 for v in repair.gravity)
             of = "the torques" if common else f"the torque of {joints_text(joints)}"

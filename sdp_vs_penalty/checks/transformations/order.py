@@ -6,13 +6,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
 
-import numpy as np
-
-from sdp_vs_penalty.checks.constants import FLOOR
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Score
-from sdp_vs_penalty.checks.repair import Order, Repair
-from sdp_vs_penalty.checks.transformations.transformation import Element, Scene, Transformation, choices
+from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.transformation import Element, Scene, Transformation, choices
 
 
 class Exchange(Transformation):
@@ -23,8 +20,6 @@ class Exchange(Transformation):
             if poor[a] or poor[b]:
                 yield now.with_swap(a, b, positions=True, torques=False)
                 yield now.with_swap(a, b, positions=True, torques=True)
-        if poor.any() and scene.n > 2:
-            yield replace(now, tau_order=_given_out(scene, now, score))
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         count, none = scene.n * (scene.n - 1) // 2, tuple(range(scene.n))
@@ -46,16 +41,3 @@ class Exchange(Transformation):
                     f"rename the columns of {names}", without, (len(changed) - 1) * choices(count),
                     figures={"order": [k + 1 for k in order]},
                 )  # fmt: skip
-
-
-def _given_out(scene: Scene, now: Repair, score: Score) -> Order:
-    """The order of torque channels in which each joint by itself explains its own best."""
-    from scipy.optimize import linear_sum_assignment
-
-    costs, y = np.zeros((scene.n, scene.n)), score.channels.T
-    for j in range(scene.n):
-        columns, _ = np.linalg.qr(np.hstack([score.rows.basis[j], score.rows.columns[j]]))
-        left = np.sum(y**2, axis=0) - np.sum((columns.T @ y) ** 2, axis=0)
-        costs[j] = np.log(np.maximum(left / score.whole, FLOOR))
-    _, chosen = linear_sum_assignment(costs)
-    return tuple(now.tau_order[k] for k in chosen)

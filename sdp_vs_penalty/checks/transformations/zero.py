@@ -12,15 +12,9 @@ from sdp_vs_penalty.checks.constants import CALIBRATED_ZERO, GROSS_ZERO, ODD_NUM
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformations.transformation import (
-    Element,
-    Number,
-    Scene,
-    Transformation,
-    choices,
-)  # fmt: skip
+from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation, choices
 
-QUARTER = 0.5 * np.pi
+_QUARTER = 0.5 * np.pi
 
 
 class Zero(Transformation):
@@ -29,43 +23,40 @@ class Zero(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         poor = bool(scene.poor(score).any())
         for j in scene.joints:
-            turns, unit = j in scene.revolute, self._unit(scene, j)
-            step = scene.newton(partial(_at, now, j, turns), now.zero[j], 0.01 * unit, score)
+            at, unit = partial(_at, scene, now, j), _unit(scene, j)
+            step = scene.newton(at, now.zero[j], 0.01 * unit, score)
             steps = [float(np.clip(step, -0.7 * unit, 0.7 * unit))]
-            steps += [-QUARTER, QUARTER, np.pi] if turns and poor else []
-            yield from (_at(now, j, turns, now.zero[j] + x) for x in steps if x)
+            steps += [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and poor else []
+            yield from (at(now.zero[j] + x) for x in steps if x)
 
     def pairs(self, scene: Scene, now: Repair) -> Iterator[Repair]:
         """Two joints a quarter turn off: another convention of the same arm (DH against URDF)."""
         for a, b in combinations(scene.revolute, 2):
-            for x, y in product((-QUARTER, QUARTER), repeat=2):
-                yield _at(_at(now, a, True, now.zero[a] + x), b, True, now.zero[b] + y)
-
-    def _unit(self, scene: Scene, j: int) -> float:
-        return 1.0 if j in scene.revolute else 0.3 * scene.length
+            for x, y in product((-_QUARTER, _QUARTER), repeat=2):
+                yield _at(scene, _at(scene, now, a, now.zero[a] + x), b, now.zero[b] + y)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(repair.zero).tolist():
-            x, turns, unit = repair.zero[j], j in scene.revolute, self._unit(scene, j)
-            quarter = turns and abs(x / QUARTER - round(x / QUARTER)) < 1e-9
+            x, turns, unit = repair.zero[j], j in scene.revolute, _unit(scene, j)
+            quarter = turns and abs(x / _QUARTER - round(x / _QUARTER)) < 1e-9
             tolerance = CALIBRATED_ZERO * unit * (1.0 if turns else 0.25)
-            text = _degrees if turns else "{:.4g} m".format
+            text = (lambda v: f"{np.degrees(v):.4g} degrees") if turns else "{:.4g} m".format
+            snaps = tuple(_QUARTER * k for k in (-1, 1, 2)) if turns else ()
             yield Element(
                 "encoder offset", "error" if abs(x) > GROSS_ZERO * tolerance else "warning", (j,),
                 f"the zero of {joints_text([j])} is {text(-x)} away from the robot's kinematics.",
                 f"add {x:+.5g} {scene.problem.robot.position_units[j]} to q{j + 1}",
-                repair.with_entry("zero", j, 0.0), choices(scene.n) + (0.0 if quarter else ODD_NUMBER),
-                Number(
-                    x, partial(_at, repair, j, turns), tolerance, 0.35 * unit, text,
-                    tuple(QUARTER * k for k in (-1, 1, 2)) if turns else (),
-                ), figures={"shifts": [x]},
+                _at(scene, repair, j, 0.0), choices(scene.n) + (0.0 if quarter else ODD_NUMBER),
+                Number(x, partial(_at, scene, repair, j), tolerance, 0.35 * unit, text, snaps, _QUARTER),
+                figures={"shifts": [x]},
             )  # fmt: skip
 
 
-def _at(now: Repair, j: int, turns: bool, x: float) -> Repair:
+def _unit(scene: Scene, j: int) -> float:
+    return 1.0 if j in scene.revolute else 0.3 * scene.length
+
+
+def _at(scene: Scene, now: Repair, j: int, x: float) -> Repair:
     """An angle in (-pi, pi]; a length as it is."""
-    return now.with_entry("zero", j, float(np.pi - (np.pi - x) % (2.0 * np.pi)) if turns else x)
-
-
-def _degrees(x: float) -> str:
-    return f"{np.degrees(x):.4g} degrees"
+    wrapped = float(np.pi - (np.pi - x) % (2.0 * np.pi)) if j in scene.revolute else x
+    return now.with_entries("zero", (j,), wrapped)

@@ -7,9 +7,10 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.estimation.certify import consistent, positive_mass_matrices
+from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.paper.tables.study import FOLDS, Data, Result, Study, sentence
-from sdp_vs_penalty.paper.tables.table import ROUNDING, Cell, Column, Table
+from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
 from sdp_vs_penalty.robot import inertia
 
 NAME = "methods"

@@ -10,6 +10,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.files import as_csv, write_text
 
 if TYPE_CHECKING:
@@ -20,8 +21,6 @@ Cell = str | float | int | None
 
 #: LaTeX: powers of ten up to this are written out, text columns longer than this (characters) wrap.
 _LONGEST_POWER, _WRAPPED = 6, 80
-#: Numbers smaller than this are the rounding of a zero in every unit that the tables have.
-ROUNDING = 1e-9
 _NUMBER = re.compile(r"([-+]?)(\d+)(?:\.(\d*))?(?:[eE]([-+]?)(\d+))?")
 _LATEX = {
     "\\": r"\textbackslash{}",

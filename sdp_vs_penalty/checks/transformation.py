@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import ODDS, RANGES, UNEXPLAINED
+from sdp_vs_penalty.checks.constants import ODDS, UNEXPLAINED
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score, independent_samples
 from sdp_vs_penalty.checks.repair import Repair
@@ -24,7 +24,8 @@ class Number:
     """One number of a repair, 0 where the log is right; ``at`` gives the repair with another one.
 
     tolerance : what arms and loggers differ by themselves, in the number's own unit; text : with unit;
-    reach : how far to either side the best value is looked for; snaps : round values, tried beside it.
+    reach : how far to either side the best value is looked for; snaps : round values, tried beside it,
+    so far from the next.
     """
 
     value: float
@@ -33,6 +34,17 @@ class Number:
     reach: float
     text: Callable[[float], str]
     snaps: tuple[float, ...] = ()
+    apart: float = 1.0
+
+    @classmethod
+    def factor(
+        cls, x: float, at: Callable[[float], Repair], tolerance: float, reach: float,
+        snaps: tuple[float, ...],
+    ) -> Number:  # fmt: skip
+        """The natural logarithm of a factor x, which ``at`` and snaps count in."""
+        logs = tuple(float(np.log(s)) for s in snaps)
+        text = lambda v: f"a factor of {np.exp(v):.3g}"  # noqa: E731
+        return cls(float(np.log(x)), lambda v: at(float(np.exp(v))), tolerance, reach, text, logs, 2.3)
 
 
 @dataclass(frozen=True)
@@ -128,12 +140,6 @@ class Scene:
         """(2, n) positions between which each joint moves, in no order."""
         q = self.judged.data.motion.q
         return repair.positions(np.array([q.min(axis=0), q.max(axis=0)]))
-
-    def outside(self, repair: Repair) -> int:
-        """How many joints this repair leaves outside their ranges."""
-        low, high = np.sort(self.reach(repair), axis=0)
-        ends = np.array([(j.lower, j.upper) for j in self.problem.robot.joints]).T
-        return int(np.sum((low < ends[0] - RANGES) | (high > ends[1] + RANGES)))
 
 
 class Transformation(ABC):
