@@ -14,9 +14,11 @@ import select
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Generic, TypeVar
 
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -26,6 +28,8 @@ Result = TypeVar("Result")
 
 #: How often a task is started again when its worker dies.
 _RETRIES = 5
+#: Tasks for each thread of a cluster, at most.
+_BATCHES = 16
 #: Seconds to wait for a scheduler to answer.
 _PATIENCE = 10.0
 
@@ -47,20 +51,57 @@ def spread(
         yield from _here(function, list(items), jobs, threads)
         return
     with _connected(scheduler) as client:
-        from distributed import KilledWorker, as_completed
+        from distributed import KilledWorker, Variable, as_completed
         from distributed.comm import CommClosedError
+        from distributed.protocol.serialize import serialize_bytes
 
+        shared = Variable(f"sdp-vs-penalty-{uuid.uuid4().hex}", client)
         try:
-            # A task that ran when its worker died is started again on another one. The function goes
-            # with each: as a scattered value or a result, a worker killed meanwhile makes Dask wait.
-            futures = client.map(function, list(items), pure=False, retries=_RETRIES)
+            shared.set(serialize_bytes(function))
+            # A task that ran when its worker died is started again on another one.
+            batches = _batches(list(items), sum(client.nthreads().values()))
+            futures = client.map(_Shared(shared.name), batches, pure=False, retries=_RETRIES)
             for future in as_completed(futures):
-                yield future.result()
+                yield from future.result()
         except (CancelledError, CommClosedError, KilledWorker) as error:
             raise InputError(
                 f"--scheduler {scheduler}: the scheduler, or one worker after another, has ended",
                 "start them again and repeat the command",
             ) from error
+        finally:
+            shared.delete()
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """What a variable of the scheduler's holds, applied to each item of a batch.
+
+    No worker holds it for others, as they hold scattered values: where such a holder is killed, Dask
+    waits for ever.
+    """
+
+    name: str
+
+    def __call__(self, items: Sequence[Any]) -> list[Any]:
+        function = _fetched(self.name)
+        return [function(item) for item in items]
+
+
+@lru_cache(maxsize=1)
+def _fetched(name: str) -> Callable[[Any], Any]:
+    """On a worker: asked for once, whatever comes after."""
+    from distributed import Variable
+    from distributed.protocol.serialize import deserialize_bytes
+
+    function: Callable[[Any], Any] = deserialize_bytes(Variable(name).get(_PATIENCE))
+    return function
+
+
+def _batches(items: list[Item], threads: int) -> list[list[Item]]:
+    """Short tasks travel together: at most ``_BATCHES`` a thread, so that nobody waits for the last one
+    for long."""
+    count = -(-len(items) // max(1, min(len(items), _BATCHES * threads)))
+    return [items[k : k + count] for k in range(0, len(items), count)]
 
 
 def _here(

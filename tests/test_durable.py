@@ -47,11 +47,17 @@ def killed(work: Callable[[], object], step: str, at: int, how: str) -> bool:
         os._exit(1)
 
 
-def kills() -> Iterator[tuple[str, int, str]]:
+def kills(tmp_path: Path, work: Callable[[Path], object]) -> Iterator[tuple[Path, tuple[object, ...]]]:
+    """A folder a kill: at each of the first calls of each step, before it, in it and after it."""
+    died = 0
     for step in STEPS:
         for at in range(3):
             for how in ("before", "half", "after") if step == "write" else ("before", "after"):
-                yield step, at, how
+                out = tmp_path / f"{step}-{at}-{how}"
+                if killed(partial(work, out), step, at, how):
+                    died += 1
+                    yield out, (step, at, how)
+    assert died > 20
 
 
 def row(k: int) -> dict[str, Any]:
@@ -61,28 +67,18 @@ def row(k: int) -> dict[str, Any]:
 
 
 def test_a_shootout_killed_at_any_step_resumes_without_a_wrong_row(tmp_path: Path) -> None:
-    whole = Results(tmp_path / "whole")
-    for k in range(4):
-        whole.add(row(k))
-    died: list[bool] = []
-    for number, (step, at, how) in enumerate(kills()):
-        out = tmp_path / str(number)
-        Results(out).add(row(0))
+    def work(out: Path) -> list[Any]:
+        results = Results(out)
+        for k in range(len(results.rows), 4):
+            results.add(row(k))
+        return Results(out).rows
 
-        def work(out: Path = out) -> None:
-            results = Results(out)
-            for k in (1, 2, 3):
-                results.add(row(k))
-
-        died.append(killed(work, step, at, how))
-        resumed = Results(out)
-        assert resumed.rows == whole.rows[: len(resumed.rows)], (step, at, how)
-        assert resumed.rows
-        for k in range(len(resumed.rows), 4):
-            resumed.add(row(k))
-        assert Results(out).rows == whole.rows
+    whole = work(tmp_path / "whole")
+    for out, case in kills(tmp_path, work):
+        there = Results(out).rows
+        assert there == whole[: len(there)], case
+        assert work(out) == whole, case
         assert [p.name for p in out.iterdir()] == ["runs.csv"]
-    assert sum(died) > 20
 
 
 def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path: Path) -> None:
@@ -94,12 +90,9 @@ def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path: Path) -> N
         return {p.name: p.read_text() for p in folder.iterdir()}
 
     right = write(tmp_path / "right")
-    for number, (step, at, how) in enumerate(kills()):
-        out = tmp_path / str(number)
-        killed(partial(write, out), step, at, how)
-        found = {p.name: p.read_text() for p in out.glob("table_*")} if out.exists() else {}
-        assert found.items() <= right.items(), (step, at, how)
-        assert write(out) == right
+    for out, case in kills(tmp_path, write):
+        assert {p.name: p.read_text() for p in out.glob("table_*")}.items() <= right.items(), case
+        assert write(out) == right, case
 
 
 def test_a_challenge_killed_at_any_step_repeats_only_what_was_not_kept(
@@ -121,12 +114,10 @@ def test_a_challenge_killed_at_any_step_repeats_only_what_was_not_kept(
 
     right = run(tmp_path / "right")
     assert len(right) == 3
-    for number, (step, at, how) in enumerate(kills()):
-        out = tmp_path / str(number)
-        killed(partial(run, out), step, at, how)
+    for out, how in kills(tmp_path, run):
         store = out / "challenge.json"
         kept = json.loads(store.read_text())["cases"] if store.exists() else {}
-        assert kept.items() <= right.items(), (step, at, how)
+        assert kept.items() <= right.items(), how
         asked.clear()
         assert run(out) == right
         assert asked == [key for key in right if key not in kept]

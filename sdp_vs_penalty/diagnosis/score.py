@@ -25,7 +25,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
-from scipy.optimize import nnls
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED, ALPHA
 from sdp_vs_penalty.diagnosis.library import Batch, Form
@@ -355,6 +354,8 @@ def _bounded(A: Array, pull: Array, nonnegative: Sequence[bool]) -> Array:
         return np.zeros(1)
     root = np.linalg.cholesky(_ridged(A)).T
     target = np.linalg.solve(root.T, pull)
+    from scipy.optimize import nnls  # its import takes longer than a report
+
     found = nnls(np.hstack([root, -root[:, ~low]]), target)[0]
     out = found[: len(low)].copy()
     out[~low] -= found[len(low) :]

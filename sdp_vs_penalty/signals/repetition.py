@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.kernels import fast_length
+from sdp_vs_penalty.signals.minimum import minimum
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
 from sdp_vs_penalty.signals.spline import CubicSpline
 
@@ -201,10 +202,7 @@ def repeat_lag(a: Track, b: Track, slip: float = _SLIP) -> float | None:
     best = float(slips[int(np.argmin(errors))])
     if errors.min() > 0.3:  # another motion; the same one is nearer even half a step beside
         return None
-    from scipy.optimize import minimize_scalar
-
-    near = (best - _SLIP_STEP, best + _SLIP_STEP)
-    fine = float(minimize_scalar(error, bounds=near, method="bounded").x)
+    fine = minimum(error, best - _SLIP_STEP, best + _SLIP_STEP)
     return fine + float(t_b[0] - t_a[0]) if error(fine) < ALIKE else None
 
 

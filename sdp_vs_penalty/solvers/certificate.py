@@ -103,15 +103,11 @@ def lower_bound(
             if objective.least_squares.gap(objective.value(theta), lower, theta) <= _TIGHT:
                 return lower
     e = dual_evidence(objective, constraints, multipliers, theta, bound, entropy_slopes)
-    return verified.lower_bound(
-        objective,
-        Entries.of(alike(e.constraints)),
-        e.multipliers,
-        e.y,
-        bound,
-        e.entropy_slopes,
-        e.push,
-    )
+    entries = Entries.of(alike(e.constraints))
+    slopes, proven = e.entropy_slopes, -np.inf
+    with suppress(np.linalg.LinAlgError):  # slopes that rounding leaves indefinite prove nothing
+        proven = verified.lower_bound(objective, entries, e.multipliers, e.y, bound, slopes, e.push)
+    return proven
 
 
 def _as_given(
