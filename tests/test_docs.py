@@ -190,6 +190,21 @@ def test_the_tutorial(
     assert changes[7] < -45.0
 
 
+@pytest.mark.slow
+@pytest.mark.real_data
+def test_the_coupled_wrist(
+    tmp_path: Path,
+    data_folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """What the page shows of identifying and comparing; its diagnosis is tested on simulated wrists."""
+    shutil.copytree(data_folder / "tx40", tmp_path / "data" / "tx40")
+    monkeypatch.chdir(tmp_path)
+    said = run_all(commands("coupled-wrist.md")[:3], capsys)
+    check_printed("coupled-wrist.md", said[""])
+
+
 def test_the_notebook_is_kept_without_outputs_and_types_no_results() -> None:
     nbformat = pytest.importorskip("nbformat")
     book = nbformat.read(DOCS / "panda_hysteresis.ipynb", as_version=4)
