@@ -161,8 +161,8 @@ def where_it_fails(
 
     estimate : the model, or its model.json; measurements : whatever
     :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than the
-    model's; noise_from : as in :func:`~.comparison.compare`; noise : the floor (n,) and its source,
-    where a comparison with the same measurements knows them. Of a long recording windows are judged
+    model's; noise_from : as in :func:`~.comparison.compare`; noise : a comparison's with
+    these measurements, which need not be worked out again. Of a long recording windows are judged
     (:mod:`~sdp_vs_penalty.signals.excerpt`).
     Raises InputError where the measurements are not of this robot.
     """

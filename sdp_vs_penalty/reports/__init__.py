@@ -108,10 +108,10 @@ def _material(
     except InputError as error:
         ahead = str(error)
     progress("looking where it fails")
-    floor = comparisons[0].noise_floor, comparisons[0].noise_source
     ends = dict.fromkeys((next(iter(models)), list(models)[-1]))
+    noise = comparisons[0].noise
     failures = {
-        name: where_it_fails(models[name], runs, settings, noise_from=noise_from, noise=floor)
+        name: where_it_fails(models[name], runs, settings, noise_from=noise_from, noise=noise)
         for name in ends
     }
     checks = check(last.problem, runs)
