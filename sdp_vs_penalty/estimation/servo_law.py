@@ -128,23 +128,23 @@ def find_law(
     if not any(e.name == "torque_offset" for e in load):
         wide.append(effect_types()["torque_offset"](load[0].robot))
     about = delay or 0.0
-    joints = _joints(wide, data, settings, about)
-    late = {name: 0.0 if delay is not None else _later(joints, name, about) for name in names}
-    scores = {name: _score(joints, name, late[name]) for name in names}
-    best = min(scores, key=lambda name: float(scores[name].mean()))
-    for name in names:
-        more = scores[name] - scores[best]
-        if more.mean() <= max(2.0 * np.log(FEWER_GAINS), more.std(ddof=1) / np.sqrt(len(more))):
-            break
-    ratios = {k: float(np.exp(0.5 * np.mean(s - scores[best]))) for k, s in scores.items()}
-    without = float(np.mean(_score(joints, name, 0.0) - scores[name]))
-    step, found = late[name], about + late[name]
-    while delay is None and abs(step) >= 0.5 * DELAY_REACH and found < LATEST:
-        joints = _joints(wide, data, settings, found)
-        step = _later(joints, name, found)
-        found += step
-    seen = delay is not None or without > 2.0 * np.log(SEEN_DELAY)
-    return Law(name, found if seen else 0.0, ratios)
+    first = joints = _joints(wide, data, settings, about)
+    while True:
+        late = {name: 0.0 if delay is not None else _later(joints, name, about) for name in names}
+        scores = {name: _score(joints, name, late[name]) for name in names}
+        best = min(scores, key=lambda name: float(scores[name].mean()))
+        for name in names:
+            more = scores[name] - scores[best]
+            if more.mean() <= max(2.0 * np.log(FEWER_GAINS), more.std(ddof=1) / np.sqrt(len(more))):
+                break
+        found = about + late[name]
+        if abs(late[name]) < DELAY_REACH - 0.5 * DELAY_GRID or found >= LATEST:
+            without = float(np.mean(_score(first, name, 0.0) - scores[name]))
+            found = found if delay is not None or without > 2.0 * np.log(SEEN_DELAY) else 0.0
+            ratios = {k: float(np.exp(0.5 * np.mean(s - scores[best]))) for k, s in scores.items()}
+            return Law(name, found, ratios)
+        about = found
+        joints = _joints(wide, data, settings, about)
 
 
 def _joints(
