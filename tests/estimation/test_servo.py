@@ -90,6 +90,7 @@ def test_a_known_mass_gives_the_gains_and_friction(arm: str, tmp_path: Path) -> 
     found = identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
     assert found.details["servo"]["law"] == "PD"
     assert found.details["servo"]["delay"] == pytest.approx(0.0, abs=5e-4)
+    assert found.details["servo"]["motion"][0] < 1e-3
     assert found.certificate.worst == 0.0
     assert found.certificate.gap is not None
     # The mass is the given one, not the one that the prior on links would have.
