@@ -32,7 +32,13 @@ from sdp_vs_penalty.estimation.constants import (
 )
 from sdp_vs_penalty.estimation.servo_gains import balanced
 from sdp_vs_penalty.estimation.servo_law import LAWS, find_law
-from sdp_vs_penalty.estimation.servo_scale import factor_of_known, factor_of_loads, words_of_scale
+from sdp_vs_penalty.estimation.servo_scale import (
+    constants_of_motors,
+    factor_of_known,
+    factor_of_loads,
+    factor_of_motors,
+    words_of_scale,
+)
 from sdp_vs_penalty.estimation.shape_constants import prior_deviation, with_sensitivities
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, with_shapes
 from sdp_vs_penalty.estimation.simulated_motion import with_simulated_motion
@@ -123,10 +129,13 @@ def servo_log(
             break
     assert model.reference is not None
     scale, factor, error = dict(known) or dict(model.known), 1.0, 0.0
-    if known:
+    if motors := constants_of_motors(known, problem.robot):
+        factor = factor_of_motors(model, model.reference, data, motors, settings)
+    elif known:
         factor = factor_of_known(model, compress(data, model, settings), model.reference, known)
     if loads:
         factor, error = factor_of_loads(model, model.reference, loads, settings)
+    if loads or motors:
         scale = {name: factor * x for name, x in model.known.items()}
     details = {
         "law": "as given" if drives else law.name,
