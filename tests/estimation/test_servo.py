@@ -140,6 +140,20 @@ def test_a_known_load_sets_the_scale(arm: str) -> None:
         identify(arm, log(), effects=EFFECTS, known_loads=[(log(seed=5, load=1.5), -1.0)])
 
 
+def test_a_motor_constant_sets_the_scale(arm: str) -> None:
+    run = log(torque=True)
+    groups = {"q": run.q, "qcmd": run.commanded["qcmd"], "current": run.tau / 2.5}
+    found = identify(arm, Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5})
+    assert found.details["servo"]["scale"] == "kt1 = 2.5"
+    assert value(found, "kp1") == pytest.approx(KP, rel=0.02)
+    assert value(found, "m1") == pytest.approx(MASS, rel=0.02)
+    with pytest.raises(InputError, match="needs the column current1"):
+        identify(arm, log(), effects=EFFECTS, known={"kt1": 2.5})
+    groups["current"] = -groups["current"]
+    with pytest.raises(InputError, match="is not what this servo makes of its error"):
+        identify(arm, Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5})
+
+
 def test_law_and_delay_do_not_depend_on_what_is_known(arm: str) -> None:
     run = log(1e-3, ki=700.0, delay=0.02)
     told = [{"m1": MASS}, {"m1": 50.0 * MASS}, {"kp1": KP}, {}]
