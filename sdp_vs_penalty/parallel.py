@@ -18,7 +18,7 @@ import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Generic, TypeVar
 
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -89,11 +89,16 @@ class _Shared:
 
 @lru_cache(maxsize=1)
 def _fetched(name: str) -> Callable[[Any], Any]:
-    """On a worker: asked for once, whatever comes after."""
-    from distributed import Variable
+    """On a worker, asked for once: by its own connection, since a client of its own would have to end
+    when it does."""
+    from distributed import get_worker
     from distributed.protocol.serialize import deserialize_bytes
+    from distributed.utils import sync
 
-    function: Callable[[Any], Any] = deserialize_bytes(Variable(name).get(_PATIENCE))
+    worker = get_worker()
+    ask = partial(worker.scheduler.variable_get, name=name, client="", timeout=_PATIENCE)
+    held = sync(worker.loop, ask, callback_timeout=2.0 * _PATIENCE)
+    function: Callable[[Any], Any] = deserialize_bytes(held["value"])
     return function
 
 

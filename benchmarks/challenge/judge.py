@@ -136,11 +136,12 @@ def outcome(record: Record) -> str:
 
 def sizes(record: Record) -> list[tuple[str, float, float]]:
     """Of hidden effects that are named and have one size: effect, its relative error, and the error in
-    standard deviations. Amplitudes of waves have no sign."""
+    standard deviations. Amplitudes of waves have no sign. Where a nuisance makes the same effect too (a
+    filter in the channel, which delays) the size is that of both, and is not judged."""
     out = []
     for truth in record["truth"]:
         for f in record["found"]:
-            if same(f, truth) and truth.get("size") is not None:
+            if same(f, truth) and truth.get("size") is not None and f["effect"] not in record["fair"]:
                 wave = f["effect"] in ("torque_ripple", "base_tilt", "payload")
                 size = abs(f["size"]) if wave else f["size"]
                 error = size - truth["size"]

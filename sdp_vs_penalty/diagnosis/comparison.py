@@ -140,6 +140,11 @@ class Comparison(Shown):
             ("new motion", new_motion(self.new_motion_share)),
         ]
 
+    @property
+    def noise(self) -> tuple[Array | None, str]:
+        """The floor and its source."""
+        return self.noise_floor, self.noise_source
+
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
         return {

@@ -154,12 +154,14 @@ def where_it_fails(
     preprocessing: Preprocessing | None = None,
     *,
     noise_from: Measurements | None = None,
+    noise: tuple[Array | None, str] | None = None,
 ) -> Failures:
     """One JointFailure a joint: what its residual depends on, and when it is large.
 
     estimate : the model, or its model.json; measurements : whatever
     :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than the
-    model's; noise_from : as in :func:`~.comparison.compare`. Of a long recording windows are judged
+    model's; noise_from : as in :func:`~.comparison.compare`; noise : a comparison's with
+    these measurements, which need not be worked out again. Of a long recording windows are judged
     (:mod:`~sdp_vs_penalty.signals.excerpt`).
     Raises InputError where the measurements are not of this robot.
     """
@@ -177,7 +179,7 @@ def where_it_fails(
     repeated = rows
     if not same:
         repeated = with_estimate(segmented(excerpt(given, settings), settings), estimate)
-    floors, source = noise_level(estimate.problem, given, settings)
+    floors, source = noise or noise_level(estimate.problem, given, settings)
     folds = phase_folds(rows, clocks_of(rows, None if same else repeated))
     known, runs = states(rows), measurements.runs()
     keep = np.asarray(rows.keep.all(axis=1), bool)

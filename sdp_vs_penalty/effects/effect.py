@@ -122,6 +122,9 @@ class Effect(ABC):
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
     refines: tuple[str, ...] = ()
 
+    #: The effect whose shape constants it has as well, without any of its own.
+    shape_of: ClassVar[str] = ""
+
     #: True of a table that stands for a law which is not known.
     tabulated: ClassVar[bool] = False
 

@@ -14,6 +14,9 @@ from sdp_vs_penalty.effects.effect import Effect, OneAJoint
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
+#: The longest delay of a command [s]: a tenth of a second more makes any loop of use unstable.
+LATEST = 0.1
+
 
 class Servo(Effect):
     """A part of the drive's law: a torque of the drive counts negative here, as a load's would.
@@ -25,8 +28,7 @@ class Servo(Effect):
     needs_command = True
     signless = True
     range = 1e8
-    #: A delay beyond a tenth of a second makes any loop of use unstable.
-    shapes = {"T": Shape(0.0, "s", grid=(0.0,), bounds=(0.0, 0.1), scale="linear", signed=True)}
+    shapes = {"T": Shape(0.0, "s", grid=(0.0,), bounds=(0.0, LATEST), scale="linear", signed=True)}
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
@@ -38,6 +40,7 @@ class ServoGain(Servo, OneAJoint):
     """A part with one gain a joint."""
 
     lower: ClassVar[float] = 0.0
+    shape_of = "servo_position"
 
     @property
     def searched(self) -> tuple[str, ...]:

@@ -31,27 +31,20 @@ class ServoLoop:
                 out[:, block.joint] -= block.columns @ theta[block.parameters]
         return out
 
-    def start(self, command: Command, t: Array) -> tuple[State, Array]:
-        """States (W) on the command at instants t (W,), and (W, n) the integrals of their positions,
-        such that drives with an integral hold them there."""
-        q, dq = command.position(t), command.velocity(t)
-        rest, path = np.zeros_like(q), command.integral(t)
+    def start(self, command: Command, t: Array, q: Array, path: Array) -> State:
+        """States (W) at positions q (W, n) whose integrals are path (W, n), with the velocity of the
+        command, at instants t (W,)."""
+        dq, rest = command.velocity(t), np.zeros_like(q)
         motion = Motion(t, q, dq, rest, command=command, sum=path)
-        load = self.plant.model.torque(self.plant.theta[0], motion)
-        pull = self.drive(replace(motion, sum=path - 1.0)) - self.drive(motion)
-        held = np.abs(pull) > 0.0
-        path = path - np.where(held, load / np.where(held, pull, 1.0), 0.0)
         z = self.plant.remembered(motion) if self.plant.states else np.zeros((len(t), 0))
-        return State(t, q, dq, rest, z, np.full_like(q, np.nan)), path
+        return State(t, q, dq, rest, z, np.full_like(q, np.nan))
 
     def step(self, state: State, path: Array, command: Command, h: float) -> tuple[State, Array]:
         """One step of h [s] of all states and integrals, the drives' stiffness and damping implicit."""
         half = 0.5 * h
         dq = state.dq + half * state.ddq
         q = state.q + half * state.dq + 0.5 * half * half * state.ddq
-        middle = Motion(
-            state.t + half, q, dq, np.zeros_like(q), command=command, sum=path + half * state.q
-        )
+        middle = Motion(state.t + half, q, dq, state.ddq, command=command, sum=path + half * state.q)
         torque = self.drive(middle)
         faster = replace(
             middle, q=q + half * _STEP, dq=dq + _STEP, sum=middle.integral + 0.5 * half * half * _STEP

@@ -18,14 +18,13 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.determined import record
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.pose import Posed
+from sdp_vs_penalty.estimation.pose import Posed, in_columns
 from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
-from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -44,7 +43,7 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
     base = base_rows(problem, task.model)
     wide, data = with_sensitivities(task.model, theta), posed.regression
     if wide is not task.model and isinstance(measurements, Measurements):
-        data = compress(measurements, wide, posed.preprocessing, workers=workers)
+        data = in_columns(measurements, wide, posed.preprocessing, workers)
     uncertainty = of_regression(
         problem,
         task.model,

@@ -22,6 +22,7 @@ from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot, unknown
+from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
 from sdp_vs_penalty.estimation.servo import servo_filters, servo_log, with_instruments
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
@@ -31,9 +32,10 @@ from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, as_black_box, compress_black_box
-from sdp_vs_penalty.regression.regression import Regression, compress
+from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 
@@ -152,7 +154,7 @@ def pose(
         details["gains"] = found.to_dict()
 
     def compressed(part: Model) -> Regression:
-        return compress(data, part, settings, workers=workers)
+        return in_columns(data, part, settings, workers)
 
     if model.needs_reference:
         model = with_reference(problem, model, compressed, options.weighting, progress)
@@ -160,6 +162,16 @@ def pose(
     regression = compressed(model)
     task = make_task(problem, model, regression, options.weighting, options.seed, progress)
     return Posed(problem, data, settings, regression, task, options.weighting, errors, details)
+
+
+def in_columns(
+    data: Measurements, model: Model, settings: Preprocessing, workers: Workers = ALONE
+) -> Regression:
+    """Measurements in the columns of a model. Without torque the model's own errors are what is left,
+    and periods repeat them: blocks are stretches of the motion then, in all its periods."""
+    if data.torque_logged:
+        return compress(data, model, settings, workers=workers)
+    return compress_cells(data, model, settings, phase_folds(data, settings, SHAPE_FOLDS))
 
 
 def readable(problem: Problem, measurements: Source | BlackBox, what: str) -> Measurements | BlackBox:

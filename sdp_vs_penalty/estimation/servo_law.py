@@ -9,16 +9,26 @@ each law at each delay is a small problem in the same numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.regression.instruments import paired
+from sdp_vs_penalty.effects.servo import LATEST
+from sdp_vs_penalty.estimation.constants import (
+    DELAY_GRID,
+    DELAY_REACH,
+    FEWER_GAINS,
+    SEEN_DELAY,
+    SHAPE_FOLDS,
+    TURNS,
+)
+from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import compress_cells
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -39,14 +49,6 @@ LAWS = {
         "servo_feedforward",
     ),
 }
-#: Folds of the motion; the longest delay, how far Taylor's series reaches, and the step at which a delay
-#: is found [s]; steps at most, of each series.
-_FOLDS, _LATEST, _REACH, _NEAR, _STEPS = 5, 0.1, 0.02, 2e-4, 12
-#: What a wrong law of friction lets a gain too many lower the held-out error by: at most 1.19 on 25
-#: simulated logs, where a gain that is missing raises it 1.24 times or more.
-_LESS = 1.2
-#: Terms of all laws; directions of the load's products, of unit columns, below this are noise.
-_TERMS, _RANK = 7, 1e-10
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class _Terms(Effect):
     """Of each joint what the laws are made of: the command, its two derivatives and its integral at
     t - T, and position, velocity and integral."""
 
-    name = "servo_terms"
+    name, count = "servo_terms", 7
     equation = explanation = reference = ""
 
     def __init__(self, robot: Robot, T: float) -> None:
@@ -73,7 +75,9 @@ class _Terms(Effect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
-            Parameter(f"term{m}_{j}", "", self.name, j + 1) for j in self.joints for m in range(_TERMS)
+            Parameter(f"term{m}_{j}", "", self.name, j + 1)
+            for j in self.joints
+            for m in range(self.count)
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
@@ -81,67 +85,29 @@ class _Terms(Effect):
         rate = c.velocity(t)
         terms = (c.position(t), rate, np.gradient(rate, motion.t, axis=0), c.integral(t))
         every = np.stack([*terms, motion.q, motion.dq, motion.integral], axis=2)
-        count = every.shape[2]
-        return [Block(j, np.arange(count) + count * j, every[:, j]) for j in self.joints]
+        own = np.arange(self.count)
+        return [Block(j, own + self.count * j, every[:, j]) for j in self.joints]
 
 
-def _law(name: str, d: float) -> tuple[Array, Array]:
+def _law(name: str, d: float) -> Array:
     """(7, 1 + m) the error e, and the m terms that it is made of, in the columns of _Terms, of a command
-    that is d [s] later than those; and their slopes over d."""
-    error = [[1.0, -d, 0.5 * d * d, 0.0, -1.0, 0.0, 0.0], [0.0, -1.0, d, 0.0, 0.0, 0.0, 0.0]]
-    damping = [[0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0], [0.0] * 7]
-    integral = [[-d, 0.5 * d * d, 0.0, 1.0, 0.0, 0.0, -1.0], [-1.0, d, 0.0, 0.0, 0.0, 0.0, 0.0]]
-    position = [[0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0], [0.0] * 7]
-    forward = [[0.0, 1.0, -d, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0]]
-    own = {"servo_integral": integral, "servo_velocity_loop": position, "servo_feedforward": forward}
-    terms = [error, damping, *(own[e] for e in LAWS[name] if e in own)]
-    return np.array([t[0] for t in terms]).T, np.array([t[1] for t in terms]).T
+    that is d [s] later than those."""
+    h = 0.5 * d * d
+    terms = [[1.0, -d, h, 0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]]
+    own = {
+        "servo_integral": [-d, h, 0.0, 1.0, 0.0, 0.0, -1.0],
+        "servo_velocity_loop": [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+        "servo_feedforward": [0.0, 1.0, -d, 0.0, 0.0, 0.0, 0.0],
+    }
+    return np.array([*terms, *(own[e] for e in LAWS[name] if e in own)]).T
 
 
-@dataclass(frozen=True)
-class _Beside:
-    """A joint's terms beside its load, of some rows: products (7, 7) of the instruments' with the terms,
-    and coefficients (k, 7) of the load in them."""
+class _Joint(NamedTuple):
+    """One joint's terms beside its load, compressed: (r, 7) of all rows, and of each fold what training
+    says, those trained on and those tested."""
 
-    products: Array
-    load: Array
-
-    @classmethod
-    def of(cls, rows: _Rows) -> _Beside:
-        Z, X, k = rows.Z, rows.X, rows.Z.shape[1] - _TERMS
-        size = np.linalg.norm(Z[:, :k], axis=0)
-        size = np.where(size > 0.0, size, 1.0)
-        own = Z[:, :k] / size
-        load = (
-            np.linalg.pinv(own.T @ (X[:, :k] / size), rcond=_RANK) @ (own.T @ X[:, k:]) / size[:, None]
-        )
-        return cls(Z[:, k:].T @ (X[:, k:] - X[:, :k] @ load), load)
-
-    def fitted(self, law: Array) -> Array:
-        """(7,) what remains of the error, in the columns of the terms."""
-        C = law[:, 1:].T @ self.products
-        return np.asarray(law[:, 0] - law[:, 1:] @ np.linalg.lstsq(C @ law[:, 1:], C @ law[:, 0])[0])
-
-
-class _Rows(NamedTuple):
-    """Compressed rows of a joint: load, then terms, of the instruments and as measured."""
-
-    Z: Array
-    X: Array
-
-    def left(self, fit: _Beside, error: Array) -> float:
-        """Squares [rad^2] of what remains."""
-        k = len(fit.load)
-        return float(np.sum(((self.X[:, k:] - self.X[:, :k] @ fit.load) @ error) ** 2))
-
-
-@dataclass(frozen=True)
-class _Joint:
-    """One joint: all rows, and fold by fold what training says of the tested ones."""
-
-    rows: _Rows
-    whole: _Beside
-    folds: tuple[tuple[_Beside, _Rows], ...]
+    whole: Array
+    folds: list[tuple[Array, Array]]
 
 
 def find_law(
@@ -150,26 +116,35 @@ def find_law(
     settings: Preprocessing,
     names: Sequence[str] = tuple(LAWS),
     delay: float | None = None,
-    about: float = 0.0,
 ) -> Law:
     """Of the laws among ``names`` whose held-out error is within one standard error of the least, by
-    folds, or within what a law of friction gets wrong, the one with the fewest gains. delay : where it
-    is known [s]; about : where it is sought."""
+    folds, or within what a law of friction gets wrong, the one with the fewest gains; friction may turn
+    over several velocities meanwhile. delay : where it is known [s]; else it is as small as none unless
+    without it much more is left of motion left out."""
+    wide: list[Effect] = []
+    for e in load:
+        free = "v_s" in e.shapes and "v_s" not in e.given
+        wide += [e.with_shape(v_s=v) for v in TURNS] if free else [e]
+    if not any(e.name == "torque_offset" for e in load):
+        wide.append(effect_types()["torque_offset"](load[0].robot))
+    about = delay or 0.0
+    first = joints = _joints(wide, data, settings, about)
     while True:
-        about = delay if delay is not None else about
-        joints = _joints(load, data, settings, about)
-        late = {name: 0.0 if delay is not None else _lateness(joints, name, about) for name in names}
+        late = {name: 0.0 if delay is not None else _later(joints, name, about) for name in names}
         scores = {name: _score(joints, name, late[name]) for name in names}
         best = min(scores, key=lambda name: float(scores[name].mean()))
         for name in names:
             more = scores[name] - scores[best]
-            if more.mean() <= max(2.0 * np.log(_LESS), more.std(ddof=1) / np.sqrt(len(more))):
+            if more.mean() <= max(2.0 * np.log(FEWER_GAINS), more.std(ddof=1) / np.sqrt(len(more))):
                 break
         found = about + late[name]
-        if abs(late[name]) < 0.5 * _REACH or found >= _LATEST:
+        if abs(late[name]) < 0.5 * DELAY_REACH or found >= LATEST:
+            without = float(np.mean(_score(first, name, 0.0) - scores[name]))
+            found = found if delay is not None or without > 2.0 * np.log(SEEN_DELAY) else 0.0
             ratios = {k: float(np.exp(0.5 * np.mean(s - scores[best]))) for k, s in scores.items()}
             return Law(name, found, ratios)
         about = found
+        joints = _joints(wide, data, settings, about)
 
 
 def _joints(
@@ -178,53 +153,46 @@ def _joints(
     """Of each joint, about a delay T."""
     robot = load[0].robot
     model = Model(robot, (*load, _Terms(robot, T)), changes=True)
-    split = phase_folds(data, settings, _FOLDS)
-    cells = compress_cells(data, model, settings, split, paired=True)
+    split = phase_folds(data, settings, SHAPE_FOLDS)
+    cells = compress_cells(data, model, settings, split)
     out = []
     for joint in range(robot.n):
-        parts = {
-            f.block: paired(f.indices, f.triangle, cells.p) for f in cells.factors if f.joint == joint
-        }
-        every = {b: _Rows(Z[:, :-1], X[:, :-1]) for b, (_, Z, X) in parts.items()}
-        whole, folds = _stacked(every.values()), []
-        for fold in range(_FOLDS):
+        every = {f.block: f.triangle[:, :-1] for f in cells.factors if f.joint == joint}
+        folds = []
+        for fold in range(SHAPE_FOLDS):
             train = [every[b] for b in split.training(fold) if b in every]
             test = [every[b] for b in split.tested(fold) if b in every]
             if train and test:
-                folds.append((_Beside.of(_stacked(train)), _stacked(test)))
-        out.append(_Joint(whole, _Beside.of(whole), tuple(folds)))
+                folds.append(_beside(np.vstack(train), np.vstack(test)))
+        rows = np.vstack(list(every.values()))
+        out.append(_Joint(_beside(rows, rows)[0], folds))
     return out
 
 
-def _stacked(parts: Iterable[_Rows]) -> _Rows:
-    return _Rows(*(np.vstack(x) for x in zip(*parts, strict=True)))
+def _beside(train: Array, test: Array) -> tuple[Array, Array]:
+    """(r, 7), (s, 7) terms beside the load of rows (r, k + 7), (s, k + 7), by the first ones' fit."""
+    U, V = visible(train[:, : -_Terms.count])
+    made = U.T @ train[:, -_Terms.count :]
+    rest = np.linalg.qr(train[:, -_Terms.count :] - U @ made, mode="r")
+    return rest, test[:, -_Terms.count :] - test[:, : -_Terms.count] @ (V @ made)
 
 
-def _lateness(joints: Sequence[_Joint], name: str, about: float) -> float:
-    """The delay [s] of a law beyond that of the terms, by Gauss-Newton steps that all joints share."""
-    low, high, d = max(-_REACH, -about), min(_REACH, _LATEST - about), 0.0
-    for _ in range(_STEPS):
-        law, slopes = _law(name, d)
-        moment = slope = 0.0
-        for joint in joints:
-            C = joint.whole.products
-            S = law[:, 1:]
-            x = np.linalg.lstsq(S.T @ C @ S, S.T @ C @ law[:, 0])[0]
-            error, late = law[:, 0] - S @ x, slopes[:, 0] - slopes[:, 1:] @ x
-            # Beside the law's own terms, as the error is.
-            beside = late - S @ np.linalg.lstsq(S.T @ C @ S, S.T @ C @ late)[0]
-            across = late - S @ np.linalg.lstsq(S.T @ C.T @ S, S.T @ C.T @ late)[0]
-            weight = 1.0 / max(joint.rows.left(joint.whole, error), 1e-300)
-            moment += weight * float(across @ C @ error)
-            slope += weight * float(across @ C @ beside)
-        before, d = d, float(np.clip(d - moment / slope, low, high)) if slope > 0.0 else d
-        if abs(d - before) < _NEAR:
-            break
-    return d
+def _fitted(terms: Array, law: Array) -> Array:
+    """(7,) the error and what least squares make of it, in the columns of the terms (r, 7)."""
+    return np.asarray(law[:, 0] - law[:, 1:] @ np.linalg.lstsq(terms @ law[:, 1:], terms @ law[:, 0])[0])
+
+
+def _later(joints: Sequence[_Joint], name: str, about: float) -> float:
+    """The delay [s] of a law beyond that of the terms with which least remains of all joints."""
+    grid = np.arange(-DELAY_REACH, DELAY_REACH + DELAY_GRID, DELAY_GRID)
+    grid = grid[(about + grid >= -1e-9) & (about + grid <= LATEST)]
+    laws = [_law(name, d) for d in grid]
+    left = [[np.sum((j.whole @ _fitted(j.whole, law)) ** 2) for j in joints] for law in laws]
+    return float(grid[np.argmin(np.log(np.maximum(left, 1e-300)).sum(axis=1))])
 
 
 def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
     """(folds,) mean over the joints of ln of the squared held-out error."""
-    law, _ = _law(name, delay)
-    left = [[test.left(fit, fit.fitted(law)) for fit, test in joint.folds] for joint in joints]
+    law = _law(name, delay)
+    left = [[np.sum((test @ _fitted(train, law)) ** 2) for train, test in j.folds] for j in joints]
     return np.asarray(np.mean(np.log(np.maximum(left, 1e-300)), axis=0))

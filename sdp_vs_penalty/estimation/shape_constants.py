@@ -52,7 +52,7 @@ class ShapeSensitivity(Effect):
 
     The unit is the standard deviation of the prior, (range) / sqrt(12): a prior of these parameters is
     a standard normal. Columns are central differences (Y(s + h) - Y(s - h)) theta / 2h. ``finer`` :
-    effects, with their parameters, whose signs turn over the velocity that this one's constant is.
+    effects, with their parameters, that have the constant as well, or whose signs turn over it.
     """
 
     name = "shape_sensitivity"
@@ -91,8 +91,14 @@ class ShapeSensitivity(Effect):
         for k, (upper, lower, unit) in enumerate(self._varied):
             up, down = turning(motion, upper), turning(motion, lower)
             pairs = [(upper.blocks(up), lower.blocks(down), self.theta)]
-            if up is not motion:
-                pairs += [(e.blocks(up), e.blocks(down), theta) for e, theta in self.finer]
+            for e, theta in self.finer:
+                if e.shape_of:
+                    above, below = (
+                        e.with_shape(**{c: x.shape[c] for c in e.shape}) for x in (upper, lower)
+                    )
+                    pairs.append((above.blocks(motion), below.blocks(motion), theta))
+                elif up is not motion:
+                    pairs.append((e.blocks(up), e.blocks(down), theta))
             for above_all, below_all, theta in pairs:
                 for above, below in zip(above_all, below_all, strict=True):
                     change = unit * (above.columns - below.columns) @ theta[above.parameters]
@@ -129,7 +135,9 @@ def sensitivities(effects: Sequence[Effect], thetas: Sequence[Array]) -> tuple[S
     """One for each of the effects, with its parameters, that has a free shape constant."""
     both = list(zip(effects, thetas, strict=True))
     return tuple(
-        ShapeSensitivity(effect, theta, [b for b in both if effect.name in b[0].refines])
+        ShapeSensitivity(
+            effect, theta, [b for b in both if effect.name in (*b[0].refines, b[0].shape_of)]
+        )
         for effect, theta in both
         if free_constants(effect)
     )

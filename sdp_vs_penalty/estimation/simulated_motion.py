@@ -17,11 +17,11 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.effects.servo_loop import ServoLoop
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.runs import Stretch, stretches
+from sdp_vs_penalty.signals.runs import Stretch, interpolated, stretches
 
-#: Longest step of the simulation [s]; windows that are simulated side by side, and how long each runs in
-#: before it counts, from a start on the command [s].
-_STEP, _WINDOW, _RUN_IN = 8e-3, 2.0, 1.5
+#: Longest step of the simulation [s]; windows that are simulated side by side, and how long each runs
+#: from a measured position before it counts, until the noise of that is forgotten [s].
+_STEP, _WINDOW, _RUN_IN = 8e-3, 0.5, 0.5
 
 
 def with_simulated_motion(measurements: Measurements, model: Model, theta: Array) -> Measurements:
@@ -46,11 +46,14 @@ def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
     total = -(-(part.count - 1) // skip) * count + 1  # instants from the start to beyond the end
     long, early = max(1, round(_WINDOW / h)), round(_RUN_IN / h)
     first = np.arange(0, total, long)
-    state, path = loop.start(command, part.t[0] + h * (first - early))
+    start = np.maximum(first - early, 0)
+    t = part.t[0] + h * start
+    own, path = (interpolated(t, part.t, x) for x in (part.q, part.integrals[1]))
+    state = loop.start(command, t, own, path)
     q, sums = np.empty((2, len(first) * long, part.q.shape[1]))
-    for k in range(-early, long):
-        if k >= 0:
-            q[first + k], sums[first + k] = state.q, path
+    for k in range(early + long):
+        on = (start + k >= first) & (start + k < first + long)
+        q[start[on] + k], sums[start[on] + k] = state.q[on], path[on]
         state, path = loop.step(state, path, command, h)
     clock = part.t[0] + h * np.arange(len(q))
     found, its_sum = (np.column_stack([np.interp(part.t, clock, x) for x in y.T]) for y in (q, sums))

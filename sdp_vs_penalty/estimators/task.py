@@ -27,6 +27,10 @@ def make_task(
 ) -> Task:
     """What an estimator needs to know, from a problem and compressed measurements."""
     nominal, bound = problem.nominal(model), problem.parameter_bound(model)
+    links = model.rigid_indices.reshape(-1, 10)
+    masses = model.with_known(nominal)[links[:, :1]]  # a link of a known mass is scaled to it
+    nominal[links] *= masses / nominal[links[:, :1]]
+    nominal = model.with_known(nominal)
     plain = Task(
         model,
         with_plausible(regression.least_squares(), model, regression.oversampling),

@@ -175,7 +175,7 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
         arrays[f"tf{k}"], arrays[f"poses{k}"] = placed(estimate.robot, rows.motion.t, rows.motion.q)
     progress("looking where it fails")
     try:
-        found = where_it_fails(estimate, judge, noise_from=given.whole)
+        found = where_it_fails(estimate, judge, noise_from=given.whole, noise=comparison.noise)
         units = estimate.robot.torque_units
         failures = [{**f.to_dict(), "sentences": sentences(f, units[f.joint - 1])} for f in found]
     except InputError:  # too short to say: the errors stand on their own

@@ -328,10 +328,8 @@ def compress_cells(
     model: Model,
     settings: Preprocessing,
     folds: Cells,
-    paired: bool = False,
 ) -> Regression:
-    """The same with one block for each cell (of folds by phase), whichever runs and periods show it;
-    paired : rows with instruments stay as they are (:func:`~regression.instruments.paired`)."""
+    """The same with one block for each cell (of folds by phase), whichever runs and periods show it."""
     growing, samples = _Growing(), 0.0
     for index, run in enumerate(measurements.runs()):
         repeated = rows_per_sample(run, settings)
@@ -340,7 +338,7 @@ def compress_cells(
             growing.take(rows, folds.cell(index, rows.motion.t))
     blocks = [TimeBlock(*place) for place in folds.places]
     factors = [replace(f, block=b) for b, found in growing.blocks() for f in found]
-    return _regression(model, blocks, factors, samples, paired)
+    return _regression(model, blocks, factors, samples)
 
 
 class _Growing:
@@ -380,12 +378,11 @@ def _regression(
     blocks: Sequence[TimeBlock],
     factors: Sequence[Factor],
     samples: float,
-    paired: bool = False,
 ) -> Regression:
     rows = sum(f.rows for f in factors if f.joint == 0)
     p = len(model.parameters)
     own_errors = model.drives.any() and model.reference is not None
-    if not paired and (own_errors or any(np.any(f.indices >= p) for f in factors)):
+    if own_errors or any(np.any(f.indices >= p) for f in factors):
         found = instrumented(model, [(f.joint, f.indices, f.triangle) for f in factors])
         factors = [
             replace(f, indices=own, triangle=_folded([rows]))

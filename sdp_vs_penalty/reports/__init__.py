@@ -106,8 +106,10 @@ def _material(
         ahead = str(error)
     progress("looking where it fails")
     ends = dict.fromkeys((next(iter(models)), list(models)[-1]))
+    noise = comparisons[0].noise
     failures = {
-        name: where_it_fails(models[name], runs, settings, noise_from=noise_from) for name in ends
+        name: where_it_fails(models[name], runs, settings, noise_from=noise_from, noise=noise)
+        for name in ends
     }
     checks = check(last.problem, runs)
     return Material(models, runs, comparisons, rows, failures, checks, (), ahead)

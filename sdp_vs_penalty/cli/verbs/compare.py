@@ -38,7 +38,8 @@ def verb(
     runs = windowed(whole, time_windows(window))
     results = compare(estimates, runs, noise_from=whole)
     oldest = next(iter(estimates.values()))
-    failures = where_it_fails(estimate, runs, oldest.preprocessing, noise_from=whole)
+    noise = results[0].noise
+    failures = where_it_fails(estimate, runs, oldest.preprocessing, noise_from=whole, noise=noise)
     for result in results:
         printing.verdict(result.verdict, result.name)
     next_diagnosis(newest, estimate, data, window)

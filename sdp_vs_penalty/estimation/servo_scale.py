@@ -1,0 +1,111 @@
+"""What sets the scale of a log without torque: motion shows torques, masses and gains up to one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.effects.payload import Payload
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import SCALE_TOLD
+from sdp_vs_penalty.estimators.task import joint_weights
+from sdp_vs_penalty.regression.partial import visible
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+_SCALES = "give a gain (kp2=600), a parameter that motion shows alone (m1 of a slide, mx6), or a load"
+
+
+def parsed_known(text: str) -> dict[str, float]:
+    """Known parameters, "kp2=600,kd2=20".
+
+    >>> parsed_known("kp2=600")
+    {'kp2': 600.0}
+    """
+    found = {}
+    for item in filter(None, text.split(",")):
+        name, _, value = item.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"--known {item!r}", "write a parameter and its value, kp2=600") from None
+        if not 0.0 < abs(found[name.strip()]) < np.inf:
+            raise InputError(f"--known {item!r} is no scale", "give a value that is not zero")
+    return found
+
+
+def factor_of_known(
+    model: Model, regression: Regression, theta: Array, known: Mapping[str, float]
+) -> float:
+    """The factor on theta (p,) with which the first of the known parameters has its value.
+
+    Raises InputError for what motion does not tell by itself.
+    """
+    names = [p.name for p in model.parameters]
+    free = ~model.drives
+    told, share = regression.keeping(free).least_squares(), np.ones(len(names))
+    share[free] = told.own_torque / np.maximum(told.column_norms, 1e-300)
+    for name in known:
+        if name.startswith("total"):
+            raise InputError(
+                "--known total: the first link's mass makes no torque, so a total is no scale", _SCALES
+            )
+        if name not in names:
+            raise InputError(f"--known {name}: the model has no such parameter", _SCALES)
+        k = names.index(name)
+        if share[k] <= SCALE_TOLD or theta[k] == 0.0:
+            raise InputError(
+                f"--known {name}: motion shows it only in sums with others, so it sets no scale", _SCALES
+            )
+    name, value = next(iter(known.items()))
+    return float(value / theta[names.index(name)])
+
+
+def factor_of_loads(
+    model: Model, theta: Array, loads: Sequence[tuple[Source, float]], settings: Preprocessing
+) -> tuple[float, float]:
+    """The factor on theta (p,) with which the loads weigh what they weigh [kg], and its relative
+    standard deviation. What the model leaves of a run with a load is the load, and where integrals
+    began."""
+    robot = model.robot
+    own = (Payload(robot), effect_types()["torque_offset"](robot))
+    wide = Model(robot, (*model.effects, *own), gains=model.gains, changes=True)
+    found, information = list[float](), list[float]()
+    for source, mass in loads:
+        if not 0.0 < mass < np.inf:
+            raise InputError(f"a known load of {mass:g} kg", "give the mass that was on the last link")
+        runs = as_measurements(source, robot.n, robot.joint_names, "identify(known_loads=...)")
+        left = compress(runs, wide, settings).beside(theta)
+        data = left.least_squares()
+        data = left.least_squares(joint_weights(left, _least(data)))
+        x = _least(data)
+        if data.own_torque[0] <= SCALE_TOLD * data.column_norms[0] or x[0] <= 0.0:
+            raise InputError(
+                f"--known-load: these runs do not show {mass:g} kg", "move the joints that lift the load"
+            )
+        variance = left.oversampling * data.loss(x) / max(data.rows, 1)
+        found.append(mass / x[0])
+        information.append(x[0] ** 2 * data.own_torque[0] ** 2 / max(variance, 1e-300))
+    return float(np.average(found, weights=information)), float(np.sum(information) ** -0.5)
+
+
+def _least(data: LeastSquares) -> Array:
+    """(p,) of the smallest least-squares theta."""
+    U, V = visible(data.R)
+    return np.asarray(V @ (U.T @ data.rho))
+
+
+def words_of_scale(
+    known: Mapping[str, float], loads: Sequence[tuple[Source, float]], gauge: Mapping[str, float]
+) -> str:
+    """What set the scale; gauge : the gain that stands for it where nothing is known."""
+    said = [f"a load of {mass:g} kg" for _, mass in loads]
+    said += [f"{name} = {x:g}" for name, x in known.items()]
+    gain = ", ".join(f"{name} = {x:.4g}" for name, x in gauge.items())
+    none = f"unknown: all torques, masses and gains share one factor ({gain} if links weigh as stated)"
+    return ", ".join(said) or none
