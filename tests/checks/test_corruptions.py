@@ -59,6 +59,8 @@ WRONG = (
     "gravity removed 100 %",
     "load picked up 2 kg",
     "two arms in one file",
+    "gravity assumed wall",
+    "gravity assumed ceiling",
 )
 
 
