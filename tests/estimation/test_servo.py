@@ -210,8 +210,8 @@ def test_neither_torque_nor_command_is_refused(arm: str) -> None:
         identify(arm, silent, effects=EFFECTS)
     with_torque = Measurements.of(run.t, {"q": run.q, "tau": run.q}, ("run",))
     plain = identify(arm, with_torque, effects=EFFECTS, check=False)
-    with pytest.raises(InputError, match="cross-validation needs a torque"):
-        cross_validate(arm, run, effects=EFFECTS)
+    with pytest.raises(InputError, match="neither torque nor commands"):
+        cross_validate(arm, silent, effects=EFFECTS)
     with pytest.raises(InputError, match="no servo that would stand for it"):
         driven(plain, run)
 
@@ -256,3 +256,11 @@ def test_report_and_page_show_the_torque_that_the_servos_make(arm: str, tmp_path
     assert "No torque was logged: the servos" in html
     assert "mm RMS" in html  # the motion that the commands alone make
     assert "kp1" in html
+
+
+def test_folds_judge_the_links_by_the_drives(arm: str) -> None:
+    """Friction that is left out of the model is the error that unseen motion shows."""
+    whole = cross_validate(arm, log(), effects=EFFECTS, folds=3)
+    assert whole.relative_error_percent < 3.0
+    bare = EFFECTS.replace("coulomb_friction@v_s=0.05,", "")
+    assert cross_validate(arm, log(), effects=bare, folds=3).relative_error_percent > 10.0
