@@ -205,8 +205,8 @@ def test_neither_torque_nor_command_is_refused(arm: str) -> None:
         identify(arm, silent, effects=EFFECTS)
     with_torque = Measurements.of(run.t, {"q": run.q, "tau": run.q}, ("run",))
     plain = identify(arm, with_torque, effects=EFFECTS, check=False)
-    with pytest.raises(InputError, match="cross-validation needs a torque"):
-        cross_validate(arm, run, effects=EFFECTS)
+    with pytest.raises(InputError, match="neither torque nor commands"):
+        cross_validate(arm, silent, effects=EFFECTS)
     with pytest.raises(InputError, match="no servo that would stand for it"):
         driven(plain, run)
 
@@ -230,3 +230,11 @@ def test_a_proof_of_servos_is_made_of_its_log(arm: str, tmp_path: Path, torque: 
     holds, said = verify_proof_file(path, other, run)
     assert not holds
     assert "these measurements make another problem" in said
+
+
+def test_folds_judge_the_links_by_the_drives(arm: str) -> None:
+    """Friction that is left out of the model is the error that unseen motion shows."""
+    whole = cross_validate(arm, log(), effects=EFFECTS, folds=3)
+    assert whole.relative_error_percent < 3.0
+    bare = EFFECTS.replace("coulomb_friction@v_s=0.05,", "")
+    assert cross_validate(arm, log(), effects=bare, folds=3).relative_error_percent > 10.0
