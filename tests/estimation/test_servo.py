@@ -139,6 +139,7 @@ def test_a_known_load_sets_the_scale(arm: str) -> None:
         identify(arm, log(), effects=EFFECTS, known_loads=[(log(seed=5, load=1.5), -1.0)])
 
 
+@pytest.mark.long
 def test_law_and_delay_do_not_depend_on_what_is_known(arm: str) -> None:
     run = log(1e-3, ki=700.0, delay=0.02)
     told = [{"m1": MASS}, {"m1": 50.0 * MASS}, {"kp1": KP}, {}]
@@ -171,6 +172,7 @@ def test_instruments_take_the_bias_of_noise_away(arm: str) -> None:
     assert without > 3.0 * with_them
 
 
+@pytest.mark.long
 def test_instruments_serve_a_log_with_torque_as_well(arm: str) -> None:
     """Noise of 3 mm, and a filter that lets it through: without them the mass is too small."""
     wide = Preprocessing(state_cutoff=6.0, torque_cutoff=8.0)
