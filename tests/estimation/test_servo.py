@@ -23,9 +23,14 @@ from sdp_vs_penalty import (
     follow,
     identify,
     load_estimate,
+    report,
 )
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.drive_torque import driven
+from sdp_vs_penalty.estimators.estimator import no_progress
+from sdp_vs_penalty.page.summary import summary
 from sdp_vs_penalty.signals import Preprocessing
 
 URDF = """<robot name="slide"><link name="base"/><link name="cart"><inertial><mass value="2"/>
@@ -232,6 +237,27 @@ def test_a_proof_of_servos_is_made_of_its_log(arm: str, tmp_path: Path, torque: 
     holds, said = verify_proof_file(path, other, run)
     assert not holds
     assert "these measurements make another problem" in said
+
+
+def test_report_and_page_show_the_torque_that_the_servos_make(arm: str, tmp_path: Path) -> None:
+    found = identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
+    test, truth = log(seed=3), log(seed=3, torque=True)
+    given = Runs(log(), test, concatenate([log(), test]))
+    shown = summary(found, given, tmp_path / "model.json", 0.0, no_progress)
+    assert shown.servo
+    with np.load(shown.curves) as read:
+        t, torque, modelled = read["t1"], read["torque1"][:, 0], read["modelled1"][:, 0]
+    plant = truth.tau[:, 0] - VISCOUS * np.gradient(truth.q[:, 0], truth.t)  # kd holds both
+    tau = np.interp(t, truth.t, plant)
+    assert np.std(torque - tau) < 0.1 * np.std(tau)
+    assert np.sqrt(np.mean((torque - modelled) ** 2)) == pytest.approx(
+        shown.comparison["rmse"][0], rel=1e-3
+    )
+    report(found, test, tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text()
+    assert "No torque was logged: the servos" in html
+    assert "mm RMS" in html  # the motion that the commands alone make
+    assert "kp1" in html
 
 
 def test_folds_judge_the_links_by_the_drives(arm: str) -> None:
