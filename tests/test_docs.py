@@ -86,8 +86,10 @@ def test_every_command_runs_in_order(
 
 
 def run_all(lines: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
-    """Every command in order, each with exit code 0; what they said, by verb (the last of each)."""
-    said = {}
+    """Every command in order, each with exit code 0; what they said, by verb (the last of each), and
+    all of it under "".
+    """
+    said = {"": ""}
     for line in lines:
         program, *words = shlex.split(line)
         assert program == "sdp-vs-penalty"
@@ -96,6 +98,7 @@ def run_all(lines: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, s
         shown = capsys.readouterr()
         assert stop.value.code == 0, f"{line}\n{shown.err}"
         said[words[0]] = shown.out
+        said[""] += shown.out
     return said
 
 
@@ -146,6 +149,7 @@ def test_how_to(
     head = ",".join(names.get(word, word) for word in rows[0].split(","))
     Path("theirs.csv").write_text("\n".join([head, *rows[1:]]) + "\n")
     said = run_all(commands("how-to.md"), capsys)
+    check_printed("how-to.md", said[""])
     assert "accepted" in said["verify"]
     assert "mass" in Path("endeffector-config.json").read_text()
 
@@ -158,7 +162,7 @@ def test_your_own_robot(
     shutil.copy(DOCS / "my_arm.urdf", tmp_path)
     monkeypatch.chdir(tmp_path)
     said = run_all(commands("your-robot.md"), capsys)
-    check_printed("your-robot.md", "\n".join(said.values()))
+    check_printed("your-robot.md", said[""])
     assert "1. joint_spring on joint 2" in said["diagnose"]
     (change,) = re.findall(r"^2 +N m .*?([+-][0-9.]+) %", said["add"], re.MULTILINE)
     assert float(change) < -30.0
@@ -177,13 +181,28 @@ def test_the_tutorial(
     cached_panda(data_folder, tmp_path / "data" / "panda")
     monkeypatch.chdir(tmp_path)
     said = run_all(commands("tutorial.md"), capsys)
-    check_printed("tutorial.md", "\n".join(said.values()))
+    check_printed("tutorial.md", said[""])
     assert ": 0 problems; " in said["check"]
     assert "1. presliding_hysteresis on joint 7" in said["diagnose"]
     rows = re.findall(r"^(\d) +N m .*?([+-][0-9.]+) %", said["add"], re.MULTILINE)
     changes = {int(joint): float(change) for joint, change in rows}
     assert min(changes, key=lambda j: changes[j]) == 7
     assert changes[7] < -45.0
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+def test_the_coupled_wrist(
+    tmp_path: Path,
+    data_folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """What the page shows of identifying and comparing; its diagnosis is tested on simulated wrists."""
+    shutil.copytree(data_folder / "tx40", tmp_path / "data" / "tx40")
+    monkeypatch.chdir(tmp_path)
+    said = run_all(commands("coupled-wrist.md")[:3], capsys)
+    check_printed("coupled-wrist.md", said[""])
 
 
 def test_the_notebook_is_kept_without_outputs_and_types_no_results() -> None:

@@ -61,9 +61,9 @@ CALIBRATED_GAIN, WRONG_GAIN = 0.06, 0.5
 LEVEL, MISMOUNTED = float(np.radians(2.0)), float(np.radians(10.0))
 #: Drives and their drivers take as long [s].
 USUAL_DELAY = 0.01
-#: Other positions are asked for where some joint leaves more than this share of its torque's energy, a
-#: fourteenth of the torque: a wrong sign, order or quarter turn leaves more, even of slow motion.
-UNEXPLAINED = 5e-3
+#: Other positions are asked for where more than this share of a torque's energy is left (3 % of it):
+#: a wrong sign, order or quarter turn leaves more, even of slow motion.
+UNEXPLAINED = 1e-3
 #: Friction that warms up and slow noise look like a drift or a step (natural logarithm of the odds).
 SLOW_ODDS = 15.0
 

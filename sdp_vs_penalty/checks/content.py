@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -80,9 +80,9 @@ def content(
     found = Search(scene).run()
     score = found.after
     settled = _settled(scene, settings)
-    issues = [*first, *_stated(scene, found)]
-    if float(np.mean(score.shares[scene.moving])) > UNRELATED:  # no cause that leaves most dark
-        issues = first
+    stated = _stated(scene, found)
+    dark = float(np.mean(score.shares[scene.moving])) > UNRELATED
+    issues = first if dark else [*first, *stated]  # no cause that leaves most dark
     sizes = list(size.find(scene, found.repair))
     issues += sizes
     if any(i.kind == "torque channel kind" for i in issues):
@@ -106,23 +106,19 @@ def content(
         issues += excitation.find(problem.with_gravity(found.repair.gravity), run, settings)
         issues += excitation.hidden_errors(scene, found.repair)
     unexplained = float(score.left[scene.moving].sum() / score.whole[scene.moving].sum())
-    certain = _certain(scene, found)
+    certain = _certain(scene, found, stated)
     # A report holds the rows, not what was worked out of them.
     scene = replace(scene, tried=Likelihood(scene.tried.data), judged=Likelihood(data))
     return Content(issues, scene, found.repair, certain, unexplained, settled)
 
 
-def _certain(scene: Scene, found: Found) -> Repair:
+def _certain(scene: Scene, found: Found, stated: Sequence[Issue]) -> Repair:
     """The net repair without what is only likely."""
     certain = found.repair
-    doubtful = {
-        (e.kind, e.joints)
-        for issue, e in zip(_stated(scene, found), found.elements, strict=True)
-        if not issue.mends
-    }
-    for key in doubtful:
+    for issue, doubtful in zip(stated, found.elements, strict=True):
         elements = (e for t in TRANSFORMATIONS for e in t.elements(scene, certain))
-        certain = next((e.without for e in elements if (e.kind, e.joints) == key), certain)
+        without = next((e.without for e in elements if e.name == doubtful.name), certain)
+        certain = certain if issue.mends else without
     return certain
 
 

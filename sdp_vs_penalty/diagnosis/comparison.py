@@ -59,9 +59,8 @@ class Comparison(Shown):
     motion the model has not been trained on (see :mod:`~sdp_vs_penalty.signals.motion`), farther than
     new_motion_distance spreads from all that it has; None where its model.json does not record that;
     outside: by effect the share of the rows that lie outside of its table (a measured curve), where it
-    is held constant; by_tables: RMS of the torque that these carry, over that measured; runs: the names
-    of the measurements; judged_on: a sentence where the recording is so long that the noise was
-    measured in windows of it.
+    is held constant; runs: the names of the measurements; judged_on: a sentence where the recording is
+    so long that the noise was measured in windows of it.
     """
 
     name: str
@@ -79,7 +78,6 @@ class Comparison(Shown):
     new_motion_distance: float | None = None
     outside: Mapping[str, float] = field(default_factory=dict)
     judged_on: str | None = None
-    by_tables: float = 0.0
 
     @property
     def verdict(self) -> Verdict:
@@ -97,7 +95,6 @@ class Comparison(Shown):
             self.relative_error_percent,
             self.new_motion_share,
             max(self.outside.values(), default=0.0),
-            self.by_tables,
         )
         return judge(
             errors,
@@ -161,7 +158,6 @@ class Comparison(Shown):
             "new_motion_share": self.new_motion_share,
             "outside": dict(self.outside),
             "judged_on": self.judged_on,
-            "by_tables": self.by_tables,
         }
 
 
@@ -259,12 +255,9 @@ def _judged(
 ) -> Comparison:
     series = {name: Growing() for name in ("t", "q", "dq", "measured", "modelled")}
     outside: dict[str, float] = {}  # rows
-    tables = np.concatenate([np.full(len(e.parameters), e.tabulated) for e in model.model.effects])
-    by_tables = 0.0
     for run in measurements.runs():
         for rows in filtered_rows(run, model.model, settings):
             modelled, motion = predicted(rows, model.theta), rows.motion
-            by_tables += float(np.sum(predicted(rows, np.where(tables, model.theta, 0.0)) ** 2))
             found = (motion.t, motion.q, motion.dq, rows.torque, modelled)
             for kept, x in zip(series.values(), found, strict=True):
                 kept.append(x)
@@ -281,7 +274,6 @@ def _judged(
     with np.errstate(divide="ignore", invalid="ignore"):
         r2 = np.where(variance > 0.0, 1.0 - mse / variance, np.nan)
         relative = 100.0 * np.sqrt(np.sum(mse) / np.sum(variance + mean**2))
-        by_tables = np.sqrt(by_tables / (count * np.sum(variance + mean**2)))
     band, record = settings.torque_cutoff, model.training_motion
     assert band is not None
     return Comparison(
@@ -298,7 +290,6 @@ def _judged(
         None if record is None else record.new_share(signals.q, signals.dq),
         None if record is None else record.distance,
         {name: rows / count for name, rows in outside.items() if rows > 0.0},
-        by_tables=float(by_tables),
     )
 
 

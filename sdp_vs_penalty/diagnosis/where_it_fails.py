@@ -31,6 +31,7 @@ from sdp_vs_penalty.diagnosis.causes import (
 )
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.whitening import clocks_of, phase_folds
+from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.estimation.sources import as_estimate
@@ -170,6 +171,9 @@ def where_it_fails(
         measurements, names=estimate.robot.joint_names, what="where_it_fails(measurements=...)"
     )
     estimate.require_joints(measurements)
+    if noise_from is not None:
+        _, noise_from = driven(estimate, noise_from)
+    estimate, measurements = driven(estimate, measurements)
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
     given = measurements if noise_from is None else noise_from
     same = given is measurements

@@ -125,9 +125,6 @@ class Effect(ABC):
     #: The effect whose shape constants it has as well, without any of its own.
     shape_of: ClassVar[str] = ""
 
-    #: True of a table that stands for a law which is not known.
-    tabulated: ClassVar[bool] = False
-
     #: |theta| stays below this, in SI units.
     range: ClassVar[float] = PARAMETER_RANGE
     #: Which parameters say how large the effect is: their norm, or the value of a single one.

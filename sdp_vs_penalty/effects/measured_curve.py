@@ -88,7 +88,6 @@ class MeasuredCurve(JointEffect):
     symbol = "curve"
     units = ("-", "-")
     several = True
-    tabulated = True
     shapes = {
         **_axis("x", 2.0, 1.0, tuple(w for w in WORDS if w != "none")),
         **_axis("y", 1.0, WORDS.index("none") + 1.0, WORDS),

@@ -7,7 +7,7 @@ included, as ``identify`` does, and is judged on what it left out. Every row is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.pose import with_reference
+from sdp_vs_penalty.estimation.pose import PoseOptions, pose, with_reference
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
@@ -163,34 +163,44 @@ def cross_validate(
     weighting: str = "noise",
     folds: int = 5,
     seed: int = 0,
+    known: Mapping[str, float] | None = None,
     progress: Progress = no_progress,
     workers: Workers = ALONE,
 ) -> CrossValidation:
     """Judge a method on motion that its models have not seen, by phase-block cross-validation.
 
-    problem, measurements, method, effects, preprocessing, weighting, seed : as :func:`identify` takes
-    them; folds : into how many stretches the clock of every motion is cut; progress : hears what is at
-    work; workers : who does it, a fold each.
+    problem, measurements, method, effects, preprocessing, weighting, seed, known : as :func:`identify`
+    takes them; folds : into how many stretches the clock of every motion is cut; progress : hears what
+    is at work; workers : who does it, a fold each.
+    Without torque the servos' law, its delay and shape constants are found once, in all rows, and folds
+    judge the parameters: by what the links' and friction's torque differs from the drives'.
     Raises InputError for input that cannot be used, or too short for so many folds.
     """
     problem = as_problem(problem, "cross_validate(problem=...)")
     names = problem.robot.joint_names
     runs = as_measurements(measurements, problem.robot.n, names, "cross_validate(measurements=...)")
-    runs.require_torque("cross-validation")
     estimator = make_estimator(method)
     if estimator.needs_black_box:
         raise InputError(f"method {estimator.name} needs a black box's answers", "choose another method")
     if folds < 2:
         raise InputError(f"cross_validate(folds={folds}) is no number of folds", "give 2 or more")
     check_plausible(problem.robot, runs)
-    settings = (preprocessing or problem.preprocessing).resolve(runs)
-    split = phase_folds(runs, settings, folds)
-    model = problem.model(effects)
+    if runs.torque_logged:
+        settings, model = (preprocessing or problem.preprocessing).resolve(runs), problem.model(effects)
+        split, raw = phase_folds(runs, settings, folds), None
+        common = compress_cells(runs, model.reference_free, settings, split)
+    else:
+        options = PoseOptions(effects, preprocessing, weighting, seed=seed, known=known or {})
+        posed = pose(problem, runs, options, progress)
+        assert isinstance(posed.measurements, Measurements)
+        settings, model = posed.preprocessing, posed.task.model
+        split = phase_folds(runs, settings, folds)
+        common = compress_cells(posed.measurements, model, settings, split)
+        raw = compress_cells(runs, replace(model, reference=None), settings, split)
     assert settings.torque_cutoff is not None
-    common = compress_cells(runs, model.reference_free, settings, split)
     if not all(common.select(split.training(k)).factors for k in range(folds)):
         raise _too_short(runs.names[0], split)
-    judging = _Judging(problem, model, estimator, runs, settings, split, common, weighting, seed)
+    judging = _Judging(problem, model, estimator, runs, settings, split, common, weighting, seed, raw)
     workers = replace(workers, progress=progress)
     judged = [fold for fold in workers.map(judging, range(folds)) if fold is not None]
     if not judged:
@@ -208,7 +218,8 @@ def cross_validate(
 
 @dataclass(frozen=True)
 class _Judging:
-    """What each fold needs, wherever it is worked on; common : all rows, in the model's columns."""
+    """What each fold needs, wherever it is worked on; common : all rows, in the model's columns; raw :
+    where servos stand for a torque, the same without instruments, by which folds are judged."""
 
     problem: Problem
     model: Model
@@ -219,18 +230,21 @@ class _Judging:
     common: Regression
     weighting: str
     seed: int
+    raw: Regression | None = None
 
     def __call__(self, fold: int) -> Fold | None:
         """The fold, None where it has no rows to judge on."""
-        own = self._trained(fold)
+        own = self.model if self.raw else self._trained(fold)
         rows = self.common
         if own is not self.model:
             rows = compress_cells(self.runs, own, self.settings, self.split)
-        train, test = rows.select(self.split.training(fold)), rows.select(self.split.tested(fold))
+        train = rows.select(self.split.training(fold))
+        test = (self.raw or rows).select(self.split.tested(fold))
         if not test.factors:
             return None
         task = make_task(self.problem, own, train, self.weighting, self.seed)
-        return _judged(self.split, fold, self.estimator.fit(task).theta, test)
+        theta = own.with_known(self.estimator.fit(task).theta)
+        return _judged(self.split, fold, theta, test, theta * own.drives)
 
     def _trained(self, fold: int) -> Model:
         """The model with what :func:`identify` takes from the data beside its parameters, from the
@@ -254,10 +268,12 @@ class _Judging:
         )
 
 
-def _judged(split: PhaseFolds, fold: int, theta: Array, test: Regression) -> Fold:
+def _judged(split: PhaseFolds, fold: int, theta: Array, test: Regression, drives: Array) -> Fold:
+    """drives (p,) : the parameters of servos, whose torque counts as the logged one does."""
     squares = np.zeros(test.joints)
     for factor in test.factors:
-        squares[factor.joint] += float(np.sum(factor.triangle[:, -1] ** 2))
+        torque = factor.triangle[:, -1] - factor.triangle[:, :-1] @ drives[factor.indices]
+        squares[factor.joint] += float(np.sum(torque**2))
     return Fold(*split.stretch(fold), theta, test.joint_losses(theta), test.joint_rows(), squares)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import optimize
 
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.effects.servo import Servo
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.partial import partialled, visible
@@ -59,7 +60,10 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
         slopes = (columns @ psi)[:, None] * (owner[:, None] == np.arange(len(gains)))
         return psi, e - U @ (U.T @ e), slopes - U @ (U.T @ slopes)
 
-    found = optimize.least_squares(lambda x: fitted(x)[1], 0.0 * gains, jac=lambda x: fitted(x)[2])
+    far = float(np.log(Servo.range))
+    found = optimize.least_squares(
+        lambda x: fitted(x)[1], 0.0 * gains, jac=lambda x: fitted(x)[2], bounds=(-far, far)
+    )
     theta = np.empty(p)
     theta[gains], theta[rest] = start * np.exp(found.x), fitted(found.x)[0]
     # As the links should weigh, by the torque that they make.

@@ -138,7 +138,7 @@ def find_law(
             if more.mean() <= max(2.0 * np.log(FEWER_GAINS), more.std(ddof=1) / np.sqrt(len(more))):
                 break
         found = about + late[name]
-        if abs(late[name]) < 0.5 * DELAY_REACH or found >= LATEST:
+        if abs(late[name]) < DELAY_REACH - 0.5 * DELAY_GRID or found >= LATEST:
             without = float(np.mean(_score(first, name, 0.0) - scores[name]))
             found = found if delay is not None or without > 2.0 * np.log(SEEN_DELAY) else 0.0
             ratios = {k: float(np.exp(0.5 * np.mean(s - scores[best]))) for k, s in scores.items()}

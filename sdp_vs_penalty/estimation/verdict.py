@@ -32,10 +32,6 @@ ABOVE_NOISE = 2.0
 CLOSE, NO_MODEL = 5.0, 15.0
 #: From this share of new motion on, errors are those of unseen motion; below, they show repeatability.
 MOSTLY_NEW = 0.5
-#: RMS of the torque that measured curves may carry, over that measured: what an arm that is mounted as
-#: the model says still lacks is a part of its friction, less than a tenth of its torque. Of a UR10e and
-#: a Panda modelled 45 and 90 degrees off their mounting, tables carried .21 and .77.
-BY_TABLES = 0.1
 #: Share of rows outside of a measured curve from which on a prediction is not good.
 _OUTSIDE = 0.05
 #: No link of an arm weighs less than this share of it; the lightest wrists have a hundredth.
@@ -113,8 +109,7 @@ NOT_JUDGED = "Verdict: not judged on any measurements; `sdp-vs-penalty compare` 
 class Errors:
     """What a model is judged by: rmse, r2 (n,); floor (n,) or None and its source; relative : error over
     all joints [%]; new_share : of the rows whose motion is new to the model, None where not recorded;
-    outside : largest share of rows outside of one of its measured curves; by_tables : RMS of the torque
-    that these curves carry, over that of the torque measured."""
+    outside : largest share of rows outside of one of its measured curves."""
 
     rmse: Array
     r2: Array
@@ -123,7 +118,6 @@ class Errors:
     relative: float
     new_share: float | None
     outside: float = 0.0
-    by_tables: float = 0.0
 
     @property
     def over_noise(self) -> Array | None:
@@ -164,9 +158,6 @@ def judge(
     said = missing or _left(fit, over)
     if impossible := implausible(certificate, masses, nominal):
         last = Line(MISSING, "do not use", f"{impossible} {said}")
-    elif errors.by_tables > BY_TABLES:
-        share = f"{100.0 * errors.by_tables:.0f} % of the torque (RMS)"
-        last = Line(MISSING, "do not use", f"Tables without a law carry {share}: check the mounting.")
     else:
         believed = " The links can exist." if len(masses) else ""
         last = Line(MISSING, "good" if fit.grade == "good" else "usable", said + believed)
@@ -231,6 +222,8 @@ def _left(fit: Line, over: Array | None) -> str:
 
 def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
     """Why the links are not to be believed, in a sentence; "" where they are."""
+    if certificate.not_found:
+        return certificate.not_found
     broken = {
         family: value
         for family, value in certificate.violations.items()

@@ -117,6 +117,13 @@ def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
     return np.sqrt(variance.mean() / variance)
 
 
+def with_joint_prior(task: Task) -> Task:
+    """The task with the pull of joint parameters to zero that ``lmi-sdp`` has, for any method."""
+    if task.joint_scale is None:
+        return task
+    return replace(task, data=task.data.with_prior(task.joint_scale, sample_variance(task)))
+
+
 def sample_variance(task: Task) -> float:
     """Residual variance of one filtered torque row in unconstrained least squares."""
     return task.data.loss(task.ols) / max(task.data.rows, 1)

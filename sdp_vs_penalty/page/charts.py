@@ -57,9 +57,10 @@ def torque_chart(
 def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
     """Positions, velocities and torques of all joints on one time axis; what the check would put in
     place of a measured value, as crosses."""
-    plot = Figure(rows=3, gap=0.04)
+    shown = ["q", "dq", *["torque"] * bool(np.any(read["torque"]))]  # a log may hold none
+    plot = Figure(rows=len(shown), gap=0.04)
     t = read["t"] - read["t"][0]
-    for row, name in enumerate(("q", "dq", "torque")):
+    for row, name in enumerate(shown):
         for j in range(len(units)):
             line = {"color": COLOURS[j % len(COLOURS)], "width": 1.2}
             named = {"name": f"joint {j + 1}", "legendgroup": f"{j}", "showlegend": row == 0}
@@ -72,9 +73,10 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
             plot.add(trace("scatter", x=t[rows], y=there[rows, j], legendgroup=f"{j}", **cross), row)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
     torques = "/".join(dict.fromkeys(units))
-    for row, said in enumerate((f"q [{kinds}]", f"dq [{kinds}/s]", f"tau [{torques}]")):
+    titles = (f"q [{kinds}]", f"dq [{kinds}/s]", f"tau [{torques}]")
+    for row, said in enumerate(titles[: len(shown)]):
         plot.update_axes("y", row, title=said)
-    plot.update_axes("x", 2, title="time [s]")
+    plot.update_axes("x", len(shown) - 1, title="time [s]")
     return _ready(styled(plot, 460))
 
 

@@ -17,6 +17,7 @@ from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import NORMAL_95
+from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
@@ -45,7 +46,8 @@ class ModelStep:
     first, a part of a run by its seconds; tested : whether runs were kept from training; judged_on : the
     runs behind comparison and failures (as `compare --json` writes them); violation, about : see the
     functions; label, added : what it is called and the effects added to the step below, with the others
-    held where frozen; opened : the file that a person brought, if any.
+    held where frozen; opened : the file that a person brought, if any; servo : whether it knows the
+    servos of a log without torque.
     """
 
     file: str
@@ -68,6 +70,7 @@ class ModelStep:
     added: tuple[str, ...] = ()
     frozen: bool = False
     opened: str = ""
+    servo: bool = False
 
 
 def violation(estimate: Estimate) -> dict[str, float]:
@@ -158,18 +161,19 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
     Curves : t0, torque0, modelled0, t1, ... of every run, training runs first, as .npz; also its
     motion q0, dq0, ddq0, and tf0 (F,), poses0 (F, joints, 4, 4) of some instants for the 3D view.
     """
-    train, test, judge = given.train, given.test, given.judge
     progress("comparing measured with modelled")
-    comparison = compare({"model": estimate}, judge, noise_from=given.whole)[0]
+    comparison = compare({"model": estimate}, given.judge, noise_from=given.whole)[0]
+    (arm, judge), (_, train) = driven(estimate, given.judge), driven(estimate, given.train)
+    test = None if given.test is None else judge
     settings = estimate.preprocessing.resolve(judge)
     estimate.provenance["verdict"] = comparison.verdict.to_dict()
     arrays = {}
     runs = [*train.runs(), *([] if test is None else test.runs())]
     for k, run in enumerate(runs):
-        rows = filtered_torque(run, estimate.model, settings)
+        rows = filtered_torque(run, arm.model, settings)
         arrays[f"t{k}"] = rows.motion.t
         arrays[f"torque{k}"] = rows.torque.astype(np.float32)
-        arrays[f"modelled{k}"] = predicted(rows, estimate.theta).astype(np.float32)
+        arrays[f"modelled{k}"] = predicted(rows, arm.theta).astype(np.float32)
         for name in ("q", "dq", "ddq"):
             arrays[f"{name}{k}"] = getattr(rows.motion, name).astype(np.float32)
         arrays[f"tf{k}"], arrays[f"poses{k}"] = placed(estimate.robot, rows.motion.t, rows.motion.q)
@@ -200,4 +204,5 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
         thickness=certificate.smallest_thickness,
         on_bounds=estimate.details.get("on_bounds") or [],
         seconds=seconds,
+        servo=arm is not estimate,
     )

@@ -53,7 +53,7 @@ class View:
     behind: dict[str, Callable[[], None]] = field(default_factory=dict)
     methods: set[str] = field(default_factory=lambda: {"lmi-sdp", "ols", "penalty"})
     folds: bool = False
-    drive: str = "torque"
+    drive: str = ""
     separating: dict[str, str] = field(default_factory=dict)
     hiding: Hiding = field(default_factory=Hiding)
 

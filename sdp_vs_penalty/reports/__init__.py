@@ -13,6 +13,7 @@ from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, load_diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
+from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -21,10 +22,10 @@ from sdp_vs_penalty.reports import evidence, parameters, sections
 from sdp_vs_penalty.reports import findings as findings_of
 from sdp_vs_penalty.reports.section import Material, page
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
-from sdp_vs_penalty.simulation.follow import Following, follow
+from sdp_vs_penalty.simulation.follow import Drive, Following, follow
 
 #: Processor time that free runs may take [s], and about that of a step: on its own and each joint's.
-_FREE_SECONDS, _STEP_SECONDS = 1.0, (3e-4, 1.6e-4)
+_FREE_SECONDS, _STEP_SECONDS = 0.3, (3e-4, 1.6e-4)
 _SECTIONS = (
     sections.verdict,
     sections.torques,
@@ -93,15 +94,17 @@ def _material(
     progress("comparing")
     comparisons = compare(models, runs, noise_from=noise_from)
     last = list(models.values())[-1]
+    drive: Drive = "torque" if runs.torque_logged else "servo"
+    moved = {name: driven(model, runs) for name, model in models.items()}
     settings = next(iter(models.values())).preprocessing.resolve(runs)
     rows = {
-        name: [filtered_torque(run, e.model, settings) for run in runs.runs()]
-        for name, e in models.items()
+        name: [filtered_torque(run, e.model, settings) for run in driving.runs()]
+        for name, (e, driving) in moved.items()
     }
     each = _STEP_SECONDS[0] + _STEP_SECONDS[1] * last.robot.n
     steps = None if forward else int(_FREE_SECONDS / each)
     try:
-        ahead: Following | str = follow(last, runs, steps=steps, progress=progress)
+        ahead: Following | str = follow(last, runs, drive=drive, steps=steps, progress=progress)
     except InputError as error:
         ahead = str(error)
     progress("looking where it fails")
@@ -112,7 +115,8 @@ def _material(
         for name in ends
     }
     checks = check(last.problem, runs)
-    return Material(models, runs, comparisons, rows, failures, checks, (), ahead)
+    plants = {name: e for name, (e, _) in moved.items()}
+    return Material(models, plants, runs, comparisons, rows, failures, checks, (), ahead)
 
 
 def check_name(out: Path) -> None:

@@ -69,6 +69,7 @@ def _along(curve: Curve, material: Material) -> list[Array]:
     """Each variable of a curve along the judged runs."""
     parts = []
     for rows in material.rows[material.last_name]:
-        motion = replace(rows.motion, torque=predicted(rows, material.last.theta))
+        theta = material.plants[material.last_name].theta
+        motion = replace(rows.motion, torque=predicted(rows, theta))
         parts.append([Variable.parse(v).along(motion) for v in curve.of])
     return [np.concatenate(values) for values in zip(*parts, strict=True)]

@@ -111,12 +111,16 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
 
 def plausibility(estimate: Estimate) -> list[str]:
     """Whether the links can exist, and what is known of them, a sentence each."""
-    links = estimate.links
+    links, law = estimate.links, estimate.details.get("servo")
+    said = []
+    if law:
+        said.append(
+            f"No torque was logged: the servos' law ({law['law']}) stands for it. Scale: {law['scale']}."
+        )
     if not len(links):
-        return ["The model has no rigid_body effect, so there are no links to judge."]
+        return [*said, "The model has no rigid_body effect, so there are no links to judge."]
     thick, sources = inertia.thickness(links), estimate.sources
     none = [i + 1 for i in range(len(links)) if not (links[i, 0] > 0.0 and thick[i] > 0.0)]
-    said = []
     if none:
         word = "Links" if len(none) > 1 else "Link"
         said.append(f"{word} {show.words(none)} cannot exist: no body has such an inertia.")

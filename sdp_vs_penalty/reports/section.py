@@ -28,13 +28,15 @@ from sdp_vs_penalty.simulation.follow import Following
 class Material:
     """Everything that the sections show, computed once.
 
-    models : by name, in the order in which effects were added; the last one is looked at closely.
-    rows : of each model the filtered rows of each run; failures : of the first model and of the last;
+    models : by name, in the order in which effects were added; the last one is looked at closely;
+    plants : the same without their drives, whose torque a log without torque is given; rows : of each
+    model the filtered rows of each run; failures : of the first model and of the last;
     commands : that made this report; forward : the last model run forward, or the sentence why it
     cannot; diagnosis : of one of the models, where there is one.
     """
 
     models: Mapping[str, Estimate]
+    plants: Mapping[str, Estimate]
     measurements: Measurements
     comparisons: Sequence[Comparison]
     rows: Mapping[str, list[Rows]]

@@ -91,7 +91,7 @@ def torques(material: Material) -> Section:
             run.torque,
             {
                 name: predicted(material.rows[name][index], estimate.theta)
-                for name, estimate in material.models.items()
+                for name, estimate in material.plants.items()
             },
         )
         for index, run in enumerate(next(iter(material.rows.values())))
@@ -136,7 +136,8 @@ def run_starts(material: Material) -> dict[str, float]:
 
 def _bands(material: Material) -> list[tuple[Array, Array]]:
     """Of each run instants (m,) on the figures' axis and half the last model's band (m, n) there."""
-    last, known = material.last, material.last.uncertainty
+    last = material.plants[material.last_name]
+    known = last.uncertainty
     bands, start = [], 0.0
     for rows in material.rows[material.last_name]:
         t = rows.motion.t - rows.motion.t[0] + start

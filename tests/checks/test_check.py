@@ -7,7 +7,6 @@ import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from corruptions.bench import contradicts
 
 from sdp_vs_penalty import InputError, Measurements, Problem, load_estimate, load_problem
 from sdp_vs_penalty.checked import consented
-from sdp_vs_penalty.checks import Report, check, mended
+from sdp_vs_penalty.checks import check, mended
 from sdp_vs_penalty.data import read_run, save
 from sdp_vs_penalty.data.datasets import _emps_runs, _ur10e_runs
 from sdp_vs_penalty.data.files import load_measurements
@@ -49,13 +48,21 @@ def with_velocity(run: Measurements) -> Measurements:
     return replace(run, dq=np.gradient(run.q, run.t, axis=0))
 
 
-def flipped(*joints: int) -> Spoil:
+def changed(
+    name: str, j: int, change: Callable[[np.ndarray], object], of: slice | list = slice(None)
+) -> Spoil:
+    """One channel (joint j counted from 1), in some of its rows."""
+
     def spoil(run: Measurements) -> Measurements:
-        signs = np.ones(run.n)
-        signs[[j - 1 for j in joints]] = -1.0
-        return replace(run, tau=run.tau * signs)
+        values = getattr(run, name).copy()
+        values[of, j - 1] = change(values[of, j - 1])
+        return replace(run, **{name: values})
 
     return spoil
+
+
+def flipped(j: int) -> Spoil:
+    return changed("tau", j, lambda x: -x)
 
 
 def two_runs(run: Measurements) -> Measurements:
@@ -73,32 +80,13 @@ def repeated(run: Measurements) -> Measurements:
     return rows(run, np.sort(np.concatenate([np.arange(len(run.t)), [500, 4000]])))
 
 
-def holed(run: Measurements) -> Measurements:
-    tau = run.tau.copy()
-    tau[[70, 900], 2] = np.nan
-    return replace(run, tau=tau)
-
-
-def coarse(run: Measurements) -> Measurements:
-    q = run.q.copy()
-    q[:, 2] = np.round(q[:, 2] / 0.01) * 0.01
-    return replace(run, q=q)
-
-
 def knocked(run: Measurements) -> Measurements:
     bump = np.exp(-0.5 * ((run.t - run.t[0] - 12.0) / 0.05) ** 2)
     return replace(run, tau=run.tau + bump[:, None] * 0.7 * run.tau.std(axis=0))
 
 
 def still(run: Measurements) -> Measurements:
-    noise = np.random.default_rng(0).normal(size=run.q.shape) * 1e-6
-    return replace(run, q=run.q[0] + noise)
-
-
-def idle_joint(run: Measurements) -> Measurements:
-    q = run.q.copy()
-    q[:, 6] = q[0, 6] + np.random.default_rng(0).normal(size=len(q)) * 1e-6
-    return replace(run, q=q)
+    return replace(run, q=run.q[0] + 1e-6 * NOISE[: run.q.size].reshape(run.q.shape))
 
 
 def sparse(run: Measurements) -> Measurements:
@@ -109,11 +97,7 @@ def unrelated(run: Measurements) -> Measurements:
     return replace(run, tau=np.random.default_rng(1).normal(size=run.tau.shape).cumsum(axis=0) / 50.0)
 
 
-def dead(run: Measurements) -> Measurements:
-    tau = run.tau.copy()
-    tau[:, 4] = 0.25
-    return replace(run, tau=tau)
-
+NOISE = np.random.default_rng(0).normal(size=200_000)
 
 #: name : (how the data are spoiled, the kind of the finding, what it must name, its severity)
 SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
@@ -124,14 +108,20 @@ SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
     "two runs": (two_runs, "time runs backwards", "several runs", "error"),
     "missing samples": (gap, "gap in time", "0.8", "warning"),
     "rows twice": (repeated, "repeated time", "copies", "error"),
-    "not a number": (holed, "missing numbers", "2 rows", "error"),
-    "quantisation": (coarse, "quantisation", "q3", "warning"),
+    "not a number": (
+        changed("tau", 3, lambda x: np.nan, [70, 900]), "missing numbers", "2 rows", "error",
+    ),
+    "quantisation": (
+        changed("q", 3, lambda x: np.round(x / 0.01) * 0.01), "quantisation", "q3", "warning",
+    ),
     "a knock": (knocked, "one-off event", "t = 12", "warning"),
     "no motion": (still, "no motion", "no joint moves", "error"),
-    "an idle joint": (idle_joint, "idle joints", "joint 7", "warning"),
+    "an idle joint": (
+        changed("q", 7, lambda x: x[0] + 1e-6 * NOISE[: len(x)]), "idle joints", "joint 7", "warning",
+    ),
     "few samples": (sparse, "low sample rate", "too few", "warning"),
     "another arm's torque": (unrelated, "torque not explained", "No inertia and friction", "error"),
-    "a dead channel": (dead, "dead channel", "tau5 is 0.25", "error"),
+    "a dead channel": (changed("tau", 5, lambda x: 0.25), "dead channel", "tau5 is 0.25", "error"),
 }  # fmt: skip
 
 
@@ -139,29 +129,13 @@ SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
 OF_THE_FILE = ("two runs", "missing samples", "rows twice", "few samples")
 
 
-@pytest.fixture(scope="module")
-def arm_of(
-    simulated: tuple[Problem, Measurements], small: tuple[Problem, Measurements]
-) -> Callable[[str], tuple[Problem, Measurements]]:
-    """The clean run that a kind spoils, with its problem."""
-    return lambda name: small if name in OF_THE_FILE else simulated
-
-
-@pytest.fixture(scope="module")
-def checked(arm_of: Callable[[str], tuple[Problem, Measurements]]) -> Callable[[str], Report]:
-    """What the check says of a spoiled run, by its name; each is checked once."""
-
-    def report(name: str) -> Report:
-        problem, run = arm_of(name)
-        return check(problem, SPOILED[name][0](run))[0]
-
-    return cache(report)
-
-
 @pytest.mark.parametrize("name", SPOILED)
-def test_what_is_wrong_is_named(name: str, checked: Callable[[str], Report]) -> None:
-    _, kind, words, severity = SPOILED[name]
-    report = checked(name)
+def test_what_is_wrong_is_named(
+    name: str, simulated: tuple[Problem, Measurements], small: tuple[Problem, Measurements]
+) -> None:
+    spoil, kind, words, severity = SPOILED[name]
+    problem, run = small if name in OF_THE_FILE else simulated
+    (report,) = check(problem, spoil(run))
     found = {f.kind: f for f in report.problems}
     assert kind in found, [f.kind for f in report.problems]
     assert not contradicts(report)
@@ -188,37 +162,22 @@ def test_only_what_is_certain_is_fixed(simulated: tuple[Problem, Measurements]) 
     assert "one-off event" in left
 
 
-def test_runs_in_one_file_are_put_one_after_another(
-    checked: Callable[[str], Report], small: tuple[Problem, Measurements]
-) -> None:
+def test_runs_in_one_file_are_put_one_after_another(small: tuple[Problem, Measurements]) -> None:
     """No row is lost, and the gap between them splits them for everything that follows."""
     problem, run = small
-    mended = checked("two runs").mended
+    mended = check(problem, two_runs(run))[0].mended
     assert len(mended.t) == len(two_runs(run).t)
     assert np.diff(mended.t).min() > 0.0
     assert [f.kind for f in check(problem, mended)[0].problems] == ["gap in time"]
 
 
-@pytest.mark.parametrize(
-    ("gravity", "words"),
-    [
-        ((9.81, 0.0, 0.0), "sideways"),
-        ((0.0, 0.0, 9.81), "ceiling"),
-        ((0.0, -9.81 * 0.5, -9.81 * 3**0.5 / 2), "30 degrees"),
-    ],
-)
-def test_gravity_is_found(
-    gravity: tuple[float, float, float], words: str, simulated: tuple[Problem, Measurements]
-) -> None:
+def test_gravity_is_found(simulated: tuple[Problem, Measurements]) -> None:
     """The arm stood upright; believing otherwise is found, with the angle and the vector to use."""
     problem, run = simulated
-    finding = next(
-        f
-        for f in check(problem.with_gravity(gravity), run, thorough=False)[0].problems
-        if f.gravity is not None
-    )
+    given = problem.with_gravity((0.0, -9.81 * 0.5, -9.81 * 3**0.5 / 2))
+    (finding,) = (f for f in check(given, run, thorough=False)[0].problems if f.gravity is not None)
     assert finding.kind == "gravity direction"
-    assert words in finding.what
+    assert "30 degrees" in finding.what
     assert finding.gravity == pytest.approx((0.0, 0.0, -9.81), abs=0.02)
     assert "--gravity 0,0,-9.81" in finding.remedy
 
@@ -229,7 +188,6 @@ def test_an_arm_on_the_ceiling_is_no_flipped_sign() -> None:
     run = experiment(problem).training_run(0)
     report = check(problem.with_gravity((0.0, 0.0, 9.81)), run)[0]
     assert [f.kind for f in report.problems] == ["gravity direction"]
-    assert "--gravity 0,0,-9.81" in report.problems[0].remedy
 
 
 def test_two_mistakes_at_once(simulated: tuple[Problem, Measurements]) -> None:

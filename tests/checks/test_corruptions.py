@@ -9,6 +9,8 @@ from corruptions.bench import HARMFUL, run_case
 
 from sdp_vs_penalty import check
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def arm() -> Arm:
@@ -59,6 +61,8 @@ WRONG = (
     "gravity removed 100 %",
     "load picked up 2 kg",
     "two arms in one file",
+    "gravity assumed wall",
+    "gravity assumed ceiling",
 )
 
 

@@ -48,6 +48,24 @@ def test_a_layout_is_recognised(name: str) -> None:
     assert found.scale.get("t") == (1e-3 if "ms" in name else None)
 
 
+@pytest.mark.filterwarnings("ignore:.*columns recognised")
+@pytest.mark.parametrize("name", [name for name in LAYOUTS if name != "blocks"])
+def test_a_file_of_a_layout_is_read_as_identify_reads_it(name: str, tmp_path: Path) -> None:
+    """Each joint's columns go to that joint, whatever their order in the file."""
+    path, columns_ = tmp_path / "log.csv", LAYOUTS[name]
+    values = np.random.default_rng(2).normal(size=(12, len(columns_)))
+    values[:, 0] = np.arange(12.0)
+    lines = [",".join(columns_), *(",".join(map(repr, row)) for row in values.tolist())]
+    path.write_text("\n".join(lines) + "\n")
+    found = recognised(columns_, [f"{j}_joint" for j in UR])
+    assert found is not None
+    run = load_measurements(path, joints=6, names=[f"{j}_joint" for j in UR])
+    for block, ours in ((run.q, "q"), (run.tau, "tau")):
+        at = [columns_.index(found.rename[f"{ours}{j}"]) for j in range(1, 7)]
+        units = [found.scale.get(f"{ours}{j}", 1.0) for j in range(1, 7)]
+        np.testing.assert_allclose(block, values[:, at] * units)
+
+
 def test_what_is_no_log_is_not_recognised() -> None:
     assert recognised(["a", "b", "c"]) is None
     assert recognised(["time", "price", "volume"]) is None

@@ -15,7 +15,6 @@ from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.signals import Preprocessing, filtered_torque
 
 FIELDS = {
-    "by_tables",
     "judged_on",
     "model",
     "verdict",

@@ -23,9 +23,14 @@ from sdp_vs_penalty import (
     follow,
     identify,
     load_estimate,
+    report,
 )
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.drive_torque import driven
+from sdp_vs_penalty.estimators.estimator import no_progress
+from sdp_vs_penalty.page.summary import summary
 from sdp_vs_penalty.signals import Preprocessing
 
 URDF = """<robot name="slide"><link name="base"/><link name="cart"><inertial><mass value="2"/>
@@ -139,6 +144,7 @@ def test_a_known_load_sets_the_scale(arm: str) -> None:
         identify(arm, log(), effects=EFFECTS, known_loads=[(log(seed=5, load=1.5), -1.0)])
 
 
+@pytest.mark.long
 def test_law_and_delay_do_not_depend_on_what_is_known(arm: str) -> None:
     run = log(1e-3, ki=700.0, delay=0.02)
     told = [{"m1": MASS}, {"m1": 50.0 * MASS}, {"kp1": KP}, {}]
@@ -171,6 +177,7 @@ def test_instruments_take_the_bias_of_noise_away(arm: str) -> None:
     assert without > 3.0 * with_them
 
 
+@pytest.mark.long
 def test_instruments_serve_a_log_with_torque_as_well(arm: str) -> None:
     """Noise of 3 mm, and a filter that lets it through: without them the mass is too small."""
     wide = Preprocessing(state_cutoff=6.0, torque_cutoff=8.0)
@@ -205,8 +212,8 @@ def test_neither_torque_nor_command_is_refused(arm: str) -> None:
         identify(arm, silent, effects=EFFECTS)
     with_torque = Measurements.of(run.t, {"q": run.q, "tau": run.q}, ("run",))
     plain = identify(arm, with_torque, effects=EFFECTS, check=False)
-    with pytest.raises(InputError, match="cross-validation needs a torque"):
-        cross_validate(arm, run, effects=EFFECTS)
+    with pytest.raises(InputError, match="neither torque nor commands"):
+        cross_validate(arm, silent, effects=EFFECTS)
     with pytest.raises(InputError, match="no servo that would stand for it"):
         driven(plain, run)
 
@@ -230,3 +237,32 @@ def test_a_proof_of_servos_is_made_of_its_log(arm: str, tmp_path: Path, torque: 
     holds, said = verify_proof_file(path, other, run)
     assert not holds
     assert "these measurements make another problem" in said
+
+
+def test_report_and_page_show_the_torque_that_the_servos_make(arm: str, tmp_path: Path) -> None:
+    found = identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
+    test, truth = log(seed=3), log(seed=3, torque=True)
+    given = Runs(log(), test, concatenate([log(), test]))
+    shown = summary(found, given, tmp_path / "model.json", 0.0, no_progress)
+    assert shown.servo
+    with np.load(shown.curves) as read:
+        t, torque, modelled = read["t1"], read["torque1"][:, 0], read["modelled1"][:, 0]
+    plant = truth.tau[:, 0] - VISCOUS * np.gradient(truth.q[:, 0], truth.t)  # kd holds both
+    tau = np.interp(t, truth.t, plant)
+    assert np.std(torque - tau) < 0.1 * np.std(tau)
+    assert np.sqrt(np.mean((torque - modelled) ** 2)) == pytest.approx(
+        shown.comparison["rmse"][0], rel=1e-3
+    )
+    report(found, test, tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text()
+    assert "No torque was logged: the servos" in html
+    assert "mm RMS" in html  # the motion that the commands alone make
+    assert "kp1" in html
+
+
+def test_folds_judge_the_links_by_the_drives(arm: str) -> None:
+    """Friction that is left out of the model is the error that unseen motion shows."""
+    whole = cross_validate(arm, log(), effects=EFFECTS, folds=3)
+    assert whole.relative_error_percent < 3.0
+    bare = EFFECTS.replace("coulomb_friction@v_s=0.05,", "")
+    assert cross_validate(arm, log(), effects=bare, folds=3).relative_error_percent > 10.0

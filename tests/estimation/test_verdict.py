@@ -56,6 +56,8 @@ def test_links_that_cannot_be_are_not_to_be_used() -> None:
     assert broken.lines[0].about == MISSING
     assert "No robot is like this" in broken.headline
     assert verdict(Certificate({}, 1.0, body_share=1.3)).grade == "do not use"
+    # Nor an estimate whose own certificate says so.
+    assert verdict(Certificate({}, 1.0, gap=0.34)).grade == "do not use"
     assert "Link 2 weighs less than a thousandth" in verdict(masses=np.array([30.0, 0.01])).headline
     # An upper bound on an inertia about the centre of mass is not convex, and rounding is none.
     assert verdict(Certificate({"pseudo-inertia": 1e-12}, 1.0)).grade == "good"

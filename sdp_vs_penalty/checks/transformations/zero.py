@@ -21,12 +21,12 @@ class Zero(Transformation):
     """What is to be added to one joint's position [rad]; of prismatic joints in lengths of the arm."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        poor = bool(scene.poor(score).any())
+        poor = scene.poor(score)
         for j in scene.joints:
             at, unit = partial(_at, scene, now, j), _unit(scene, j)
             step = scene.newton(at, now.zero[j], 0.01 * unit, score)
             steps = [float(np.clip(step, -0.7 * unit, 0.7 * unit))]
-            steps += [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and poor else []
+            steps += [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and poor[j] else []
             yield from (at(now.zero[j] + x) for x in steps if x)
 
     def pairs(self, scene: Scene, now: Repair) -> Iterator[Repair]:

@@ -22,6 +22,7 @@ def verb(
     gravity: options.Gravity = None,
     json_file: Annotated[Path | None, options.json_option("figures")] = None,
     seed: options.Seed = 0,
+    known: options.Known = None,
     jobs: options.Jobs = 1,
     scheduler: options.Scheduler = None,
 ) -> None:
@@ -33,6 +34,7 @@ def verb(
     from sdp_vs_penalty.data.cli_parsing import numbers
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.estimation.cross_validation import cross_validate
+    from sdp_vs_penalty.estimation.servo_scale import parsed_known
     from sdp_vs_penalty.parallel import Workers
     from sdp_vs_penalty.problem.load import load_problem
     from sdp_vs_penalty.show import plain_unit
@@ -47,6 +49,7 @@ def verb(
             effects=effects,
             folds=folds,
             seed=seed,
+            known=parsed_known(known or ""),
             progress=progress,
             workers=Workers(jobs, scheduler),
         )

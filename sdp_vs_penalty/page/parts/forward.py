@@ -14,17 +14,21 @@ from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.reports.plots import Curves
 
 _DRIVES = (("torque", "the measured torque alone"), ("pd", "and a control loop on the measured motion"))
+_SERVO = ("servo", "the commands alone, through the model's servos")
 
 
 def _draw(view: View) -> None:
     session, asked = view.session, {"drive": view.drive}
+    drives = [_SERVO] * session.current.servo + list(_DRIVES)
+    if view.drive not in dict(drives):
+        view.drive = asked["drive"] = drives[0][0]
 
     def run() -> None:
         view.drive = asked["drive"]
         session.ask("forward", "Running the model forward", drive=view.drive)
 
     with tag("div", style="fields pick"):
-        choice("Driven by", _DRIVES, view.drive, lambda v: asked.update(drive=v), "drive")
+        choice("Driven by", drives, view.drive, lambda v: asked.update(drive=v), "drive")
     made = session.answer("forward")
     button("Run it forward", run, "forward", "primary" if made is None else "")
     if made is None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,7 +12,7 @@ from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, LmiSdpEntropic, LmiSdpPlain
 from sdp_vs_penalty.estimators.ols import Ols
 from sdp_vs_penalty.estimators.penalty import Penalty
-from sdp_vs_penalty.estimators.task import make_task, sample_variance
+from sdp_vs_penalty.estimators.task import make_task, with_joint_prior
 from sdp_vs_penalty.paper.tables.study import (
     Data,
     PhaseFold,
@@ -164,9 +163,7 @@ def _errors(
     for train, test in windows:
         task = make_task(study.problem, data.model, train, seed=study.seed)
         estimator, prior = _ESTIMATORS[method]
-        if prior and task.joint_scale is not None:
-            task = replace(task, data=task.data.with_prior(task.joint_scale, sample_variance(task)))
-        theta = estimator.fit(task).theta
+        theta = estimator.fit(with_joint_prior(task) if prior else task).theta
         whole.append(torque_errors(test, theta)[1])
         links.append(torque_errors(test, refit_others(test, theta, data.model))[1])
     return whole, links

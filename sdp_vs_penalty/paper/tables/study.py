@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, QUICK_BUDGET, PenaltyPaper
-from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.estimators.task import make_task, with_joint_prior
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
@@ -224,7 +224,8 @@ class Study:
         return self._tasks[key]
 
     def result(self, method: str, data: Data) -> Result:
-        """A method's estimate from the training part of a data set."""
+        """A method's estimate from the training part of a data set; "penalty, joint prior": with
+        the pull of joint parameters to zero that ``lmi-sdp`` has, and nothing else of it."""
         self.estimate([method], [data])
         return self._results[method, data.key]
 
@@ -234,7 +235,11 @@ class Study:
         for (method, _), data in new.items():
             self.task(data)
             self.progress(f"{method} on {data.label} data")
-        tasks = [(self.estimator(m), self._tasks[key]) for m, key in new]
+        tasks = []
+        for m, key in new:
+            name, _, prior = m.partition(", ")
+            task = self._tasks[key]
+            tasks.append((self.estimator(name), with_joint_prior(task) if prior else task))
         workers = replace(self.workers, progress=self.progress)
         self._results.update(zip(new, workers.map(_estimated, tasks), strict=True))
 
