@@ -157,6 +157,7 @@ def kills(name: str, number: int, seed: int, cases: dict[str, Case], tmp_path: P
     return told
 
 
+@pytest.mark.long
 def test_a_command_that_is_killed_leaves_nothing_and_runs_again(
     cases: dict[str, Case], tmp_path: Path
 ) -> None:

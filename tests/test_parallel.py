@@ -78,6 +78,7 @@ def test_folds_and_estimates_of_tables_are_the_same_by_processes(runs: Measureme
     assert sum(heard) == 3  # nothing twice
 
 
+@pytest.mark.long
 def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs: Measurements) -> None:
     distributed = pytest.importorskip("distributed")
     problem = load_problem("two_link")
@@ -94,6 +95,7 @@ def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs: Measurements) 
     np.testing.assert_array_equal(found.theta, alone.theta)
 
 
+@pytest.mark.long
 def test_a_scheduler_that_ends_is_a_sentence() -> None:
     distributed = pytest.importorskip("distributed")
     quiet = {"silence_logs": 50, "dashboard_address": None}

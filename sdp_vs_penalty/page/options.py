@@ -32,7 +32,8 @@ def fields_of(verb: Callable[..., Any], *names: str) -> tuple[FormField, ...]:
         told = option.metavar or ("" if default is None or kind is bool else str(default))
         of = next((k for k in (bool, int, float) if kind is k or k in get_args(kind)), str)
         flag = flags[0].partition("/")[0] if flags else f"--{name.replace('_', '-')}"
-        out.append(FormField(name, flag, option.help or "", told, of))
+        said = (option.help or "").replace("`", "")
+        out.append(FormField(name, flag, said, told, of))
     return tuple(out)
 
 

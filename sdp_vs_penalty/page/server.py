@@ -157,6 +157,8 @@ def serve(
         server_header=False,
         lifespan="on",
     )
+    gc.freeze()  # what is loaded stays; what tabs leave behind is looked for often
+    gc.set_threshold(700, 10, 10)
     try:
         with contextlib.suppress(KeyboardInterrupt):
             uvicorn.Server(config).run(sockets=[listener])

@@ -9,6 +9,8 @@ from corruptions.bench import HARMFUL, run_case
 
 from sdp_vs_penalty import check
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def arm() -> Arm:

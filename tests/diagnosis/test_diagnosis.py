@@ -135,6 +135,7 @@ def test_equal_runs_are_not_more_independent_than_their_number(two_link: Problem
     assert degrees[1] < 3.4 * rows_a_run
 
 
+@pytest.mark.long
 def test_same_seed_same_findings(stribeck: HiddenRuns, found: Diagnosis) -> None:
     assert diagnosed(stribeck).to_dict() == found.to_dict()
 
@@ -215,6 +216,7 @@ def first_name(result: Diagnosis) -> tuple[str, tuple[int, ...]]:
     return result.effects[0].effect, result.effects[0].joints
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", ["as it is", "slower log", "one run", "unequal", "no repeats"])
 def test_two_joints_whatever_the_record(slope: HiddenRuns, what: str) -> None:
     runs = list(slope.runs[:3])
@@ -261,6 +263,7 @@ def test_one_joint() -> None:
     assert result.effects[0].unit == "N*s/m"
 
 
+@pytest.mark.long
 def test_held_out_errors_without_a_test_run(slope: HiddenRuns) -> None:
     estimate, data = small(slope)
     result = diagnose(estimate, data)

@@ -17,6 +17,8 @@ from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.page.summary import summary
 
+pytestmark = pytest.mark.long
+
 #: Method, effects, and the run it is judged on; the usual effects where there are none.
 MODELS = [
     ("lmi-sdp", "", "same"),

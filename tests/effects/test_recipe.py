@@ -86,6 +86,7 @@ def test_one_file_keeps_the_contracts_and_is_listed() -> None:
     assert row[1:3] == ("k_h q_0 sinh(q / q_0)", "q_0=0.5")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("new_file")
 def test_one_file_is_hidden_found_added_and_saved(two_link: Problem, tmp_path: Path) -> None:
     (written,) = parse_effects(f"{NAME}:2@q_0=0.7", two_link.robot)

@@ -122,6 +122,7 @@ def test_the_command_line_takes_a_load_and_lets_it_judge_the_gains(
     assert "gains of the torque channels" in capsys.readouterr().out
 
 
+@pytest.mark.long
 @pytest.mark.real_data
 def test_the_load_of_the_real_ur10e(data_folder: Path) -> None:
     """Gains from one loaded run weigh the same load in another run: 2.805 kg, where the authors' drive

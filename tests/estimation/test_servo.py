@@ -23,9 +23,14 @@ from sdp_vs_penalty import (
     follow,
     identify,
     load_estimate,
+    report,
 )
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.drive_torque import driven
+from sdp_vs_penalty.estimators.estimator import no_progress
+from sdp_vs_penalty.page.summary import summary
 from sdp_vs_penalty.signals import Preprocessing
 
 URDF = """<robot name="slide"><link name="base"/><link name="cart"><inertial><mass value="2"/>
@@ -90,6 +95,7 @@ def test_a_known_mass_gives_the_gains_and_friction(arm: str, tmp_path: Path) -> 
     found = identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
     assert found.details["servo"]["law"] == "PD"
     assert found.details["servo"]["delay"] == pytest.approx(0.0, abs=5e-4)
+    assert found.details["servo"]["motion"][0] < 1e-3
     assert found.certificate.worst == 0.0
     assert found.certificate.gap is not None
     # The mass is the given one, not the one that the prior on links would have.
@@ -139,6 +145,21 @@ def test_a_known_load_sets_the_scale(arm: str) -> None:
         identify(arm, log(), effects=EFFECTS, known_loads=[(log(seed=5, load=1.5), -1.0)])
 
 
+def test_a_motor_constant_sets_the_scale(arm: str) -> None:
+    run = log(torque=True)
+    groups = {"q": run.q, "qcmd": run.commanded["qcmd"], "current": run.tau / 2.5}
+    found = identify(arm, Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5})
+    assert found.details["servo"]["scale"] == "kt1 = 2.5"
+    assert value(found, "kp1") == pytest.approx(KP, rel=0.02)
+    assert value(found, "m1") == pytest.approx(MASS, rel=0.02)
+    with pytest.raises(InputError, match="needs the column current1"):
+        identify(arm, log(), effects=EFFECTS, known={"kt1": 2.5})
+    groups["current"] = -groups["current"]
+    with pytest.raises(InputError, match="is not what this servo makes of its error"):
+        identify(arm, Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5})
+
+
+@pytest.mark.long
 def test_law_and_delay_do_not_depend_on_what_is_known(arm: str) -> None:
     run = log(1e-3, ki=700.0, delay=0.02)
     told = [{"m1": MASS}, {"m1": 50.0 * MASS}, {"kp1": KP}, {}]
@@ -171,6 +192,7 @@ def test_instruments_take_the_bias_of_noise_away(arm: str) -> None:
     assert without > 3.0 * with_them
 
 
+@pytest.mark.long
 def test_instruments_serve_a_log_with_torque_as_well(arm: str) -> None:
     """Noise of 3 mm, and a filter that lets it through: without them the mass is too small."""
     wide = Preprocessing(state_cutoff=6.0, torque_cutoff=8.0)
@@ -230,6 +252,27 @@ def test_a_proof_of_servos_is_made_of_its_log(arm: str, tmp_path: Path, torque: 
     holds, said = verify_proof_file(path, other, run)
     assert not holds
     assert "these measurements make another problem" in said
+
+
+def test_report_and_page_show_the_torque_that_the_servos_make(arm: str, tmp_path: Path) -> None:
+    found = identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
+    test, truth = log(seed=3), log(seed=3, torque=True)
+    given = Runs(log(), test, concatenate([log(), test]))
+    shown = summary(found, given, tmp_path / "model.json", 0.0, no_progress)
+    assert shown.servo
+    with np.load(shown.curves) as read:
+        t, torque, modelled = read["t1"], read["torque1"][:, 0], read["modelled1"][:, 0]
+    plant = truth.tau[:, 0] - VISCOUS * np.gradient(truth.q[:, 0], truth.t)  # kd holds both
+    tau = np.interp(t, truth.t, plant)
+    assert np.std(torque - tau) < 0.1 * np.std(tau)
+    assert np.sqrt(np.mean((torque - modelled) ** 2)) == pytest.approx(
+        shown.comparison["rmse"][0], rel=1e-3
+    )
+    report(found, test, tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text()
+    assert "No torque was logged: the servos" in html
+    assert "mm RMS" in html  # the motion that the commands alone make
+    assert "kp1" in html
 
 
 def test_folds_judge_the_links_by_the_drives(arm: str) -> None:

@@ -45,9 +45,15 @@ def said(page: Page) -> dict[str, list[str]]:
 
 
 def one_grade(page: Page) -> str:
-    """The only grade that the page gives, in words and colour."""
+    """The only grade that the page gives, in words and colour, whatever screen is shown; no sentence of
+    any screen is the command line's."""
     first, *others = said(page).values()
     assert all(other == first for other in others)
+    for stage in STAGES:
+        text = page.locator(f"[data-stage={stage.anchor}]").text_content() or ""
+        verdicts = re.findall(r"(?:^|[.!] ?)(Good|Usable|Do not use)\. ", text)
+        assert set(verdicts) <= {first[0]}, (stage.anchor, verdicts)
+        assert "`" not in text, stage.anchor
     assert first[1] == {"Good": "good", "Usable": "usable", "Do not use": "bad"}[first[0]]
     return first[0]
 

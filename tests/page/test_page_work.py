@@ -554,16 +554,24 @@ def test_silence_and_lost_connections_leave_nothing(
         assert not [*tmp_path.iterdir()]
 
 
-def test_tabs_count_from_their_request_on(sessions: Sessions, monkeypatch: pytest.MonkeyPatch) -> None:
-    """None of twenty that are opened at once is lost before its browser connects; later ones wait."""
+@pytest.mark.parametrize("shown", [False, True], ids=["not connected yet", "all lost at once"])
+def test_tabs_without_a_connection_are_kept_a_minute(
+    shown: bool, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """None of twenty that are opened at once, or lose their connections at once, is lost."""
     monkeypatch.setattr(sessions, "_all", {})
     made = [sessions.new() for _ in range(sessions_module.MOST)]
     with pytest.raises(InputError, match="tabs are open"):
         sessions.new()
+    for session in made if shown else ():
+        session.shown = True
+        sessions.leave(session)
+    if shown:
+        sessions.new()  # which forgets old ones
     assert all(sessions.get(session.token) is session for session in made)
     monkeypatch.setattr(sessions_module, "_CONNECTS", 0.0)  # a minute later none has come
     sessions.new()
-    assert sum(sessions.get(session.token) is not None for session in made) == 4
+    assert sum(sessions.get(session.token) is not None for session in made) == 4 - shown
 
 
 def test_the_authors_four_files_are_one_run(tmp_path: Path) -> None:
@@ -765,21 +773,6 @@ def test_jobs_of_all_tabs_wait_for_each_other(
     assert status == "waiting for the jobs of other tabs"
     assert second.robot is not None
     assert second.robot["name"] == "two_link"
-
-
-def test_tabs_that_lose_their_connections_at_once_are_found_again(
-    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sessions, "_all", {})
-    made = [sessions.new() for _ in range(10)]
-    for session in made:
-        session.shown = True
-        sessions.leave(session)
-    sessions.new()
-    assert all(sessions.get(session.token) is session for session in made)
-    monkeypatch.setattr(sessions_module, "_CONNECTS", 0.0)  # a minute later they are closed tabs
-    sessions.new()
-    assert sum(sessions.get(session.token) is not None for session in made) < 5
 
 
 class Tab:

@@ -37,6 +37,7 @@ def studies() -> Iterator[dict[str, Study]]:
     patch.undo()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", sorted(FIGURES))
 def test_axes_have_units_and_lines_are_finite(
     number: int, studies: dict[str, Study], tmp_path: Path

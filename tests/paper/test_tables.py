@@ -154,6 +154,7 @@ def test_any_urdf_has_tables_too(tmp_path: Path, without_data: None) -> None:
     assert "the problem's nominal links" in made[0].caption
 
 
+@pytest.mark.long
 @pytest.mark.real_data
 def test_real_data_add_measured_columns(panda: Problem) -> None:
     study = SmallStudy(panda)

@@ -28,6 +28,7 @@ def known() -> tuple[Estimate, Measurements]:
     return replace(identify(problem, run, effects=EFFECTS), theta=theta), run
 
 
+@pytest.mark.long
 def test_the_truth_follows_itself(known: tuple[Estimate, Measurements]) -> None:
     estimate, run = known
     made = follow(estimate, run)
@@ -42,6 +43,7 @@ def test_the_truth_follows_itself(known: tuple[Estimate, Measurements]) -> None:
     assert made.verdict.startswith("Run forward, 0.1 s ahead the worst joint")
 
 
+@pytest.mark.long
 def test_a_wrong_model_is_found_out(known: tuple[Estimate, Measurements]) -> None:
     estimate, run = known
     theta = estimate.theta.copy()

@@ -104,6 +104,7 @@ def test_a_true_proof_holds_and_its_interval_is_tight(proofs: dict[str, Proof], 
     assert float((upper - lower) / upper) < 1e-6
 
 
+@pytest.mark.long
 def test_no_change_goes_unnoticed(proofs: dict[str, Proof]) -> None:
     rng = random.Random(0)
     for k in range(1000):
