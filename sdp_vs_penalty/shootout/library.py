@@ -1,7 +1,7 @@
 """The library of instances: identification SDPs as files that any solver reads, with proofs beside them.
 
 Each instance is a folder with the problem in three formats (CBF, sparse SDPA where its cones allow
-that, NumPy and MATLAB arrays), a JSON that says how a file's optimum becomes the loss and between which
+that, NumPy arrays), a JSON that says how a file's optimum becomes the loss and between which
 proved bounds that lies, and a proof that `verify` checks in rational arithmetic. index.csv lists them
 all with sizes and SHA-256. The same version writes the same bytes on the same machine.
 """
@@ -72,12 +72,9 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
         more = {"name": item.name, "about": item.sentence, "formulation": instance.formulation}
         sums[name] = export_sdp(sdp, folder / name, interval, status=status, **more)["sha256"]
     made = linear_objective(sdp.conic)
-    for name, content in (
-        ("problem.npz", _npz(made.problem)),
-        ("problem.mat", _mat(made.problem)),
-    ):
-        write_bytes(folder / name, content)
-        sums[name] = hashlib.sha256(content).hexdigest()
+    arrays = _npz(made.problem)
+    write_bytes(folder / "problem.npz", arrays)
+    sums["problem.npz"] = hashlib.sha256(arrays).hexdigest()
     low, high = map(float, interval) if interval else (0.0, np.inf)
     gap = (high - low) / max(high, 1e-12 * instance.data.tau_squared)  # of the objective, never negative
     difficulty = "easy" if gap <= _EASY else "medium" if gap <= _MEDIUM else "hard"
@@ -101,7 +98,7 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
     }
 
 
-_FILES = ("problem.cbf", "problem.dat-s", "problem.npz", "problem.mat")
+_FILES = ("problem.cbf", "problem.dat-s", "problem.npz")
 
 
 def proved(instance: Instance) -> tuple[str, Proof | None]:
@@ -119,32 +116,18 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
         return "not proved", None
 
 
-def _arrays(problem: ConicProblem) -> dict[str, Any]:
-    """minimise c^T x subject to b - A x in a product of cones, matrices as svec (README.md)."""
-    return {
-        "c": problem.q,
-        "A": problem.A,
-        "b": problem.b,
-        "cone_kinds": np.array([c.kind for c in problem.cones]),
-        "cone_sizes": np.array([c.size for c in problem.cones]),
-    }
-
-
 def _npz(problem: ConicProblem) -> bytes:
-    arrays = _arrays(problem)
-    A = arrays.pop("A").tocoo()
-    file = io.BytesIO()
+    """minimise c^T x subject to b - A x in a product of cones, matrices as svec (README.md)."""
+    file, A = io.BytesIO(), problem.A.tocoo()
     np.savez_compressed(
-        file, A_row=A.row, A_column=A.col, A_value=A.data, A_shape=np.array(A.shape), **arrays
+        file,
+        c=problem.q,
+        b=problem.b,
+        A_row=A.row,
+        A_column=A.col,
+        A_value=A.data,
+        A_shape=np.array(A.shape),
+        cone_kinds=np.array([c.kind for c in problem.cones]),
+        cone_sizes=np.array([c.size for c in problem.cones]),
     )
     return file.getvalue()
-
-
-def _mat(problem: ConicProblem) -> bytes:
-    from scipy.io import savemat
-
-    file = io.BytesIO()
-    savemat(file, _arrays(problem), do_compression=True)
-    # The header's first 116 bytes are a text with the time of day, which is nobody's business here.
-    header = b"MATLAB 5.0 MAT-file, written by sdp-vs-penalty".ljust(116)
-    return header + file.getvalue()[116:]

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.io import loadmat
 from sdp_readers import read_cbf, read_sdpa
 
 from sdp_vs_penalty import InputError
@@ -59,7 +58,7 @@ def test_every_file_is_its_sum_and_every_proof_is_accepted(written) -> None:  # 
     folder, rows = written
     for row in rows.values():
         place = folder / row["folder"]
-        for name in ("problem.cbf", "problem.dat-s", "problem.npz", "problem.mat"):
+        for name in ("problem.cbf", "problem.dat-s", "problem.npz"):
             there = place / name
             wanted = row[f"sha256 {name}"]
             assert there.is_file() == bool(wanted)
@@ -105,11 +104,6 @@ def test_arrays_are_the_problem_of_the_text(written) -> None:  # type: ignore[no
         with np.load(place / "problem.npz") as made:
             np.testing.assert_array_equal(np.sort(made["c"]), np.sort(sent.q))
             np.testing.assert_allclose(np.sort(made["A_value"]), np.sort(sent.A.data), rtol=1e-15)
-            matlab = loadmat(place / "problem.mat")
-            np.testing.assert_array_equal(matlab["c"].ravel(), made["c"])
-            A = matlab["A"].tocoo()
-            at = np.lexsort((made["A_row"], made["A_column"]))
-            np.testing.assert_array_equal(A.data, made["A_value"][at])
 
 
 def test_the_same_bytes_come_again(written, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
