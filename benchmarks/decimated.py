@@ -1,7 +1,5 @@
 """A log to a physically consistent estimate, as an ordinary script in this field: decimate, then CVXPY.
 
-    python decimated.py FOLDER SECONDS
-
 Positions and torques pass zero-phase Butterworth filters, every 28th sample is kept, Pinocchio gives its
 regressor, CVXPY minimises the squared residual subject to positive definite pseudo-inertias and signs.
 No bounds, no weights, no certificate, no intervals, and columns do not pass the filter of the torque.
@@ -68,16 +66,18 @@ def rows(model: Any, q: Array, tau: Array) -> tuple[Array, Array]:
     return columns(model, q[few], dq[few], ddq[few]), tau[few]
 
 
-def solve(y: Array, tau: Array, basis: Array) -> Array:
+def solve(y: Array, tau: Array, basis: Array, triangle: bool = True) -> Array:
     """theta (13 n,) of least squares with positive semidefinite pseudo-inertias and friction >= 0.
 
     y (M, n, 13 n), tau (M, n); basis (10, 4, 4) : of the pseudo-inertia. Columns are scaled to unit
-    length: without that Clarabel's answer is wrong.
+    length: without that Clarabel's answer is wrong. triangle : CVXPY is given the rows' R factor, else
+    the rows themselves.
     """
     import cvxpy as cp
 
     links = y.shape[1]
-    R = np.linalg.qr(np.column_stack([y.reshape(-1, y.shape[2]), tau.ravel()]), mode="r")
+    R = np.column_stack([y.reshape(-1, y.shape[2]), tau.ravel()])
+    R = np.linalg.qr(R, mode="r") if triangle else R
     norms = np.linalg.norm(R[:, :-1], axis=0)
     scale = 1.0 / np.maximum(norms, 1e-6 * norms.max())
     x = cp.Variable(y.shape[2])
@@ -91,7 +91,7 @@ def solve(y: Array, tau: Array, basis: Array) -> Array:
     return np.asarray(scale * x.value)
 
 
-def identify(folder: Path, model: Any, basis: Array) -> Array:
+def identify(folder: Path, model: Any, basis: Array, triangle: bool = True) -> Array:
     """Text files to theta."""
     _, q, tau = read(folder, model.nv)
-    return solve(*rows(model, q, tau), basis)
+    return solve(*rows(model, q, tau), basis, triangle)

@@ -131,7 +131,7 @@ def write(out: Path, found: dict[str, Any]) -> None:
     grown["series"] |= {name: part["series"][0] for name, part in found.items() if part["series"]}
     for part in found.values():
         grown["lines"] = part["lines"] or grown["lines"]
-        grown["versions"] = part["versions"]
+        grown["versions"] = grown.get("versions", {}) | part["versions"]
     write_text(state, json.dumps(grown, indent=1) + "\n")
     text = ["# Speed and memory", "", _about(grown.get("versions", {})), ""]
     text += _table(NAMES[1:], [c[1:] for c in cells])

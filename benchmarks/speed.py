@@ -15,6 +15,7 @@ import tracemalloc
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import decimated
@@ -25,6 +26,7 @@ from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certify import build_estimate
+from sdp_vs_penalty.estimation.identify import identify as estimated
 from sdp_vs_penalty.estimation.pose import Posed, pose
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Fit, Task
@@ -78,13 +80,16 @@ def text(problem: Problem, folder: Path) -> list[Row]:
     """Text files to an estimate against the decimated script, and both on motion not seen."""
     model, basis = problem.robot._model, inertia.PSEUDO_INERTIA_BASIS
 
-    def script() -> None:
+    def script(triangle: bool = True) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            decimated.identify(folder, model, basis)
+            decimated.identify(folder, model, basis, triangle)
 
-    def ours() -> Estimate:
-        return identify(problem, load_measurements(folder, joints=7), METHOD, check=False)
+    def ours(verb: Callable[..., Estimate] = estimated) -> Estimate:
+        return verb(problem, load_measurements(folder, joints=7), METHOD)
+
+    def judged_too() -> Estimate:
+        return ours(partial(identify, check=False))
 
     estimate, run = ours(), load_measurements(folder, joints=7)
     settings = problem.preprocessing.resolve(run)
@@ -119,8 +124,12 @@ def text(problem: Problem, folder: Path) -> list[Row]:
     def solved() -> Fit:
         return method.fit(fresh().task)
 
+    spent, plain = cpu(ours, 5), "theirs: the rows as they are, not their R factor, to CVXPY"
     return [
-        Row("text files to estimate, CPU", cpu(ours, 5), cpu(script, 5), "s", note),
+        Row("text files to estimate, CPU", spent, cpu(script, 5), "s", note),
+        Row("the same and its verdict on these data, CPU", cpu(judged_too, 5), cpu(script, 5), "s",
+            "noise floor and error of each joint; theirs: as above, without"),
+        Row("the same, rows to CVXPY, CPU", spent, cpu(lambda: script(False), 3), "s", plain),
         Row("its certificate, intervals and record of the motion, CPU", cpu(certified, 5),
             cpu(solved, 5), "s", "other: its SDP with the lower bound"),
         Row("the same, relative error on motion not seen", error, 100.0 * np.sqrt(wrong / total), "%",
@@ -218,10 +227,12 @@ def processes(problem: Problem, run: Measurements) -> list[Row]:
         identified = [*ours, "identify", problem.name, "--data", log, "--out", model]
         commands = {
             "bare": [sys.executable, "-c", "import numpy, scipy.linalg, scipy.signal"],
+            "imports of the script": [sys.executable, "-c",
+                                      "import numpy, scipy.signal, pinocchio, cvxpy"],
             "identify without the check": [*identified, "--no-check"],
             "identify": identified,
             "report": [*ours, "report", model, "--data", log, "--out", out],
-        }
+        }  # fmt: skip
         for command in commands.values():
             process(command)  # bytecode
         used: dict[str, list[float]] = {key: [] for key in commands}

@@ -120,7 +120,7 @@ class Likelihood:
         for j, k in enumerate(repair.tau_order):
             value, rate = self._at(k, repair.lead[j])
             if repair.bend[j]:
-                limit = self.data.largest[k] / repair.bend[j]
+                limit = max(float(self.data.largest[k]) / repair.bend[j], 1e-300)  # a dead channel
                 value = limit * np.arctanh(np.clip(value / limit, -0.999, 0.999))
             out[j] = repair.gain[j] * (value + repair.lag[j] * rate)
         return out * self._heard(repair)

@@ -76,6 +76,10 @@ def servo(result: Estimate, told: dict[str, Any]) -> None:
         + (f" (held-out error over the least: {errors})" * bool(errors))
     )
     say(f"scale: {told['scale']}")
+    if told.get("motion"):
+        units = result.robot.position_units
+        apart = (f"{1e3 * x:.3g} m{u}" for x, u in zip(told["motion"], units, strict=True))
+        say(f"motion simulated from the command, RMS from the measured: {', '.join(apart)}")
     model, std = result.model, result.standard_deviations
     rows = [
         [p.name, f"{x:.4g}", _spread(p.name in model.known, x, s), plain_unit(p.unit)]

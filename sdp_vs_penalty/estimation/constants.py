@@ -50,8 +50,9 @@ COMMAND_HARMONICS = 5.0
 #: Simulations of a command at most, each by the model that the last one's instruments gave, while their
 #: errors differ by more than this ratio; Gauss-Newton steps to the delay before each.
 SIMULATIONS, SAME_MOTION, DELAY_STEPS = 3, 1.2, 2
-#: Share of its column that others must leave of a parameter which sets a scale [-].
-SCALE_TOLD = 1e-5
+#: Share of its column that others must leave of a parameter which sets a scale [-], and the least
+#: correlation of a motor's current or voltage with its servo's torque (the EMPS: 0.9999).
+SCALE_TOLD, MOTOR_ALIKE = 1e-5, 0.7
 #: Velocities over which dry friction may turn round while the servo's law is sought [rad/s, m/s], and
 #: doublings of the widest one of its law that are tried: a simulator's friction is that soft.
 TURNS, WIDER_TURNS = (1e-3, 0.01, 0.05, 0.25), 3

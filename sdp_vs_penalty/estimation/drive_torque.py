@@ -13,10 +13,12 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.servo_loop import ServoLoop
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.simulated_motion import sampled_command
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.runs import stretches
 
 
@@ -33,7 +35,13 @@ def driven(estimate: Estimate, measurements: Measurements) -> tuple[Estimate, Me
             "identify from a log with commands, or name one with torque",
             measurements.names[0],
         )
-    loop, runs = ServoLoop(estimate.model, estimate.theta), []
+    return plant(estimate), with_drive_torque(estimate.model, estimate.theta, measurements)
+
+
+def with_drive_torque(model: Model, theta: Array, measurements: Measurements) -> Measurements:
+    """The log with the torque (N, n) that the servos of a model and its parameters theta (p,) make of
+    it [N m, N]."""
+    loop, runs = ServoLoop(model, theta), []
     for run in measurements.runs():
         tau = np.array(run.tau)
         for part in stretches(run):
@@ -44,8 +52,7 @@ def driven(estimate: Estimate, measurements: Measurements) -> tuple[Estimate, Me
             motion = Motion(part.t, part.q, rate, faster, command=told, sum=part.integrals[1])
             tau[inside] += loop.drive(motion)
         runs.append(replace(run, tau=tau, torque_logged=True))
-    whole = runs[0] if len(runs) == 1 else concatenate(runs)
-    return plant(estimate), whole
+    return runs[0] if len(runs) == 1 else concatenate(runs)
 
 
 def plant(estimate: Estimate) -> Estimate:

@@ -32,7 +32,13 @@ from sdp_vs_penalty.estimation.constants import (
 )
 from sdp_vs_penalty.estimation.servo_gains import balanced
 from sdp_vs_penalty.estimation.servo_law import LAWS, find_law
-from sdp_vs_penalty.estimation.servo_scale import factor_of_known, factor_of_loads, words_of_scale
+from sdp_vs_penalty.estimation.servo_scale import (
+    constants_of_motors,
+    factor_of_known,
+    factor_of_loads,
+    factor_of_motors,
+    words_of_scale,
+)
 from sdp_vs_penalty.estimation.shape_constants import prior_deviation, with_sensitivities
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, with_shapes
 from sdp_vs_penalty.estimation.simulated_motion import with_simulated_motion
@@ -41,6 +47,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
@@ -106,31 +113,36 @@ def servo_log(
     shapes = log.shapes(log.balanced(load, own_drives, law.delay))
     load = tuple(with_shapes(load, shapes))
     model, least = log.balanced(load, own_drives, law.delay), np.inf
-    rows = used = data
+    rows, used, motion = data, data, np.zeros(0)
     for k in range(SIMULATIONS if instruments else 1):
         better = log.later(model, rows) if late else model
         if instruments:
             progress(f"simulating the command, pass {k + 1}")
-            simulated, error = log.simulated(better, rows)
+            simulated, apart = log.simulated(better, rows)
+            error = float(np.mean(np.log(np.maximum(apart, 1e-300))))
             before, least = least, min(error, least)
             if not error < before + np.log(SAME_MOTION):
                 break
-            used, rows = rows, simulated
+            used, rows, motion = rows, simulated, apart
         model = better
         if instruments and error > before - np.log(SAME_MOTION):
             break
     assert model.reference is not None
     scale, factor, error = dict(known) or dict(model.known), 1.0, 0.0
-    if known:
+    if motors := constants_of_motors(known, problem.robot):
+        factor = factor_of_motors(model, model.reference, data, motors, settings)
+    elif known:
         factor = factor_of_known(model, compress(data, model, settings), model.reference, known)
     if loads:
         factor, error = factor_of_loads(model, model.reference, loads, settings)
+    if loads or motors:
         scale = {name: factor * x for name, x in model.known.items()}
     details = {
         "law": "as given" if drives else law.name,
         "delay": model.effects[-1].shape["T"],
         "held_out": law.errors,
         "shapes": [s.to_dict() for s in shapes],
+        "motion": motion.tolist(),
         "known": scale,
         "scale": words_of_scale(known, loads, model.known),
     }
@@ -211,12 +223,11 @@ class _Log:
             model = self.balanced(*parts, float(np.clip(late, 0.0, LATEST)))
         return model
 
-    def simulated(self, model: Model, rows: Measurements) -> tuple[Measurements, float]:
-        """The motion that the model, fitted to the rows, makes of the command, and how far that is from
-        the measured one: the logarithm of the joints' root mean square, in the mean."""
+    def simulated(self, model: Model, rows: Measurements) -> tuple[Measurements, Array]:
+        """The motion that the model, fitted to the rows, makes of the command, and (n,) how far that is
+        from the measured one in root mean square [rad, m]."""
         task = make_task(self.problem, model, compress(rows, model, self.settings), self.weighting)
         theta = model.with_known(make_estimator(DEFAULT_METHOD).fit(task).theta)
         with np.errstate(over="ignore", invalid="ignore"):  # a wrong model may fly away
             made = with_simulated_motion(self.data, model, theta)
-            left = np.mean((made.commanded["qsim"] - made.q) ** 2, axis=0)
-        return made, float(0.5 * np.mean(np.log(np.maximum(left, 1e-300))))
+            return made, np.sqrt(np.mean((made.commanded["qsim"] - made.q) ** 2, axis=0))

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.payload import Payload
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.constants import SCALE_TOLD
+from sdp_vs_penalty.estimation.constants import MOTOR_ALIKE, SCALE_TOLD
+from sdp_vs_penalty.estimation.drive_torque import with_drive_torque
 from sdp_vs_penalty.estimators.task import joint_weights
-from sdp_vs_penalty.regression.partial import visible
+from sdp_vs_penalty.regression.partial import partialled, visible
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
 
+#: Constants of motors, and the columns that they are to be multiplied by: N m/A, N/A and N m/V, N/V.
+_MOTORS = {"kt": "current", "ku": "voltage"}
 _SCALES = "give a gain (kp2=600), a parameter that motion shows alone (m1 of a slide, mx6), or a load"
 
 
@@ -64,6 +70,51 @@ def factor_of_known(
             )
     name, value = next(iter(known.items()))
     return float(value / theta[names.index(name)])
+
+
+def constants_of_motors(known: Mapping[str, float], robot: Robot) -> dict[tuple[str, int], float]:
+    """Which of the known parameters are constants of motors, kt1 [N m/A] or ku1 [N m/V], by column and
+    joint from 0."""
+    names = {f"{s}{j + 1}": (column, j) for s, column in _MOTORS.items() for j in range(robot.n)}
+    return {names[name]: value for name, value in known.items() if name in names}
+
+
+def factor_of_motors(
+    model: Model,
+    theta: Array,
+    data: Measurements,
+    motors: Mapping[tuple[str, int], float],
+    settings: Preprocessing,
+) -> float:
+    """The factor on theta (p,) with which the drives' torque is the constants times what was logged.
+
+    Least squares, both filtered, beside a constant (an integral may begin anywhere in each run) and the
+    velocity: kd holds viscous friction, which is no torque of the drive. Raises InputError where the
+    column is missing, or is not that servo's.
+    """
+    bare, shares = replace(model, known={}), []
+
+    def filtered(whole: Measurements, joint: int) -> Array:
+        parts = []
+        for rows in (filtered_torque(run, bare, settings) for run in whole.runs()):
+            x = rows.torque[:, joint]
+            parts.append(partialled(np.column_stack([np.ones(len(x)), rows.motion.dq[:, joint]]), x))
+        return np.concatenate(parts)
+
+    made = with_drive_torque(model, theta, data)
+    for (column, j), constant in motors.items():
+        if column not in data.groups:
+            raise InputError(
+                f"a motor's constant needs the column {column}{j + 1}", "log it", data.names[0]
+            )
+        x, y = filtered(replace(made, tau=constant * data.groups[column]), j), filtered(made, j)
+        across = float(x @ y)
+        if across < MOTOR_ALIKE * np.linalg.norm(x) * np.linalg.norm(y):
+            raise InputError(
+                f"{column}{j + 1} is not what this servo makes of its error", "check its sign and joint"
+            )
+        shares.append(float(x @ x) / across)
+    return float(np.exp(np.mean(np.log(shares))))
 
 
 def factor_of_loads(

@@ -95,6 +95,7 @@ def test_a_known_mass_gives_the_gains_and_friction(arm: str, tmp_path: Path) -> 
     found = identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
     assert found.details["servo"]["law"] == "PD"
     assert found.details["servo"]["delay"] == pytest.approx(0.0, abs=5e-4)
+    assert found.details["servo"]["motion"][0] < 1e-3
     assert found.certificate.worst == 0.0
     assert found.certificate.gap is not None
     # The mass is the given one, not the one that the prior on links would have.
@@ -142,6 +143,20 @@ def test_a_known_load_sets_the_scale(arm: str) -> None:
     assert value(found, "m1") == pytest.approx(MASS, rel=0.03)
     with pytest.raises(InputError, match="a known load of -1 kg"):
         identify(arm, log(), effects=EFFECTS, known_loads=[(log(seed=5, load=1.5), -1.0)])
+
+
+def test_a_motor_constant_sets_the_scale(arm: str) -> None:
+    run = log(torque=True)
+    groups = {"q": run.q, "qcmd": run.commanded["qcmd"], "current": run.tau / 2.5}
+    found = identify(arm, Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5})
+    assert found.details["servo"]["scale"] == "kt1 = 2.5"
+    assert value(found, "kp1") == pytest.approx(KP, rel=0.02)
+    assert value(found, "m1") == pytest.approx(MASS, rel=0.02)
+    with pytest.raises(InputError, match="needs the column current1"):
+        identify(arm, log(), effects=EFFECTS, known={"kt1": 2.5})
+    groups["current"] = -groups["current"]
+    with pytest.raises(InputError, match="is not what this servo makes of its error"):
+        identify(arm, Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5})
 
 
 @pytest.mark.long

@@ -13,7 +13,7 @@ import numpy as np
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.formats.columns import HEADER
 from sdp_vs_penalty.data.store import PART
-from sdp_vs_penalty.errors import InputError, unreadable
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Characters of a line above which a file is no table.
@@ -45,8 +45,6 @@ def lines(path: Path) -> Iterator[str]:
                 yield line.rstrip("\n")
     except UnicodeDecodeError as error:
         raise InputError(f"not UTF-8 text (near row {number + 1})", _FORMATS, path) from error
-    except OSError as error:
-        raise unreadable(error, path) from error
 
 
 def header(path: Path) -> list[str]:
@@ -134,23 +132,20 @@ def _table(rows: Iterator[str], width: int) -> Array | None:
 def _fast(path: Path, width: int, first: int) -> Generator[Array, None, int | None]:
     """Yield the rows as plain decimals; return the first row that needs the slow parser, or None."""
     row, found = first, False
-    try:
-        with path.open("rb") as file:
-            for _ in range(first - 1):
-                file.readline(_LONGEST)
-            while text := file.read(1 << 20):
-                rest = file.readline(_LONGEST)
-                if len(rest) == _LONGEST:
-                    return row
-                text += rest
-                count = text.count(b"\n") + (not text.endswith(b"\n"))
-                table = _decimals(text, width, count)
-                if table is None:
-                    return row
-                yield table
-                row, found = row + count, True
-    except OSError as error:
-        raise unreadable(error, path) from error
+    with path.open("rb") as file:
+        for _ in range(first - 1):
+            file.readline(_LONGEST)
+        while text := file.read(1 << 20):
+            rest = file.readline(_LONGEST)
+            if len(rest) == _LONGEST:
+                return row
+            text += rest
+            count = text.count(b"\n") + (not text.endswith(b"\n"))
+            table = _decimals(text, width, count)
+            if table is None:
+                return row
+            yield table
+            row, found = row + count, True
     if not found:
         yield np.zeros((0, width))
     return None
