@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Block, Motion, Parameter
@@ -25,7 +23,7 @@ class ServoPosition(Servo):
     one_number = False
     sized_by = slice(0, 1)
     position_gains = slice(0, None, 2)
-    shapes: ClassVar = {**Servo.shapes, "d": Shape(0.0, "s", scale="linear", signed=True)}
+    shapes = {**Servo.shapes, "d": Shape(0.0, "s", scale="linear", signed=True)}
 
     @property
     def searched(self) -> tuple[str, ...]:

@@ -110,9 +110,9 @@ def servo_log(
     own_drives = drives or [effect_types()[name](problem.robot) for name in LAWS[law.name]]
     late = given is None and law.delay > 0.0
     progress("balancing the gains")
-    shapes = log.shapes(log.balanced(load, own_drives, law.delay))
+    shapes = log.shapes(log.balanced((*load, *own_drives), law.delay))
     load = tuple(with_shapes(load, shapes))
-    model, least = log.balanced(load, own_drives, law.delay), np.inf
+    model, least = log.balanced((*load, *own_drives), law.delay), np.inf
     rows, used, motion = data, data, np.zeros(0)
     for k in range(SIMULATIONS if instruments else 1):
         better = log.later(model, rows) if late else model
@@ -188,10 +188,11 @@ class _Log:
     settings: Preprocessing
     weighting: str
 
-    def balanced(self, load: Sequence[Effect], drives: Sequence[Effect], delay: float) -> Model:
+    def balanced(self, effects: Sequence[Effect], delay: float) -> Model:
         """The model of a load and drives whose commands act late by ``delay`` [s]: its reference is what
         it fits best, its strongest position gain is given."""
-        late = [e.with_shape(T=float(f"{delay:.6g}")) for e in drives]
+        load = tuple(e for e in effects if e.forward != "drive")
+        late = [e.with_shape(T=float(f"{delay:.6g}")) for e in effects if e.forward == "drive"]
         if {"servo_integral", "torque_offset"} & {e.name for e in (*load, *late)} == {"servo_integral"}:
             load = (*load, effect_types()["torque_offset"](self.problem.robot))  # where that began
         model = Model(self.problem.robot, (*load, *late), gains=self.problem.gains)
@@ -210,17 +211,13 @@ class _Log:
     def later(self, model: Model, rows: Measurements) -> Model:
         """The model with a better delay of its command, by Gauss-Newton steps with links that the joints
         share."""
-        (first,) = (k for k, e in enumerate(model.effects) if e.position_gains)
         for _ in range(DELAY_STEPS):
             assert model.reference is not None
-            drive = model.effects[first]
-            wide = with_sensitivities(model, model.reference, lambda e, drive=drive: e is drive)
+            (drive,) = (e for e in model.effects if e.position_gains)
+            wide = with_sensitivities(model, model.reference, lambda e: bool(e.position_gains))
             task = make_task(self.problem, wide, compress(rows, wide, self.settings), self.weighting)
             late = drive.shape["T"] + float(task.ols[-1]) * prior_deviation(drive, "T")
-            parts = [
-                [e for e in model.effects if (e.forward == "drive") == own] for own in (False, True)
-            ]
-            model = self.balanced(*parts, float(np.clip(late, 0.0, LATEST)))
+            model = self.balanced(model.effects, float(np.clip(late, 0.0, LATEST)))
         return model
 
     def simulated(self, model: Model, rows: Measurements) -> tuple[Measurements, Array]:

@@ -37,8 +37,8 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
         wide = np.zeros((len(f.triangle), p))
         wide[:, f.indices] = f.triangle[:, :-1]
         e, own = -wide[:, at], wide[:, rest]
-        left, size = np.linalg.norm(partialled(own, e)), np.linalg.norm(e)
-        s = max(float(left), 1e-9 * float(size)) / np.sqrt(max(f.rows, 1))
+        left, whole = np.linalg.norm(partialled(own, e)), np.linalg.norm(e)
+        s = max(float(left), 1e-9 * float(whole)) / np.sqrt(max(f.rows, 1))
         if s == 0.0:
             raise InputError(
                 f"joint {f.joint + 1} does not move, or follows its command without error",

@@ -173,7 +173,7 @@ def _beside(train: Array, test: Array) -> tuple[Array, Array]:
     """(r, 7), (s, 7) terms beside the load of rows (r, k + 7), (s, k + 7), by the first ones' fit."""
     U, V = visible(train[:, : -_Terms.count])
     made = U.T @ train[:, -_Terms.count :]
-    rest = np.linalg.qr(train[:, -_Terms.count :] - U @ made, mode="r")
+    rest = np.asarray(np.linalg.qr(train[:, -_Terms.count :] - U @ made, mode="r"))
     return rest, test[:, -_Terms.count :] - test[:, : -_Terms.count] @ (V @ made)
 
 

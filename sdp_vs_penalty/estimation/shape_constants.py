@@ -93,10 +93,8 @@ class ShapeSensitivity(Effect):
             pairs = [(upper.blocks(up), lower.blocks(down), self.theta)]
             for e, theta in self.finer:
                 if e.shape_of:
-                    above, below = (
-                        e.with_shape(**{c: x.shape[c] for c in e.shape}) for x in (upper, lower)
-                    )
-                    pairs.append((above.blocks(motion), below.blocks(motion), theta))
+                    own = [e.with_shape(**{c: x.shape[c] for c in e.shape}) for x in (upper, lower)]
+                    pairs.append((own[0].blocks(motion), own[1].blocks(motion), theta))
                 elif up is not motion:
                     pairs.append((e.blocks(up), e.blocks(down), theta))
             for above_all, below_all, theta in pairs:
