@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.show import plain_unit
 
@@ -41,18 +42,7 @@ def plain_name(effect: str) -> str:
 
 
 def where(joints: Sequence[int]) -> str:
-    if not joints:
-        return "whole robot"
-    word = "joint" if len(joints) == 1 else "joints"
-    return f"{word} {', '.join(map(str, joints))}"
-
-
-def change(before: float, after: float) -> str:
-    """How much smaller or larger, in per cent."""
-    if before <= 0.0:
-        return "-"
-    percent = 100.0 * (after / before - 1.0)
-    return f"{percent:+.0f} %" if abs(percent) >= 0.5 else "0 %"
+    return show.joints(joints) if joints else "whole robot"
 
 
 def held(violation: Mapping[str, float]) -> str:

@@ -9,7 +9,8 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.comparison import predicted, still_missing
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
-from sdp_vs_penalty.reports.plots import history_figure, missing_figure
+from sdp_vs_penalty.reports.pictures import bars
+from sdp_vs_penalty.reports.plots import missing_figure
 from sdp_vs_penalty.reports.section import Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
@@ -51,10 +52,10 @@ def findings(material: Material) -> Section:
     body = text(f"In the model that was diagnosed{told}" if told else found.headline)
     body += text(f"In {material.last_name}: {still_missing(found, material.last)}") if told else ""
     if rows:
-        names = ["model", *(f"+ {k}. {row[0]} {row[1]}" for k, row in enumerate(rows, start=1))]
-        errors = [found.effects[0].held_out_rmse_before, *(f.held_out_rmse_after for f in found.effects)]
-        plot = history_figure(names, errors, material.last.robot.torque_units)
-        body += figure(plot, "Held-out RMS error of each joint, finding by finding.", 380)
+        first, last = found.effects[0].held_out_rmse_before, found.effects[-1].held_out_rmse_after
+        floor = found.noise_floor.tolist() if found.noise_known else None
+        body += text("Held-out error of each joint before all findings and with all of them:")
+        body += bars(list(first), list(last), floor, material.last.robot.torque_units)
         body += table(heads, rows, numbers_from=5)
     body += "".join(text(remark) for remark in (found.beside, *found.remarks) if remark)
     units = material.last.robot.torque_units

@@ -51,7 +51,7 @@ def bars(
         said = f"{new:.3g}{unit}" if after is None else f"{old:.3g} → {new:.3g}{unit}"
         change = new / old - 1.0 if old > 0.0 else 0.0
         kind = "better" if change < -CHANGES else "worse" if change > CHANGES else "same"
-        note = "" if after is None else f'<td class="change {kind}">{_percent(change)}</td>'
+        note = "" if after is None else f'<td class="change {kind}">{change_of(old, new)}</td>'
         shapes = _bar(old, largest, 2.0, "before") if after is not None else ""
         shapes += _bar(new, largest, 3.0 + _BAR if after is not None else 6.5, "after")
         if known:
@@ -70,8 +70,12 @@ def bars(
     return f'<table class="bars"><caption>{caption}</caption><tbody>{"".join(rows)}</tbody></table>'
 
 
-def _percent(change: float) -> str:
-    return f"{100.0 * change:+.0f} %" if abs(change) >= 5e-3 else "0 %"
+def change_of(before: float, after: float) -> str:
+    """How much smaller or larger an error is, in per cent."""
+    if before <= 0.0:
+        return "-"
+    percent = 100.0 * (after / before - 1.0)
+    return f"{percent:+.0f} %" if abs(percent) >= 0.5 else "0 %"
 
 
 def _bar(value: float, largest: float, top: float, kind: str) -> str:

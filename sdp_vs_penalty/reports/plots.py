@@ -84,27 +84,6 @@ def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = 
     return plot.update_axes("y", 1, title=f"left [{plain_unit(unit)}]")
 
 
-def history_figure(names: Sequence[str], rmse: Sequence[ArrayLike], units: Sequence[str]) -> Any:
-    """RMS error of each joint, one (n,) array a model, from model to model."""
-    plot = Figure()
-    for j, unit in enumerate(units):
-        plot.add(
-            trace(
-                "scatter",
-                x=list(names),
-                y=np.array([float(np.asarray(errors)[j]) for errors in rmse]),
-                mode="lines+markers",
-                name=f"joint {j + 1} [{plain_unit(unit)}]" if unit else f"joint {j + 1}",
-                line={
-                    "color": COLOURS[j % len(COLOURS)],
-                    "dash": "dot" if j >= len(COLOURS) else "solid",
-                },
-            )
-        )
-    plot.update_axes("y", title="RMS error", type="log", dtick="D2", tickformat=".3~g")
-    return plot
-
-
 #: Signals that an error is drawn against, and their names.
 SIGNALS = {
     "q": "position",

@@ -12,12 +12,12 @@ from sdp_vs_penalty.page.controls import button, chart, check, details, draw_for
 from sdp_vs_penalty.page.part import after_model
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import (
-    change,
     physics,
     plain_name,
     where,
     with_unit,
 )
+from sdp_vs_penalty.reports.pictures import change_of
 
 
 def _draw(view: View) -> None:
@@ -151,7 +151,7 @@ def _fall(before: float, after: float, floor: float, known: bool, joint: int, un
                     tag("div", style="floor").style(f"left: {min(100.0 * floor / largest, 99.5):.1f}%")
                 tag("span", with_unit(value, unit), "value")
         guess = "" if known else " (at most: the model's own error is in it)"
-        tag("span", f"{change(before, after)}; noise {with_unit(floor, unit)}{guess}", "soft")
+        tag("span", f"{change_of(before, after)}; noise {with_unit(floor, unit)}{guess}", "soft")
 
 
 def _rest(found: Diagnosis) -> None:

@@ -9,8 +9,8 @@ from nicegui import ui
 from sdp_vs_penalty.page.controls import button, details, note, table, tag
 from sdp_vs_penalty.page.part import after_model
 from sdp_vs_penalty.page.view import View
-from sdp_vs_penalty.page.wording import change, figure
-from sdp_vs_penalty.reports.pictures import bars
+from sdp_vs_penalty.page.wording import figure
+from sdp_vs_penalty.reports.pictures import bars, change_of
 
 
 def _draw(view: View) -> None:
@@ -38,7 +38,7 @@ def _draw(view: View) -> None:
         [
             f"{j + 1} [{unit}]",
             *(figure(e[j]) for e in errors),
-            change(errors[0][j], errors[-1][j]),
+            change_of(errors[0][j], errors[-1][j]),
             figure(floor[j]),
         ]
         for j, unit in enumerate(units)
