@@ -25,7 +25,6 @@ from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Scene
 from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS
-from sdp_vs_penalty.signals.minimum import minimum
 
 
 @dataclass(frozen=True)
@@ -137,15 +136,17 @@ class Search:
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
         """With the best values of the numbers that ``now`` does not have; round ones where as likely."""
+        from scipy.optimize import minimize_scalar
+
         known = {e.name for e in self.elements(now)}
         for name in [e.name for e in self.elements(repair) if e.number and e.name not in known]:
             number = next(e.number for e in self.elements(repair) if e.name == name)
             assert number is not None
             ends = number.value - number.reach, number.value + number.reach
-            best = minimum(
-                lambda x, at=number.at: self.scene.tried.score(at(float(x))).misfit,  # type: ignore[misc]
-                *ends, 0.05 * number.tolerance, 14,
-            )  # fmt: skip
+            best = float(minimize_scalar(
+                lambda x, at=number.at: self.scene.tried.score(at(float(x))).misfit,
+                bounds=ends, method="bounded", options={"xatol": 0.05 * number.tolerance, "maxiter": 14},
+            ).x)  # fmt: skip
             near = [x for x in number.snaps if abs(x - best) < number.tolerance]
             tried = [number.at(x) for x in near] or [number.at(best), repair]
             repair = max(tried, key=self.posterior)

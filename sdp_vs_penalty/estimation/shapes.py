@@ -43,7 +43,6 @@ from sdp_vs_penalty.regression.regression import Regression, compress_cells, tri
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.spline import CubicSpline
 
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], NDArray[np.bool_]]
@@ -204,13 +203,15 @@ class _Bank:
     ends: tuple[float, float]
 
     @cached_property
-    def _spline(self) -> CubicSpline:
+    def _spline(self) -> Any:
         """Of ln u, (K,) the weights of each column that is known."""
+        from scipy.interpolate import CubicSpline
+
         return CubicSpline(np.log(self.values), np.eye(len(self.values)))
 
     def weights(self, u: float) -> tuple[Array, Array]:
         """Of the columns that are known (K,) at a value's logarithm, and their derivatives."""
-        return self._spline.with_slope(u)
+        return self._spline(u), self._spline(u, 1)
 
     @property
     def start(self) -> float:

@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.kernels import fast_length
-from sdp_vs_penalty.signals.minimum import minimum
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
-from sdp_vs_penalty.signals.spline import CubicSpline
 
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]
@@ -130,6 +128,8 @@ def is_part(window: Segment, whole: Segment) -> bool:
     scale = motion_scale(whole.q_dense)
     if not inside.any() or scale is None:
         return False
+    from scipy.interpolate import CubicSpline
+
     there = CubicSpline(span, whole.q_dense)(t[inside])
     return _difference(window.q_dense[inside], there, scale) < 0.1 * ALIKE
 
@@ -164,6 +164,8 @@ def _pair(a: Segment, b: Segment, shift: float, other: int, start: int) -> list[
     scale = motion_scale(a.q_dense)
     if inside.sum() < _FEWEST or scale is None:
         return []
+    from scipy.interpolate import CubicSpline
+
     q_a = CubicSpline(a.t_dense, a.q_dense)(a.t[inside])
     q_b = CubicSpline(b.t_dense, b.q_dense)(later[inside])
     apart = np.abs(q_a - q_b) / scale
@@ -184,6 +186,9 @@ def repeat_lag(a: Track, b: Track, slip: float = _SLIP) -> float | None:
     scale = motion_scale(q)
     if scale is None or len(t_a) < 2 or len(t_b) < 2:
         return None
+    from scipy.interpolate import CubicSpline
+    from scipy.optimize import minimize_scalar
+
     step = float(np.median(np.diff(t_a)))
     q_b = CubicSpline(t_b - t_b[0], there)
     clock = t_a - t_a[0]
@@ -202,7 +207,8 @@ def repeat_lag(a: Track, b: Track, slip: float = _SLIP) -> float | None:
     best = float(slips[int(np.argmin(errors))])
     if errors.min() > 0.3:  # another motion; the same one is nearer even half a step beside
         return None
-    fine = minimum(error, best - _SLIP_STEP, best + _SLIP_STEP)
+    near = (best - _SLIP_STEP, best + _SLIP_STEP)
+    fine = float(minimize_scalar(error, bounds=near, method="bounded").x)
     return fine + float(t_b[0] - t_a[0]) if error(fine) < ALIKE else None
 
 

@@ -81,7 +81,8 @@ def still(q: Array) -> NDArray[np.bool_]:
         quiet = top - bottom <= 2.0 * alike[joints]
         some = quiet.any(axis=0)
         if not some.all():  # nor in longer ones
-            joints, quiet, highest, lowest = (x[..., some] for x in (joints, quiet, highest, lowest))
+            joints, quiet = joints[some], quiet[:, some]
+            highest, lowest = highest[:, some], lowest[:, some]
             if not len(joints):
                 break
         rows, own = np.nonzero(quiet)
