@@ -266,27 +266,34 @@ class Score:
 
     def absorbed(self, fit: Fit, batch: Batch) -> Array:
         """(F,) share of each form's energy that the fit's columns make; 1 where it has none."""
-        k, F, on = batch.forms[0].k, len(batch.forms), list(batch.joints)
-        weight = 1.0 / fit.level[on]
-        G = sum(w * (fit.Q[j].T @ Z) for w, j, Z in zip(weight, on, batch.white, strict=True))
-        energy = np.einsum("j,jfaa->f", weight**2, batch.grams)
-        made = np.sum(np.reshape(G, (-1, F, k)) ** 2, axis=(0, 2))
-        return np.asarray(np.divide(made, energy, out=np.ones(F), where=energy > 0.0))
+        G, _, raw = self._products(fit, batch)
+        energy, made = np.trace(raw, axis1=1, axis2=2), np.sum(G**2, axis=(0, 2))
+        return np.asarray(np.divide(made, energy, out=np.ones(len(energy)), where=energy > 0.0))
+
+    @staticmethod
+    def _products(fit: Fit, batch: Batch) -> tuple[Array, Array, Array]:
+        """Of a batch's weighted columns: with a fit's (r, F, k), with what it leaves (F, k), and of each
+        form's with each other (F, k, k)."""
+        F, k, weight = len(batch.forms), batch.forms[0].k, 1.0 / fit.level[list(batch.joints)]
+        of = list(zip(weight, batch.joints, batch.white, strict=True))
+        G, pull = (
+            sum(w * (fit.Q[j].T @ Z) for w, j, Z in of),
+            sum(w * (fit.residual[j] @ Z) for w, j, Z in of),
+        )
+        raw = np.tensordot(weight**2, batch.grams, axes=1)
+        return np.reshape(G, (-1, F, k)), np.reshape(pull, (F, k)), raw
 
     def screened(self, fit: Fit, batch: Batch) -> Array:
         """(F,) drop of the weighted squared error less k log N, of a batch's forms; of those that
         stand for the model's own columns, less what these take."""
         k, F, on = batch.forms[0].k, len(batch.forms), list(batch.joints)
-        weight, lost, price = 1.0 / fit.level[on], 0.0, np.log(max(float(fit.degrees[on].sum()), 3.0))
+        lost, price = 0.0, np.log(max(float(fit.degrees[on].sum()), 3.0))
         if batch.own:
             bare = self.without_own(fit, batch.forms[0])
             if bare is None:
                 return np.full(F, -np.inf)
             lost, fit = float(np.sum((bare.rss - fit.rss) / fit.level**2)), bare
-        G = sum(w * (fit.Q[j].T @ Z) for w, j, Z in zip(weight, on, batch.white, strict=True))
-        pull = sum(w * (fit.residual[j] @ Z) for w, j, Z in zip(weight, on, batch.white, strict=True))
-        G, pull = np.reshape(G, (-1, F, k)), np.reshape(pull, (F, k))
-        raw = np.tensordot(weight**2, batch.grams, axes=1)
+        G, pull, raw = self._products(fit, batch)
         if k == 1:
             energy = raw[:, 0, 0]
             D = energy - np.sum(G[:, :, 0] ** 2, axis=0)

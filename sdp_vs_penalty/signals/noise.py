@@ -102,13 +102,6 @@ class Noise:
         return np.asarray(white / (scale if values.ndim == 1 else scale[:, None]))
 
 
-def noise_floor(runs: SegmentedRuns) -> Array | None:
-    """Standard deviation (n,) of the torque noise below ``runs.cutoff`` [N m or N]; None where too
-    little repeats. ``runs`` carry a model, of which only what repeats must be right."""
-    noise = _from_repetition(runs, runs.residual) if runs.segments else None
-    return None if noise is None else noise.floor
-
-
 def noise_of(runs: SegmentedRuns, whole: SegmentedRuns | None = None) -> Noise:
     """The noise from repetition; where too little repeats from the torque's spectrum, at most the
     model's residual, or from that residual alone, and then taken for white: a colour would be that of

@@ -13,7 +13,7 @@ from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.signals import Kernel, Preprocessing, noise_of, segmented
-from sdp_vs_penalty.signals.noise import REPETITION, noise_floor
+from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
@@ -68,7 +68,7 @@ def test_the_floor_is_the_true_noises(period: float, ar: float) -> None:
     """Within 1 %, white or coloured, wherever the period ends between samples."""
     squares = []
     for seed in range(6):
-        floor = noise_floor(without_model(run_of(100 + seed, period, 160.0, ar)))
+        floor = noise_of(without_model(run_of(100 + seed, period, 160.0, ar))).floor
         assert floor is not None
         squares.append(np.mean(floor**2))
     assert np.sqrt(np.mean(squares)) / true_floor(ar) == pytest.approx(1.0, abs=0.01)
@@ -88,7 +88,7 @@ def test_the_floor_of_runs_that_repeat_each_other() -> None:
 
 def test_drift_and_events_are_no_noise() -> None:
     run = run_of(3, 10.0, 80.0)
-    clean = noise_floor(without_model(run))
+    clean = noise_of(without_model(run)).floor
     disturbed = run.tau + 0.02 * run.t[:, None]
     disturbed[5000:5060, 2] += 30.0
     noise = noise_of(without_model(replace(run, tau=disturbed)))
@@ -101,14 +101,13 @@ def test_drift_and_events_are_no_noise() -> None:
 def test_without_repetition_the_spectrum_tells_the_noise_within_a_factor_of_two() -> None:
     """The model's error is not in it."""
     rows = without_model(run_of(5, 80.0, 40.0))
-    assert noise_floor(rows) is None
     noise = noise_of(rows)
     assert noise.source == SPECTRUM
     assert np.all(np.abs(np.log2(noise.floor / true_floor(0.0))) < 1.0)
 
 
 def test_two_seconds_of_repetition_are_too_little() -> None:
-    assert noise_floor(without_model(run_of(6, 20.0, 23.0))) is None
+    assert noise_of(without_model(run_of(6, 20.0, 23.0))).source != REPETITION
 
 
 def test_whitening_makes_white_noise_of_unit_variance() -> None:
