@@ -15,7 +15,7 @@ import sdp_vs_penalty.solvers
 from sdp_vs_penalty import InputError, identify, load_problem
 from sdp_vs_penalty.cli.verbs.list import listing
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
-from sdp_vs_penalty.paper.tables.methods import build
+from sdp_vs_penalty.paper.tables.methods import WITH_PRIOR, build
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.plugins import by_word, written
 from sdp_vs_penalty.shootout.contestants import contestants
@@ -133,7 +133,7 @@ def test_an_estimator_is_in_the_table_of_methods_by_itself(
     monkeypatch.setattr("sdp_vs_penalty.paper.tables.methods.estimator_types", lambda: few)
     study = Study(load_problem("two_link"))
     rows = [row for row in build(study).rows if row[0] == "simulated"]
-    assert {row[1] for row in rows} == {"ridge", "lmi-sdp-plain"}
+    assert {row[1] for row in rows} == {"ridge", "lmi-sdp-plain", *WITH_PRIOR}
 
 
 def test_a_solver_is_one_file(added: None) -> None:

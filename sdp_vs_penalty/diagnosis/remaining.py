@@ -54,7 +54,9 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, ignore: NDArray[np.boo
     squares = mean(residual**2, slides), mean(residual**2, keep & ~slides)
     beyond, slow = (np.sqrt(np.maximum(x - noise.floor**2, 0.0)) for x in squares)
     # Of one log's joints the spectrum is wrong by much the same.
-    least = np.full(rows.n, min(MISFIT_SPECTRUM, BESIDE_OTHERS * max(float(np.median(variance)), 1.0)))
+    least = np.full(
+        len(squares[0]), min(MISFIT_SPECTRUM, BESIDE_OTHERS * max(float(np.median(variance)), 1.0))
+    )
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         least = MISFIT * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
     with np.errstate(divide="ignore", invalid="ignore"):
