@@ -159,7 +159,7 @@ def implausible(g: Glance) -> Iterator[Issue]:
         check_plausible(robot, run)
         if not beside:
             return
-        what = f"{joints_text(joints)} is outside its range all or part of the time."
+        what = f"{joints_text(joints)}: positions outside the range all or part of the time."
     except InputError as error:
         severity, what = "error", f"{error.what.rstrip('.')}."
         if not beside:
