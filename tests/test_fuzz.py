@@ -269,6 +269,7 @@ def test_thousands_of_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert len(seen) > 10
 
 
+@pytest.mark.long
 def test_a_second_of_the_same_files_each_time(tmp_path: Path) -> None:
     sources = sound_files(tmp_path)
     for seed in range(500):

@@ -80,6 +80,7 @@ def test_every_verb_is_run_here_or_said_not_to_be() -> None:
     assert not set(RUN) & NOT_RUN
 
 
+@pytest.mark.long
 def test_the_examples_run(
     tmp_path: Path, panda: Problem, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

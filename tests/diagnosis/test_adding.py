@@ -60,6 +60,7 @@ def test_a_folders_bounds_are_kept(folder_problem: Problem, tmp_path: Path) -> N
     assert bigger.links[0, 0] <= 3.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("frozen", [False, True])
 def test_a_reloaded_model_grows_exactly_like_the_one_in_memory(
     frozen: bool, folder_problem: Problem, tmp_path: Path

@@ -295,6 +295,7 @@ def real_task(panda: Problem, panda_run: Measurements) -> Task:
     return make_task(panda, model, compress(train, model, panda.preprocessing.resolve(train)))
 
 
+@pytest.mark.long
 @pytest.mark.real_data
 def test_figures_on_the_real_panda(panda: Problem, panda_run: Measurements) -> None:
     """Train on the first 14 s, test after 14.2 s: the figures that issue and README state."""

@@ -86,6 +86,7 @@ def drop(session: Session, path: Path, name: str | None = None) -> None:
     session.arrived[name or path.name] = path
 
 
+@pytest.mark.long
 def test_what_changes_nothing_is_what_the_verbs_say(
     sessions: Sessions, two_link: Problem, hidden: HiddenRuns, tmp_path: Path
 ) -> None:

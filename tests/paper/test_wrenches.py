@@ -92,6 +92,7 @@ def test_interval_contains_the_truth_and_is_certified(
     assert intervals.slack < 1e-6
 
 
+@pytest.mark.long
 @settings(max_examples=25, deadline=None)
 @given(direction=st.lists(st.floats(-1, 1), min_size=12, max_size=12), share=st.floats(0.05, 0.999))
 def test_every_feasible_parameter_of_equal_torque_lies_inside(

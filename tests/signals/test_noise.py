@@ -62,6 +62,7 @@ def true_floor(ar: float) -> float:
 PERIODS = {"on the rows": 9.6, "off the log": 9.6 + 0.37 * DT, "off the rows": 9.63 + 0.37 * DT}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ar", [0.0, 0.6, 0.98])
 @pytest.mark.parametrize("period", PERIODS.values(), ids=PERIODS)
 def test_the_floor_is_the_true_noises(period: float, ar: float) -> None:
