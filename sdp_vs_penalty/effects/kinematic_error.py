@@ -81,11 +81,12 @@ class KinematicError(Effect):
 
 
 def _thinned(motion: Motion) -> NDArray[np.intp]:
-    """Instants from which splines give back the acceleration, the roughest part of a motion."""
+    """Instants from which splines give back the acceleration, the roughest part of a motion; all of
+    them where they are no series, such as a simulation's states."""
     from scipy.interpolate import CubicSpline
 
     every = np.arange(len(motion.t))
-    if len(every) < _FEWEST:
+    if len(every) < _FEWEST or np.any(np.diff(motion.t) <= 0.0):
         return every
     for stride in (16, 8, 4, 2):
         few = np.unique(np.append(every[::stride], every[-1]))

@@ -153,7 +153,7 @@ def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
     odd = at_joint("unknown", 3, lambda w, m: m.q[:, 3] * m.dq[:, 3])
     result = diagnosed(hidden_runs(panda, [], "strong", seed=15, made=[odd]))
     assert result.verdict != "nothing_missing"
-    assert not [f for f in result.findings if f.confidence == "confident"]
+    assert not [f for f in result.effects if f.confidence == "confident"]
 
 
 @pytest.mark.slow
@@ -247,7 +247,9 @@ def test_a_joint_that_does_not_move(panda: Problem) -> None:
     still = data.q.copy()
     still[:, 6] = 0.3
     data = replace(data, q=still)
-    result = diagnose(identified(made, data), data)
+    # The check would refuse a joint that stands and whose torque is that of one that moves.
+    estimate = identify(panda, data, "ols", effects=made.truth["model_effects"], check=False)
+    result = diagnose(estimate, data, check=False)
     assert all(np.isfinite(f.size) for f in result.effects)
     json.dumps(result.to_dict(), allow_nan=False)
 
