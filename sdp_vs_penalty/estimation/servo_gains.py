@@ -9,12 +9,12 @@ the gains inside, and what it finds is the start of the convex problem that is p
 from __future__ import annotations
 
 import numpy as np
-from scipy import optimize
 
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.servo import Servo
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.bounded_least_squares import least_squares
 from sdp_vs_penalty.regression.partial import partialled, visible
 from sdp_vs_penalty.regression.regression import Regression
 from sdp_vs_penalty.robot.arrays import Array
@@ -60,12 +60,12 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
         slopes = (columns @ psi)[:, None] * (owner[:, None] == np.arange(len(gains)))
         return psi, e - U @ (U.T @ e), slopes - U @ (U.T @ slopes)
 
-    far = float(np.log(Servo.range))
-    found = optimize.least_squares(
-        lambda x: fitted(x)[1], 0.0 * gains, jac=lambda x: fitted(x)[2], bounds=(-far, far)
+    far = np.full(len(gains), np.log(Servo.range))
+    best, _, _ = least_squares(
+        lambda x: fitted(x)[1:], 0.0 * far, (-far, far), xtol=1e-8, ftol=1e-8, steps=100 * len(gains)
     )
     theta = np.empty(p)
-    theta[gains], theta[rest] = start * np.exp(found.x), fitted(found.x)[0]
+    theta[gains], theta[rest] = start * np.exp(best), fitted(best)[0]
     # As the links should weigh, by the torque that they make.
     told, stated = L_links @ theta[links], L_links @ nominal[links]
     size = float(told @ stated) / max(float(told @ told), 1e-300)
