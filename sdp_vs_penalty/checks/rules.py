@@ -263,9 +263,7 @@ def repeated_run(g: Glance) -> Iterator[Finding]:
     same = np.concatenate([np.zeros(most, bool), number[most:] == number[:-most]])
     again = _mask(len(same), [p for p in spans(same) if p[1] - p[0] >= _RUN])
     # One pose, held by a simulator without noise, is no copy.
-    if same.sum() < 1.1 * again.sum() and np.any(
-        np.ptp(g.run.q[again], axis=0) >= 0.05 * np.ptp(g.run.q, axis=0).max()
-    ):
+    if again.any() and np.ptp(g.run.q[again], axis=0).max() >= 0.05 * np.ptp(g.run.q, axis=0).max():
         rows = np.flatnonzero(again)
         yield _listed(rows + 2), lambda r: r.rows(~again), {"rows": len(rows), "lag": most}
 
@@ -373,8 +371,7 @@ def _filled(x: Array) -> Rows:
     """(N,) which samples of a channel are zeros that it does not pass through.
 
     A zero between a sample below and one above it is a passage, however coarse the steps; a fill leaves
-    one side and comes back to it, by far more than the channel's usual step, and more often than other
-    levels near zero are reached so.
+    one side and comes back to it, by far more than the channel's usual step.
     """
     zero, bad = np.abs(x) < 1e-300, np.zeros(len(x), bool)
     parts, other = spans(zero), np.flatnonzero(~zero)
@@ -386,10 +383,7 @@ def _filled(x: Array) -> Rows:
         if a > 0 and b < len(x):
             least = max(6.0 * usual, 3.0 * step) * (1.0 if x[a - 1] * x[b] > 0.0 else 3.0)
             bad[a:b] = min(abs(x[a - 1]), abs(x[b])) > least
-    near = other[np.abs(x[other]) <= 20.0 * step]
-    near = near[(near > 0) & (near < len(x) - 1)]
-    by_chance = np.sum(np.minimum(changes[near - 1], changes[near]) > 6.0 * usual) / 40.0
-    return bad if bad.sum() > 10.0 * by_chance else np.zeros(len(x), bool)
+    return bad
 
 
 @rule(
@@ -479,36 +473,27 @@ def frozen_torque(g: Glance) -> Iterator[Finding]:
 
 
 def _stuck(g: Glance, j: int, x: Array, position: bool) -> list[Array]:
-    """First row and the one after the last of parts in which a channel of joint j is frozen."""
+    """First row and the one after the last of parts in which a channel of joint j is frozen: the same
+    number for long, and then not the next one."""
     moved, parts = np.concatenate([[0], np.cumsum(g.movement.moves)]), constant_parts(x)
     parts = parts[np.diff(moved[parts])[:, 0] > 0.9 * np.diff(parts)[:, 0]] if len(parts) else parts
     lengths = np.diff(parts)[:, 0] if len(parts) else np.zeros(0)
     alike = parts[lengths * STUCK_TIMES > lengths.max(initial=0)]  # freezes must not hide each other
     if len(alike) > _FREEZES or lengths.max(initial=0) < STUCK_ROWS:
         return []
-    step, width = np.abs(np.diff(x)), min(_SLOWING, len(x) - 1)
-    # A coarse channel keeps its value by itself, and then goes on by one level.
+    step, q, bad = np.abs(np.diff(x)), g.run.q[:, j], []
     usual, level = float(np.median(step[step > 0.0])), 3.0 * lattice_step(x)
-    travel = np.abs(x[width:] - x[:-width])
-    usually, bad = 0.5 * float(np.median(travel[travel > 0.0])) if travel.any() else 0.0, []
     for a, b in alike:
-        jump, before = step[min(b, len(step) - 1)], abs(x[a] - x[max(a - width, 0)])
-        if position:
-            by_itself = jump < 4.0 * usual and before < usually
+        jump, slows = step[min(b, len(step) - 1)], abs(x[a] - x[max(a - _SLOWING, 0)])
+        if position:  # comes to rest, and starts again
+            by_itself = jump < 4.0 * usual and slows < 0.5 * _SLOWING * usual
         else:  # dry friction is constant until its joint turns, and hides in a coarse channel's step
-            after, now = g.run.q[min(b + width, len(x) - 1), j], g.run.q[b, j]
-            by_itself = usual < level and (after - now) * (now - g.run.q[max(b - width, 0), j]) <= 0.0
+            after = q[min(b + _SLOWING, len(q) - 1)] - q[b]
+            by_itself = usual < level and after * (q[b] - q[max(b - _SLOWING, 0)]) <= 0.0
+        long = g.run.t[b] - g.run.t[a] >= 2.0 * STUCK_SECONDS
         clipped = x[a] in (x.min(), x.max())  # stays at its end
-        short = g.run.t[b] - g.run.t[a] < 2.0 * STUCK_SECONDS
-        if not (short or clipped or jump < level or by_itself):
+        if long and not clipped and not by_itself and jump >= level:
             bad.append(np.array([a, b + 1]))
-    # Elsewhere, off its ends, it may stay within one step for as long in motion.
-    free = g.movement.moves & (x > x.min()) & (x < x.max())
-    width = int(np.diff(alike).min() / STUCK_TIMES)
-    free &= ~_mask(len(free), [(a, b + 1) for a, b in alike])
-    for a, b in spans(free) if bad else ():
-        if b - a > width and np.ptp(sliding_window_view(x[a:b], width + 1), axis=1).min() <= level / 2.0:
-            return []
     return bad
 
 
