@@ -18,7 +18,7 @@ from sdp_vs_penalty.diagnosis.added_shapes import (
     shaped_effects,
 )
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
-from sdp_vs_penalty.diagnosis.refit import (
+from sdp_vs_penalty.diagnosis.held_out import (
     estimator_beside,
     model_beside,
     task_beside,
