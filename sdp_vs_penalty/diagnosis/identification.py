@@ -7,8 +7,8 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec
 
+from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.sources import Source
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify as _identify
