@@ -20,9 +20,14 @@ from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.library import library
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.score import orthonormal
-from sdp_vs_penalty.diagnosis.whitening import model_columns, spread_columns, white_rows, whitened
+from sdp_vs_penalty.diagnosis.whitening import (
+    diagnosis_rows,
+    model_columns,
+    spread_columns,
+    white_rows,
+    whitened,
+)
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Effect
