@@ -16,9 +16,13 @@ from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.library import library
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.score import orthonormal
-from sdp_vs_penalty.diagnosis.whitening import model_columns, white_rows, whitened
+from sdp_vs_penalty.diagnosis.whitening import (
+    diagnosis_rows,
+    model_columns,
+    white_rows,
+    whitened,
+)
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
