@@ -27,10 +27,6 @@ _ABOVE, _LAST, _LATEST = 2.0, 0.45, 0.33
 _PERIODS, _SHORTEST, _FEWEST = 2.5, 32, 12
 #: Share of the windows that are quiet at least, and degree of the motion's course within one.
 _QUIET, _DEGREE = 0.15, 3
-#: A spectrum is the autoregression's where half of its logarithms are as near as this: a factor of two
-#: in amplitude, as is said of the floor. Panda, TX40, UR10e, EMPS: .1 to .9; torque that was smoothed
-#: before it was logged (UR10 of Salerno): 2.2 to 2.5.
-_FOLLOWS = 2.0 * np.log(2.0)
 #: Coefficients a of the autoregression that are tried.
 _COLOURS = np.linspace(-0.5, 0.97, 148)
 
@@ -67,7 +63,9 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
         apart = own - np.log(shapes[:, band])
         best = int(np.argmin(np.var(apart, axis=1)))
         level = np.mean(apart[best])
-        if np.median(np.abs(apart[best] - level)) > _FOLLOWS:
+        # It is the autoregression's where half of its amplitudes are within the factor of two that is
+        # promised. Panda, TX40, UR10e, EMPS: medians .1 to .9; a UR10's smoothed torque: 2.2 to 2.5.
+        if np.median(np.abs(apart[best] - level)) > 2.0 * np.log(2.0):
             return None
         density = np.exp(level) * shapes[best]
         out[j] = np.sqrt(np.sum(weight * density * passed) / np.sum(weight))
