@@ -21,10 +21,8 @@ from sdp_vs_penalty.diagnosis.adopted import adopted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.refit import (
     estimator_beside,
-    estimator_of,
     model_beside,
     task_beside,
-    weighting_of,
 )
 from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.effects import parse_effects
@@ -112,10 +110,10 @@ def add(
         return identify(
             estimate.problem,
             measurements,
-            estimator_of(estimate),
+            estimate.estimator,
             effects=effects,
             preprocessing=estimate.preprocessing,
-            weighting=weighting_of(estimate),
+            weighting=estimate.weighting,
             seed=seed,
             progress=progress,
             gain_uncertainty=gain_errors,
