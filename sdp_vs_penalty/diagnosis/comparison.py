@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 import numpy as np
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.data.store import Growing, parts
 from sdp_vs_penalty.diagnosis.show import new_motion, plot_errors, plot_residual
 from sdp_vs_penalty.errors import InputError, other_robot
@@ -224,7 +224,7 @@ def compare(
     """Compare one or several models with the same measurements.
 
     models : an Estimate or a model.json, a sequence of them, or a mapping from names to them.
-    measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
+    measurements : whatever :func:`~sdp_vs_penalty.data.files.as_measurements` takes: paths, arrays,
         a DataFrame, Measurements, or a list of runs.
     All models are judged behind the same filters, those of the first model, or ``preprocessing``, and
     beside the same noise floor, that of the measurements. noise_from : the runs whose repetition

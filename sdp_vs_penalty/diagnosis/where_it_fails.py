@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.causes import (
     NEAR,
     Stretch,
@@ -159,7 +159,7 @@ def where_it_fails(
     """One JointFailure a joint: what its residual depends on, and when it is large.
 
     estimate : the model, or its model.json; measurements : whatever
-    :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than the
+    :func:`~sdp_vs_penalty.data.files.as_measurements` takes; preprocessing : filters other than the
     model's; noise_from : as in :func:`~.comparison.compare`; noise : a comparison's with
     these measurements, which need not be worked out again. Of a long recording windows are judged
     (:mod:`~sdp_vs_penalty.signals.excerpt`).
