@@ -17,9 +17,8 @@ from sdp_vs_penalty.data.store import Growing, parts
 from sdp_vs_penalty.diagnosis.show import new_motion, plot_errors, plot_residual
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.noise_level import noise_level
-from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.estimation.verdict import Errors, Verdict, judge
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, finite

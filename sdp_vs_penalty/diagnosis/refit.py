@@ -8,15 +8,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
-from sdp_vs_penalty.estimators.task import joint_weights, make_task, with_plausible
+from sdp_vs_penalty.estimators.estimator import (
+    Estimator,
+    Progress,
+    Task,
+    joint_weights,
+    make_task,
+    no_progress,
+    with_plausible,
+)
 from sdp_vs_penalty.regression.regression import Regression
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import ConstraintSet
 
 
 def weighting_of(estimate: Estimate) -> str:
