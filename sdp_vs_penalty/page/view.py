@@ -21,16 +21,6 @@ _BEHIND = 0.05
 
 
 @dataclass
-class Hiding:
-    """What to hide in simulated runs."""
-
-    effect: str = "presliding_hysteresis"
-    joint: int = 0
-    level: str = "strong"
-    seed: int = 7
-
-
-@dataclass
 class View:
     """The view state of one tab.
 
@@ -55,7 +45,14 @@ class View:
     folds: bool = False
     drive: str = ""
     separating: dict[str, str] = field(default_factory=dict)
-    hiding: Hiding = field(default_factory=Hiding)
+    hiding: dict[str, Any] = field(
+        default_factory=lambda: {
+            "effect": "presliding_hysteresis",
+            "joint": 0,
+            "level": "strong",
+            "seed": 7,
+        }
+    )
 
     def look(self, **at: Any) -> None:
         """Look at another joint, run, span or signals, in every step at once."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
+from nicegui import ui
+
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import event_lines
@@ -15,9 +17,8 @@ from sdp_vs_penalty.page.wording import (
     physics,
     plain_name,
     where,
-    with_unit,
 )
-from sdp_vs_penalty.reports.pictures import change_of
+from sdp_vs_penalty.reports.pictures import bars
 
 
 def _draw(view: View) -> None:
@@ -83,8 +84,10 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
             if finding.joints
             else min(range(len(before)), key=lambda j: after[j] / before[j] if before[j] else 1.0)
         )
-        known = found.noise_known
-        _fall(before[joint], after[joint], found.noise_floor[joint], known, joint, units[joint])
+        floor = [found.noise_floor[joint]] if found.noise_known else None
+        fall = bars([before[joint]], [after[joint]], floor, [units[joint]], [joint + 1])
+        note("Held-out error, refitted without constraints:")
+        ui.html(fall, sanitize=False)
         if added:
             tag("p", "Added to the model.", "chosen")
         else:
@@ -136,22 +139,6 @@ def _by_hand(view: View) -> None:
         written: dict[str, str] = {}
         text_field(said, "", lambda text: written.update(text=text), "add-text", "payload", wide=True)
         button("Add it", lambda: session.add([written.get("text", "")]), "add-by-hand")
-
-
-def _fall(before: float, after: float, floor: float, known: bool, joint: int, unit: str) -> None:
-    """Held-out error before and after as two bars, the noise as a line across both."""
-    largest = max(before, after, floor, 1e-300)
-    with tag("div", style="fall"):
-        tag("span", f"Held-out error of joint {joint + 1}, refitted without constraints", "what")
-        for name, value in (("before", before), ("after", after)):
-            with tag("div", style="bar"):
-                tag("span", name)
-                with tag("div", style="track"):
-                    tag("div", style=f"fill {name}").style(f"width: {100.0 * value / largest:.1f}%")
-                    tag("div", style="floor").style(f"left: {min(100.0 * floor / largest, 99.5):.1f}%")
-                tag("span", with_unit(value, unit), "value")
-        guess = "" if known else " (at most: the model's own error is in it)"
-        tag("span", f"{change_of(before, after)}; noise {with_unit(floor, unit)}{guess}", "soft")
 
 
 def _rest(found: Diagnosis) -> None:

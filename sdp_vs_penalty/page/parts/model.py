@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -45,6 +44,7 @@ def _draw(view: View) -> None:
 
 def _form(view: View) -> None:
     session = view.session
+    session.asked = view.forms.get("identify", ())
     effects = {e["name"]: e for e in view.catalogue["effects"] if not e["frozen_only"]}
 
     def tick(name: str, on: bool) -> None:
@@ -102,56 +102,40 @@ def _form(view: View) -> None:
 
 
 def _bounds(view: View) -> None:
-    """What is known of the links before anything is measured: seen, and changed one by one."""
-    session = view.session
-    known = {name: (low, high, unit) for name, low, high, unit in session.arm["bounds"]}
-    words = session.options.get("bounds", "").split(",")
-    own = {name: ends for name, equals, ends in (word.partition("=") for word in words) if equals}
-    asked = {"name": next(iter(known)), "low": "", "high": ""}
-
-    def put() -> None:
-        if asked["low"] or asked["high"]:
-            own[asked["name"]] = f"{asked['low']}:{asked['high']}"
-        else:
-            own.pop(asked["name"], None)
-        session.options.pop("bounds", None)
-        if own:
-            session.options["bounds"] = ",".join(f"{name}={ends}" for name, ends in own.items())
-        session.changed()
-
-    title = f"Bounds of links ({len(own)} changed)" if own else "Bounds of links"
-    with details(title, "bounds") as shown:
-        if own:
-            shown.props["open"] = True
-        with tag("div", style="fields bounds"):
-            names = [(name, f"{name} [{unit}]") for name, (_, _, unit) in known.items()]
-            names.append(("total", "total [kg]"))
-            choice("Bound on", names, asked["name"], lambda v: asked.update(name=v), "bound-name")
-            text_field("From", "", lambda v: asked.update(low=v.strip()), "bound-low", "none")
-            text_field("To", "", lambda v: asked.update(high=v.strip()), "bound-high", "none")
-        button("Set the bound", put, "bound-set")
-        said = "Both ends empty: as before. c is the centre of mass, I the inertia about it; * is yours."
-        note(said)
-        _bounds_table(session.arm["bounds"], own)
-
-
-def _bounds_table(known: Sequence[Sequence[str]], own: Mapping[str, str]) -> None:
-    """A row a link, a column a parameter; what is changed has a star."""
+    """What is known of the links before anything is measured: a row a link, a column a parameter; what
+    is changed has a star."""
+    words = view.session.options.get("bounds", "").split(",")
+    own = {name.strip(): ends for name, equals, ends in (w.partition("=") for w in words) if equals}
+    known = view.session.arm["bounds"]
 
     def cell(name: str, low: str, high: str) -> str:
         if name in own:
             low, _, high = own[name].partition(":")
-        if not (low or high):
-            return "-"
         span = f"{low} to {high}" if low and high else f"from {low}" if low else f"to {high}"
-        return span + " *" * (name in own)
+        return (span if low or high else "-") + " *" * (name in own)
 
-    links = [known[k : k + 10] for k in range(0, len(known), 10)]
-    rows = [(f"{k}", *(cell(*x[:3]) for x in link)) for k, link in enumerate(links, start=1)]
-    heads = [f"{name.replace('1', '')} [{unit}]" for name, _, _, unit in links[0]]
-    table(("link", *heads), rows, "Bounds of the links")
-    if "total" in own:
-        note(f"Total mass: {cell('total', '', '')} kg")
+    with details(
+        f"Bounds of links ({len(own)} changed)" if own else "Bounds of links", "bounds"
+    ) as shown:
+        if own:
+            shown.props["open"] = True
+        note("c is the centre of mass, I the inertia about it; * is yours, by the field below.")
+        links = [known[k : k + 10] for k in range(0, len(known), 10)]
+        rows = [(f"{k}", *(cell(*x[:3]) for x in link)) for k, link in enumerate(links, start=1)]
+        heads = [f"{name.replace('1', '')} [{unit}]" for name, _, _, unit in links[0]]
+        table(("link", *heads), rows, "Bounds of the links")
+        if "total" in own:
+            note(f"Total mass: {cell('total', '', '')} kg")
+        (field,) = [f for f in view.session.asked if f.name == "bounds"]
+
+        def put(text: str) -> None:
+            view.session.options.pop("bounds", None)
+            view.session.options |= {"bounds": text.strip()} if text.strip() else {}
+            view.session.changed()
+
+        text_field(
+            field.help, ",".join(f"{k}={v}" for k, v in own.items()), put, "bounds-text", field.example
+        )
 
 
 def _options(view: View) -> None:
@@ -162,13 +146,12 @@ def _options(view: View) -> None:
         session.effects = [word.strip() for word in text.split(",") if word.strip()]
         session.changed()
 
-    session.asked = view.forms.get("identify", ())
-    chosen = len(session.options)
+    chosen = len(session.options.keys() - {"bounds"})
     with details(f"More options ({chosen} set)" if chosen else "More options", "more-options"):
         said = "Effects as text: name[:joints][@shape=value], such as coulomb_friction@v_s=0.01"
         text_field(said, ",".join(session.effects), write, "effects-text", wide=True)
         with tag("div", style="fields"):
-            draw_form(session.asked, session.options)
+            draw_form([f for f in session.asked if f.name != "bounds"], session.options)
 
 
 def _name(effect: str) -> str:

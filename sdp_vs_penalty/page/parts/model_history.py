@@ -55,24 +55,12 @@ def _all_models(view: View) -> None:
     left = [m for m in session.models if m not in session.history]
     if not left:
         return
-    with (
-        details(f"Other models of this session ({len(left)})", "other-models"),
-        tag("div", style="wide"),
-        tag("table", style="numbers"),
-    ):
-        tag("caption", "Other models of this session", "unseen")
-        with tag("thead"), tag("tr"):
-            for heading in ("model", "method", "parameters", "error", "judged on", ""):
-                tag("th", heading, scope="col")
-        with tag("tbody"):
-            for k, m in enumerate(left):
-                with tag("tr"):
-                    tag("th", m.label, scope="row")
-                    error = f"{figure(m.comparison['relative_error_percent'])} %"
-                    for cell in (m.method, str(m.parameters), error, ", ".join(m.judged_on)):
-                        tag("td", cell)
-                    with tag("td"):
-                        button("Go on from it", partial(session.take_up, m), f"take-up-{k}")
+    with details(f"Other models of this session ({len(left)})", "other-models"):
+        for k, m in enumerate(left):
+            with tag("div", style="row"):
+                error = f"{figure(m.comparison['relative_error_percent'])} % on {', '.join(m.judged_on)}"
+                note(f"{m.label}, {m.method}, {m.parameters} parameters: {error}")
+                button("Go on from it", partial(session.take_up, m), f"take-up-{k}")
 
 
 HISTORY = after_model(

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from sdp_vs_penalty.checks.urdf import HEADS
-from sdp_vs_penalty.page.controls import button, details, drop, note, table, tag, text_field
+from sdp_vs_penalty.page.controls import button, details, drop, note, table, tag, text_field, tile
 from sdp_vs_penalty.page.part import Part
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES
@@ -24,11 +24,8 @@ def _draw(view: View) -> None:
     if robot is None:
         _choose(view)
         return
-    tag(
-        "p",
-        f"{robot['file'] + ': ' if robot['file'] else ''}{robot['name']}, {robot['title']}",
-        "chosen",
-    )
+    file = f"{robot['file']}: " if robot["file"] else ""
+    tag("p", f"{file}{robot['name']}, {robot['title']}", "chosen")
     note(f"{_joints(robot)} {robot['known']}")
     (gravity,) = view.forms.get("robot", [None])
     if gravity is not None:
@@ -75,16 +72,8 @@ def _inertials(view: View) -> None:
 def _tile(view: View, source: str, name: str, said: str, file: str | None = None) -> None:
     """A robot to choose by its name or path; file : its shown name where it is a URDF."""
     on = view.session.robot is not None and view.session.robot["source"] == source
-    made = button(
-        "",
-        lambda: view.session.choose_robot(source, file),
-        f"robot-{name}",
-        "tile on" if on else "tile",
-        aria_pressed="true" if on else "false",
-    )
-    with made:
-        tag("strong", name)
-        tag("span", said)
+    choose, pressed = partial(view.session.choose_robot, source, file), "true" if on else "false"
+    tile(name, said, choose, f"robot-{name}", "on" if on else "", aria_pressed=pressed)
 
 
 def _joints(robot: dict[str, Any]) -> str:

@@ -89,27 +89,25 @@ def _from_folder(view: View) -> None:
 
 def _simulated(view: View) -> None:
     session, hiding, robot = view.session, view.hiding, view.session.arm
-    if not 0 < hiding.joint <= robot["n"]:
-        hiding.joint = int(robot["n"])
+    if not 0 < hiding["joint"] <= robot["n"]:
+        hiding["joint"] = int(robot["n"])
     names = [("none", "Nothing hidden"), *((n, plain_name(n)) for n in view.catalogue["hideable"])]
 
+    def put(name: str, value: Any) -> None:
+        hiding[name] = value
+
     with tag("div", style="fields"):
-        choice("Effect", names, hiding.effect, partial(setattr, hiding, "effect"), "hide-effect")
+        choice("Effect", names, hiding["effect"], partial(put, "effect"), "hide-effect")
         joints = [(str(k), f"{k} {name}") for k, name in enumerate(robot["joints"], start=1)]
-        choice(
-            "On joint",
-            joints,
-            str(hiding.joint),
-            lambda v: setattr(hiding, "joint", int(v)),
-            "hide-joint",
-        )
+        choice("On joint", joints, str(hiding["joint"]), lambda v: put("joint", int(v)), "hide-joint")
         levels = [(level, level) for level in view.catalogue["levels"]]
-        choice("Level", levels, hiding.level, partial(setattr, hiding, "level"), "hide-level")
-        number("Seed", hiding.seed, partial(setattr, hiding, "seed"), "hide-seed")
+        choice("Level", levels, hiding["level"], partial(put, "level"), "hide-level")
+        number("Seed", hiding["seed"], partial(put, "seed"), "hide-seed")
 
     def simulate() -> None:
-        whole = hiding.effect in view.catalogue["whole_robot"]
-        session.simulate(hiding.effect, [] if whole else [hiding.joint], hiding.level, hiding.seed)
+        whole = hiding["effect"] in view.catalogue["whole_robot"]
+        joints = [] if whole else [hiding["joint"]]
+        session.simulate(hiding["effect"], joints, hiding["level"], hiding["seed"])
 
     button("Simulate four runs", simulate, "simulate")
 

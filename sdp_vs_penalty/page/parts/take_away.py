@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from sdp_vs_penalty.exporters.export import formats
-from sdp_vs_penalty.page.controls import button, details, tag, text_field
+from sdp_vs_penalty.page.controls import details, tag, text_field, tile
 from sdp_vs_penalty.page.part import after_model
 from sdp_vs_penalty.page.uploads import MOST_FILES
 from sdp_vs_penalty.page.view import View
@@ -38,10 +38,7 @@ def _draw(view: View) -> None:
 
     def tiles(files: dict[str, str]) -> None:
         for name, use in files.items():
-            take = partial(session.take, name, view.download, flange)
-            with button("", take, f"take-{name}", "tile"):
-                tag("strong", name)
-                tag("span", use)
+            tile(name, use, partial(session.take, name, view.download, flange), f"take-{name}")
 
     with tag("div", style="tiles", role="group", aria_label="Files to download"):
         tiles(FILES)
@@ -58,10 +55,8 @@ def _draw(view: View) -> None:
     runs = details("Runs as they were used, repaired where that was asked", "runs-files")
     with runs, tag("div", style="tiles", role="group", aria_label="Runs to download"):
         for k, run in enumerate(session.runs):
-            take = partial(session.take_run, k, view.download)
-            with button("", take, f"take-run-{k + 1}.csv", "tile"):
-                tag("strong", f"run-{k + 1}.csv")
-                tag("span", f"from {run['name']}")
+            take, name = partial(session.take_run, k, view.download), f"run-{k + 1}.csv"
+            tile(name, f"from {run['name']}", take, f"take-{name}")
     with details("The same on the command line", "commands"):
         tag("pre", "\n".join(session.commands()), tabindex="0")
 
@@ -70,9 +65,7 @@ def _draw_posed(view: View) -> None:
     with tag("div", style="tiles", role="group", aria_label="Problem files to download"):
         for name, use in POSED_FILES.items():
             ask = partial(view.session.ask, "pose", f"Making {name}", view.download, name=name)
-            with button("", ask, f"take-{name}", "tile"):
-                tag("strong", name)
-                tag("span", use)
+            tile(name, use, ask, f"take-{name}")
 
 
 TAKE_AWAY = after_model("take-away", "Download", _draw, lambda s: (s.findings is None, s.runs))
