@@ -1,27 +1,94 @@
-"""Which effects are missing, ranked, each to be added with a click."""
+"""Diagnose: the error from model to model; which effects are missing, each to be added with a click."""
 
 from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
 from nicegui import ui
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import event_lines
+from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.page.charts import missing_chart
-from sdp_vs_penalty.page.controls import button, chart, check, details, draw_form, note, tag, text_field
-from sdp_vs_penalty.page.part import after_model
-from sdp_vs_penalty.page.view import View
-from sdp_vs_penalty.page.wording import (
-    physics,
-    plain_name,
-    where,
+from sdp_vs_penalty.page.controls import (
+    button,
+    chart,
+    check,
+    details,
+    draw_form,
+    note,
+    table,
+    tag,
+    text_field,
 )
-from sdp_vs_penalty.reports.pictures import bars
+from sdp_vs_penalty.page.part import Stage, Verdict, after_model
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.wording import figure, physics, plain_name, where
+from sdp_vs_penalty.reports.pictures import bars, change_of
 
 
-def _draw(view: View) -> None:
+def _draw_model_history(view: View) -> None:
+    session = view.session
+    history, units = session.history, session.arm["units"]
+    with tag("ol", style="history"):
+        for model in history:
+            with tag("li"):
+                tag("strong", model.label)
+                relative = figure(model.comparison["relative_error_percent"])
+                tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
+    _all_models(view)
+    with tag("div", style="row"):
+        if len(history) > 1:
+            button("Undo the last step", session.undo, "undo")
+        if session.undone:
+            button(f"Redo {session.undone[-1].label}", session.redo, "redo")
+    if len(history) == 1:
+        return
+    errors = [model.comparison["rmse"] for model in history]
+    floor = history[-1].comparison["noise_floor"]
+    known = None if None in floor else floor
+    ui.html(bars(errors[0], errors[-1], known, units), sanitize=False)
+    rows = [
+        [
+            f"{j + 1} [{unit}]",
+            *(figure(e[j]) for e in errors),
+            change_of(errors[0][j], errors[-1][j]),
+            figure(floor[j]),
+        ]
+        for j, unit in enumerate(units)
+    ]
+    heads = ["joint", *(str(k) for k in range(1, len(history) + 1)), "change", "noise"]
+    table(heads, rows, "RMS error of each joint, model by model", "numbers history")
+    judged = ", ".join(history[-1].judged_on)
+    note(f"RMS error on {judged}.")
+
+
+def _all_models(view: View) -> None:
+    """Those that have left the history too, each to be gone on from."""
+    session = view.session
+    left = [m for m in session.models if m not in session.history]
+    if not left:
+        return
+    with details(f"Other models of this session ({len(left)})", "other-models"):
+        for k, m in enumerate(left):
+            with tag("div", style="row"):
+                error = f"{figure(m.comparison['relative_error_percent'])} % on {', '.join(m.judged_on)}"
+                note(f"{m.label}, {m.method}, {m.parameters} parameters: {error}")
+                button("Go on from it", partial(session.take_up, m), f"take-up-{k}")
+
+
+HISTORY = after_model(
+    "history",
+    "The model so far",
+    _draw_model_history,
+    lambda s: ([m.file for m in s.models], len(s.undone)),
+)
+
+
+def _draw_findings(view: View) -> None:
     session, found = view.session, view.session.findings
     with tag("div", style="row"):
         again = "Diagnose" if found is None else "Diagnose again"
@@ -166,6 +233,28 @@ def _rest(found: Diagnosis) -> None:
 FINDINGS = after_model(
     "findings",
     "What is missing",
-    _draw,
+    _draw_findings,
     lambda s: (s.found_for, s.frozen, s.findings and s.findings.to_dict()),
 )
+
+
+def _diagnosed(session: Session) -> Verdict | None:
+    """What became of each joint's error, and what the last diagnosis says, where it is of this model."""
+    found, added = session.findings, session.added
+    said = ""
+    if found is not None and added:
+        left = sum(f.text not in added for f in found.effects)
+        said = f"{show.count(left, 'more finding')} can be added." if left else ""
+        said = said or "Diagnose again to see what is missing now."
+    elif found is not None:
+        said = found.headline
+    if len(session.history) > 1:
+        first, last = (session.history[k].comparison for k in (0, -1))
+        floor = None if None in last["noise_floor"] else np.array(last["noise_floor"], float)
+        told = changes(np.array(first["rmse"]), np.array(last["rmse"]), floor)
+        told = told or "no joint changed its error by more than 5 %."
+        said = f"{told[0].upper()}{told[1:]} {said}".strip()
+    return Verdict("", said) if said else None
+
+
+DIAGNOSE = Stage("diagnose", "Diagnose", "Identify a model first.", (HISTORY, FINDINGS), _diagnosed)
