@@ -115,8 +115,11 @@ class WorkerPool:
             raise Cancelled
         self._running += 1
         working.work = work = self.worker()
+        done = False
         try:
-            return await work.do({**request, "at_once": AT_ONCE}, progress)
+            answer = await work.do({**request, "at_once": AT_ONCE}, progress)
+            done = True
+            return answer
         except InputError:
             if working.cancelled:
                 raise Cancelled from None
@@ -124,11 +127,10 @@ class WorkerPool:
         finally:
             self._running -= 1
             working.work = None
-            if self._closed or self._spare is not None:
+            if not done or self._closed or self._spare is not None:
                 work.kill()
-            else:
-                fresh = working.cancelled or work.ended
-                self._spare = JobProcess(self.temporary) if fresh else work
+            if self._spare is None and not self._closed:
+                self._spare = work if done else JobProcess(self.temporary)
 
     def worker(self) -> JobProcess:
         """A worker that does nothing yet."""
