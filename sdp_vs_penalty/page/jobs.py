@@ -268,43 +268,35 @@ def methods(request: Request, progress: Progress) -> Answer:
 
 
 def take(request: Request, progress: Progress) -> Answer:
-    """Export a model to the format of a name's suffix; says which effects have no place in it."""
-    name, out = request["name"], Path(request["folder"]) / request["name"]
-    if name == "model.json":
-        write_bytes(out, Path(request["model"]).read_bytes())
-        return {"files": [name]}
-    if name == "findings.json":
-        write_text(out, json.dumps(request["findings"], indent=1, allow_nan=False) + "\n")
-        return {"files": [name]}
-    urdf = request.get("urdf") if name == "robot.urdf" else None
+    """A file to take away: a run as it was used, the diagnosis, the report, or the model in the format
+    of the name's suffix; says which effects have no place in it."""
+    name, folder, found = request["name"], Path(request["folder"]), request["findings"]
     progress(f"writing {name}")
-    x, y, z = numbers("flange", request.get("flange") or "0,0,0", 3)
-    lost = export(load_estimate(request["model"]), out, urdf, flange=(x, y, z))
-    said = f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."
+    lost: list[str] = []
+    if name.startswith("run-"):
+        run = request["runs"][int(name[4:-4]) - 1]
+        save(load_measurements(folder / run["file"]), folder / name)
+    elif name == "findings.json":
+        write_text(folder / name, json.dumps(found, indent=1, allow_nan=False) + "\n")
+    elif name == "model.json":
+        write_bytes(folder / name, Path(request["model"]).read_bytes())
+    elif name == "report.html":
+        runs = runs_of(request)
+        write_report(
+            {m["label"]: load_estimate(m["file"]) for m in request["models"]},
+            runs.judge,
+            folder / name,
+            commands=request["commands"],
+            noise_from=runs.whole,
+            findings=found and Diagnosis.from_dict(found),
+            progress=progress,
+        )
+    else:
+        given = request["urdf"] if name == "robot.urdf" else None
+        x, y, z = numbers("flange", request.get("flange") or "0,0,0", 3)
+        lost = export(load_estimate(request["model"]), folder / name, given, flange=(x, y, z))
+    said = f"{Path(name).suffix} files cannot hold {', '.join(lost)}; model.json can."
     return {"files": [name], "notice": [said] if lost else []}
-
-
-def take_run(request: Request, progress: Progress) -> Answer:
-    """A run as the page keeps it, mended and checked, as CSV."""
-    name, folder = request["name"], Path(request["folder"])
-    progress(f"writing {name}")
-    save(load_measurements(folder / request["runs"][request["index"]]["file"]), folder / name)
-    return {"files": [name]}
-
-
-def report(request: Request, progress: Progress) -> Answer:
-    """The self-contained report about the history of models."""
-    runs = runs_of(request)
-    write_report(
-        {m["label"]: load_estimate(m["file"]) for m in request["models"]},
-        runs.judge,
-        Path(request["folder"]) / "report.html",
-        commands=request["commands"],
-        noise_from=runs.whole,
-        findings=None if request["findings"] is None else Diagnosis.from_dict(request["findings"]),
-        progress=progress,
-    )
-    return {"files": ["report.html"]}
 
 
 def forward(request: Request, progress: Progress) -> Answer:
@@ -396,7 +388,7 @@ JOBS: dict[str, Callable[[Request, Progress], Answer]] = {
     job.__name__: job
     for job in (
         *(catalogue, robot, read, look_again, real, simulate, mend, fit, open_model, separate),
-        *(extend, find, methods, take, take_run, report),
+        *(extend, find, methods, take),
         *(forward, prove, verify, pose, check_urdf),
     )
 }

@@ -175,15 +175,10 @@ def serve(
 def _listen(host: str, port: int | None) -> socket.socket:
     """A listening socket; the browser may knock before the server answers."""
     for wanted in (PORT, 0) if port is None else (port,):
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        listener = socket.socket(family, socket.SOCK_STREAM)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            listener.bind((host, wanted))
-            listener.listen(128)
-            return listener
+            family = socket.AF_INET6 if ":" in host else socket.AF_INET
+            return socket.create_server((host, wanted), family=family, backlog=128)
         except OSError as error:
-            listener.close()
             if error.errno not in (errno.EADDRINUSE, errno.EACCES):
                 reason = error.strerror or str(error)
                 raise InputError(

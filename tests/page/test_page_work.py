@@ -241,10 +241,10 @@ def test_bounds_of_the_page_hold_and_are_on_the_command_line(
 async def taken_and_opened(s: Session, other: Session) -> Session:
     """The model, the findings and the runs that a session hands out are all that another one needs."""
     ready: list[str] = []
-    await finish(s, lambda: s.take("model.json", ready.append, {}))
-    await finish(s, lambda: s.take("findings.json", ready.append, {}))
+    await finish(s, lambda: s.take("model.json", ready.append))
+    await finish(s, lambda: s.take("findings.json", ready.append))
     for k, _ in enumerate(s.runs):
-        await finish(s, lambda k=k: s.take_run(k, ready.append))  # type: ignore[misc]
+        await finish(s, lambda k=k: s.take(f"run-{k + 1}.csv", ready.append))  # type: ignore[misc]
     assert s.findings is not None
     assert load_diagnosis(s.folder / "findings.json").to_dict() == s.findings.to_dict()
     await finish(other, lambda: other.choose_robot("two_link"))

@@ -9,7 +9,7 @@ from sdp_vs_penalty.page.part import Stage, after_model
 from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held
-from sdp_vs_penalty.reports.evidence import CERTIFICATE
+from sdp_vs_penalty.reports.sections import CERTIFICATE
 
 
 def _draw_methods(view: View) -> None:

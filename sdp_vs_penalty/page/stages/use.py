@@ -70,7 +70,8 @@ def _draw_take_away(view: View) -> None:
     runs = details("Runs as they were used, repaired where that was asked", "runs-files")
     with runs, tag("div", style="tiles", role="group", aria_label="Runs to download"):
         for k, run in enumerate(session.runs):
-            take, name = partial(session.take_run, k, view.download), f"run-{k + 1}.csv"
+            name = f"run-{k + 1}.csv"
+            take = partial(session.take, name, view.download)
             tile(name, f"from {run['name']}", take, f"take-{name}")
     with details("The same on the command line", "commands"):
         tag("pre", "\n".join(session.commands()), tabindex="0")
