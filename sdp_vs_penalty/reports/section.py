@@ -123,7 +123,7 @@ def figure(plot: Figure, caption: str, height: int, group: str = "") -> str:
 
 def packed(text: str) -> str:
     """Compressed, as text that cannot end a script element; draw.js unpacks it."""
-    return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
+    return base64.b64encode(gzip.compress(text.encode(), 4, mtime=0)).decode()
 
 
 def number(value: float | None, digits: int = 4) -> str:
