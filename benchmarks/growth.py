@@ -14,11 +14,10 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from speed import METHOD, cpu
+from speed import METHOD, Row, cpu
 
 from sdp_vs_penalty import Estimate, identify
 from sdp_vs_penalty.data.measurements import Measurements
@@ -72,39 +71,11 @@ def measured(*words: str) -> tuple[float, float]:
 def commands(run: str, model: str, out: str) -> dict[str, list[str]]:
     return {
         "identify": ["identify", "panda", "--data", run, "--out", out],
-        "identify --no-check": ["identify", "panda", "--data", run, "--no-check", "--out", out],
         "check": ["check", run, "--problem", "panda"],
         "compare": ["compare", model, "--data", run],
         "convert": ["convert", run, "--out", out.replace(".json", ".npz")],
         "diagnose": ["diagnose", model, "--data", run],
     }
-
-
-@dataclass(frozen=True)
-class Series:
-    """Processor seconds of one work at several sizes."""
-
-    what: str
-    of: str
-    sizes: list[float]
-    seconds: list[float]
-
-    @property
-    def exponent(self) -> float:
-        """Of the power law through the larger half of the sizes: small ones are all set-up."""
-        half = len(self.sizes) // 2
-        x, y = np.log(self.sizes[half - 1 :]), np.log(self.seconds[half - 1 :])
-        return float(np.polyfit(x, y, 1)[0])
-
-
-def _series(
-    what: str, of: str, sizes: Sequence[int], work: Callable[[int], Callable[[], object]], times: int
-) -> Series:
-    seconds = []
-    for size in sizes:
-        seconds.append(cpu(work(size), times))
-        print(f"  {what}: {size} {of}: {seconds[-1]:.3g} s", file=sys.stderr, flush=True)
-    return Series(what, of, [float(x) for x in sizes], seconds)
 
 
 def to_and_fro(run: Measurements, times: int) -> Measurements:
@@ -119,13 +90,12 @@ def to_and_fro(run: Measurements, times: int) -> Measurements:
     return Measurements(np.concatenate(t), np.concatenate(q), np.concatenate(tau))
 
 
-def growing(problem: Problem, run: Measurements) -> dict[str, Callable[[], Series]]:
-    """How cost grows: with samples, runs of 5 s, and joints."""
+def growth(problem: Problem, run: Measurements) -> list[Row]:
+    """The exponent of the power law through the larger half of the sizes: small ones are all set-up."""
     piece, rng = run.rows(slice(0, 5_000)), np.random.default_rng(0)
 
     def of_samples(count: int) -> Callable[[], object]:
-        some = run if count <= len(run.t) else to_and_fro(run, -(-count // len(run.t)))
-        part = some.rows(slice(0, count))
+        part = to_and_fro(run, -(-count // len(run.t))).rows(slice(0, count))
         return lambda: identify(problem, part, METHOD, check=False)
 
     def of_runs(count: int) -> Callable[[], object]:
@@ -137,43 +107,33 @@ def growing(problem: Problem, run: Measurements) -> dict[str, Callable[[], Serie
         task = standard_instances.chain_task(count)
         return lambda: make_estimator(METHOD).fit(task).gap
 
-    samples, runs = [5_000, 10_000, 20_000, 40_000, 80_000, 160_000], [1, 2, 4, 8, 16]
-    links = [4, 7, 14, 30, 60]
-    return {
-        "samples": lambda: _series("identify", "samples", samples, of_samples, 2),
-        "runs": lambda: _series("identify", "runs of 5 000 samples", runs, of_runs, 2),
-        "joints": lambda: _series("certified fit", "joints", links, of_joints, 3),
-    }
+    rows = []
+    for what, work, sizes in (
+        ("identify, samples", of_samples, [5_000 * 2**k for k in range(6)]),
+        ("identify, runs of 5 000 samples", of_runs, [2**k for k in range(5)]),
+        ("certified fit, joints", of_joints, [4, 7, 14, 30, 60]),
+    ):
+        seconds = [cpu(work(size), 2) for size in sizes]
+        half = len(sizes) // 2 - 1
+        exponent = float(np.polyfit(np.log(sizes[half:]), np.log(seconds[half:]), 1)[0])
+        note = f"{sizes[0]} to {sizes[-1]}: {seconds[0]:.3g} to {seconds[-1]:.3g} s CPU"
+        rows.append(Row(what, exponent, None, "exponent", note))
+    return rows
 
 
-def memory(run: Measurements, problem: Problem, rows: Sequence[int]) -> list[list[str]]:
+def memory(run: Measurements, problem: Problem, counts: Sequence[int]) -> list[Row]:
     """Processor seconds and peak memory of whole commands on recordings of so many rows at 1 kHz."""
-    verbs = ("identify", "check", "compare", "convert", "diagnose")
-    lines = []
+    rows = []
     with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
         true = identify(problem, run, check=False)
         true.save(Path(folder, "model.json"))
         log, model, out = (str(Path(folder, x)) for x in ("run.csv", "model.json", "out.json"))
-        imports = {v: measured(*commands(log + "x", model, out)[v]) for v in verbs}
-        for count in rows:
+        imports = {v: measured(*words)[1] for v, words in commands(log + "x", model, out).items()}
+        for count in counts:
             write(Path(log), count, true)
-            for verb in verbs:
-                seconds, most = measured(*commands(log, model, out)[verb])
-                lines.append([verb, str(count), f"{seconds:.1f}", f"{most - imports[verb][1]:.0f}"])
-                print("  ", *lines[-1], file=sys.stderr, flush=True)
-    return lines
-
-
-def picture(series: Sequence[Series], path: Path) -> None:
-    """Seconds against size, a panel for each kind of size, with the exponent of each line."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(3.1 * len(series), 3.0), layout="constrained")
-    for axes, s in zip(figure.subplots(1, len(series), squeeze=False)[0], series, strict=True):
-        axes.loglog(s.sizes, s.seconds, "o-", label=f"{s.what}: exponent {s.exponent:.2f}")
-        ticks = [f"{x:g}" if x < 1e4 else f"{1e-3 * x:g}k" for x in s.sizes]
-        axes.set_xticks(s.sizes, ticks, fontsize=7)
-        axes.minorticks_off()
-        axes.set(xlabel=s.of, ylabel="CPU [s]")
-        axes.legend(fontsize=7)
-    figure.savefig(path, dpi=150, metadata={"Software": None})
+            for verb, words in commands(log, model, out).items():
+                seconds, most = measured(*words)
+                note = f"peak memory {most - imports[verb]:.0f} MB beyond imports"
+                rows.append(Row(f"{verb}, {count} rows", seconds, None, "s", note))
+                print("  ", rows[-1].what, f"{seconds:.1f} s", note, file=sys.stderr, flush=True)
+    return rows

@@ -4,15 +4,14 @@
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda; default:
 SDP_VS_PENALTY_DATA). Each part runs in a process of its own on one thread; figures are ratios within one
-part. Writes benchmarks.csv, benchmarks.md and benchmarks.png; parts that are not measured this time keep
-what the files there hold of them, with its date.
+part. Writes benchmarks.csv and benchmarks.md; parts that are not measured this time keep what the files
+there hold of them, with its date.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import io
 import json
 import os
 import platform
@@ -28,20 +27,17 @@ PARTS = {
     "text": "from text to an estimate, beside a decimating script",
     "fits": "compressed data to a certified fit, beside Clarabel",
     "renewed": "a renewed fit",
-    "solvers": "every installed solver on one problem",
     "processes": "commands as processes, beside bare imports",
-    "samples": "exponent in samples",
-    "runs": "exponent in runs",
-    "joints": "exponent in joints",
+    "growth": "how cost grows: the exponent of processor time in samples, runs and joints",
     "memory": "processor time and peak memory of whole commands on long recordings",
 }
-#: Measured once, by scripts that left: they stay in the table.
-LEFT = {"rivals": "ffa8cd7"}
+#: Measured once, by scripts that left (the commit that had them): they stay in the table.
+LEFT = {"solvers": "8fe364a0", "rivals": "ffa8cd7"}
 NAMES = ["part", "what", "ours", "other", "unit", "ratio", "note", "when"]
 
 
-def measure(part: str, given: argparse.Namespace) -> dict[str, Any]:
-    """Rows of pairs, series of growth, or lines of the memory table."""
+def measure(part: str, given: argparse.Namespace) -> list[dict[str, Any]]:
+    """Rows of the table."""
     import growth
     import speed
 
@@ -50,24 +46,18 @@ def measure(part: str, given: argparse.Namespace) -> dict[str, Any]:
 
     problem, folder = load_problem("panda"), given.data / "panda"
     run = load_measurements(folder, joints=7)
-    rows: list[speed.Row] = []
-    series, lines = [], []
     if part == "text":
         rows = speed.text(problem, folder)
     elif part == "memory":
-        lines = growth.memory(run, problem, given.rows)
-    elif part in ("fits", "renewed", "solvers", "processes"):
-        rows = getattr(speed, part)(problem, run)
+        rows = growth.memory(run, problem, given.rows)
     else:
-        one = growth.growing(problem, run)[part]()
-        series = [asdict(one) | {"exponent": one.exponent}]
-    when = f"{datetime.now(UTC):%Y-%m-%d %H:%M}, load {os.getloadavg()[0]:.0f}"
-    return {
-        "rows": [asdict(r) | {"part": part, "ratio": r.other / r.ours, "when": when} for r in rows],
-        "series": series,
-        "lines": lines,
-        "versions": versions(),
-    }
+        rows = getattr(growth if part == "growth" else speed, part)(problem, run)
+    used = " ".join(f"{name} {version}" for name, version in versions().items())
+    when = f"{datetime.now(UTC):%Y-%m-%d %H:%M}, load {os.getloadavg()[0]:.0f}, {used}"
+    ratios = ["" if r.other is None else r.other / r.ours for r in rows]
+    return [
+        asdict(r) | {"part": part, "ratio": x, "when": when} for r, x in zip(rows, ratios, strict=True)
+    ]
 
 
 def main() -> None:
@@ -90,84 +80,42 @@ def main() -> None:
         return
     words = ["--data", str(given.data), "--rows", *map(str, given.rows)]
     threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
-    found = {}
+    rows: list[dict[str, Any]] = []
     for number, part in enumerate(given.only, 1):
         print(f"{number}/{len(given.only)} {part}: {PARTS[part]}", flush=True)
         command = [sys.executable, __file__, "--measure", part, *words]
         done = subprocess.run(command, env=os.environ | threads, stdout=subprocess.PIPE, text=True)
         if done.returncode:
             print(f"  {part} failed; the others go on", flush=True)
-            continue
-        found[part] = json.loads(done.stdout.splitlines()[-1])
-    write(given.out, found)
+        else:
+            rows += json.loads(done.stdout.splitlines()[-1])
+    write(given.out, rows)
 
 
-def write(out: Path, found: dict[str, Any]) -> None:
-    """The three files, of what was measured now and of what they hold of other parts."""
-    from growth import Series, picture
+def write(out: Path, rows: list[dict[str, Any]]) -> None:
+    """Both files, of what was measured now and of what they hold of other parts."""
+    from sdp_vs_penalty.files import as_csv, write_text
+    from sdp_vs_penalty.show import markdown_table
 
-    from sdp_vs_penalty.files import write_text
-
-    rows = [row for part in found.values() for row in part["rows"]]
-    new = {(row["part"], row["what"]) for row in rows}
-    kept = []
-    if (out / "benchmarks.csv").exists():
-        with (out / "benchmarks.csv").open(newline="") as file:
-            old = list(csv.DictReader(file))
-        kept = [row for row in old if (row["part"], row["what"]) not in new and
-                (row["part"] not in found or not found[row["part"]]["rows"])]  # fmt: skip
+    table, new = out / "benchmarks.csv", {row["part"] for row in rows}
+    if table.exists():
+        with table.open(newline="") as file:
+            rows = [*rows, *(row for row in csv.DictReader(file) if row["part"] not in new)]
     order = [*PARTS, *LEFT]
     cells = [
-        [str(row[name]) if isinstance(row[name], str) else f"{row[name]:.3g}" for name in NAMES]
-        for row in sorted([*kept, *rows], key=lambda row: order.index(row["part"]))
+        [f"{x:.3g}" if isinstance(x, float) else str(x or "") for x in map(row.get, NAMES)]
+        for row in sorted(rows, key=lambda row: order.index(row["part"]))
     ]
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerows([NAMES, *cells])
-    write_text(out / "benchmarks.csv", buffer.getvalue())
-    state = out / "benchmarks.json"
-    grown: dict[str, Any] = (
-        json.loads(state.read_text()) if state.exists() else {"series": {}, "lines": []}
-    )
-    grown["series"] |= {name: part["series"][0] for name, part in found.items() if part["series"]}
-    for part in found.values():
-        grown["lines"] = part["lines"] or grown["lines"]
-        grown["versions"] = grown.get("versions", {}) | part["versions"]
-    write_text(state, json.dumps(grown, indent=1) + "\n")
-    text = ["# Speed and memory", "", _about(grown.get("versions", {})), ""]
-    text += _table(NAMES[1:], [c[1:] for c in cells])
-    series = list(grown["series"].values())
-    if series:
-        own = ("what", "of", "sizes", "seconds")
-        picture([Series(**{name: s[name] for name in own}) for s in series], out / "benchmarks.png")
-        about = "Processor seconds; the exponent is that of the larger sizes."
-        text += ["", "## How cost grows", "", about, ""]
-        lines = [
-            [s["what"], s["of"], f"{s['sizes'][0]:.6g} to {s['sizes'][-1]:.6g}",
-             f"{s['seconds'][0]:.3g} to {s['seconds'][-1]:.3g}", f"{s['exponent']:.2f}"]
-            for s in series
-        ]  # fmt: skip
-        text += _table(["what", "in", "sizes", "seconds", "exponent"], lines)
-        text += ["", "![Processor time against size](benchmarks.png)"]
-    if grown["lines"]:
-        about = "Whole commands, a process each, on recordings at 1 kHz."
-        text += ["", "## Long recordings", "", about, ""]
-        text += _table(["command", "rows", "CPU [s]", "peak memory beyond imports [MB]"], grown["lines"])
-    write_text(out / "benchmarks.md", "\n".join([*text, ""]))
-    print("\n".join(text))
-
-
-def _table(head: list[str], lines: list[list[str]]) -> list[str]:
-    return ["| " + " | ".join(line) + " |" for line in [head, ["---"] * len(head), *lines]]
-
-
-def _about(used: dict[str, str]) -> str:
-    return (
+    write_text(table, as_csv(NAMES, cells))
+    left = ", ".join(f"{part} by one of commit {commit}" for part, commit in LEFT.items())
+    about = (
         "Panda, the authors' run of 20 544 samples; ratios are within one process or in turn, by "
-        f"`python benchmarks/run.py` ({platform.machine()}, one thread; "
-        f"{', '.join(f'{name} {version}' for name, version in used.items())}). Rows beside MuJoCo, of "
-        f"the bootstrap, of two processes, and growth with the library: by scripts of commit "
-        f"{LEFT['rivals']}, which are no longer here."
+        f"`python benchmarks/run.py` ({platform.machine()}, one thread). By scripts that are no longer "
+        f"here: {left}."
     )
+    text = ["# Speed and memory", "", about, "", *markdown_table(NAMES, cells), ""]
+    write_text(out / "benchmarks.md", "\n".join(text))
+    print("\n".join(text))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,6 @@ import numpy as np
 from sdp_vs_penalty import Estimate, cross_validate, identify, load_measurements
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certify import build_estimate
 from sdp_vs_penalty.estimation.identify import identify as estimated
 from sdp_vs_penalty.estimation.pose import Posed, pose
@@ -37,7 +36,6 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.shootout import standard_instances
-from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.solvers.objective import Objective
@@ -47,11 +45,11 @@ METHOD = "lmi-sdp"
 
 @dataclass(frozen=True)
 class Row:
-    """One comparison: other / ours is the ratio."""
+    """One figure, and another way's beside it: other / ours is the ratio."""
 
     what: str
     ours: float
-    other: float
+    other: float | None
     unit: str
     note: str = ""
 
@@ -184,29 +182,6 @@ def renewed(problem: Problem, run: Measurements) -> list[Row]:
             own.append(1e3 * cpu(lambda near=near, again=again: posed.fit(again, 1e-9, near).gap))  # type: ignore[misc]
     note = "from the last fit; other: from the nominal robot"
     return [Row("renewed certified fit, CPU", *map(float, np.median(spent, axis=1)), "ms", note)]
-
-
-def solvers(problem: Problem, run: Measurements) -> list[Row]:
-    """One problem, every installed solver, each asked for 1e-8: time and what its answer proves."""
-    instance = standard_instances.posed("panda", task_of(problem, run), "one-step", "gyration")
-    fit = make_estimator("lmi-sdp-thickness").fit
-    ours = 1e3 * cpu(lambda: fit(instance.task).gap, 9)
-    rows = []
-    for name, contestant in contestants().items():
-        if contestant.absent or not contestant.tunable:
-            continue
-        try:
-            answer = contestant.solve(instance, 1e-8)
-            spent = 1e3 * cpu(lambda c=contestant: c.solve(instance, 1e-8), 3)  # type: ignore[misc]
-            assert answer.multipliers is not None
-            lower = instance.lower_bound(answer.theta, answer.multipliers, answer.entropy_slopes)
-        except (InputError, AssertionError, ValueError, np.linalg.LinAlgError):
-            continue
-        gap = instance.data.gap(instance.data.loss(answer.theta), lower, answer.theta)
-        worst = max(instance.constraints.worst(answer.theta).values())
-        note = f"{answer.claims}; gap {gap:.0e} of the loss, violation {worst:.0e}"
-        rows.append(Row(f"Panda, minimum thickness, beside {name}, CPU", ours, spent, "ms", note))
-    return rows
 
 
 def process(command: list[str]) -> float:

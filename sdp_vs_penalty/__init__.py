@@ -45,7 +45,7 @@ _HOME = {
     "export": "exporters.export",
     "fetch": "data.datasets",
     "follow": "simulation.follow",
-    "identify": "diagnosis.identification",
+    "identify": "diagnosis.comparison",
     "InputError": "errors",
     "load_estimate": "estimation.estimate",
     "load_measurements": "data.files",

@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 
 from challenge.classes import CLASSES, USUAL, CaseClass
-from challenge.report import write_report
+from challenge.report import report_text
 from challenge.truth import energies, judged_curve, true_floor
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.files import alone, write_text
-from sdp_vs_penalty.parallel import Workers, spread
+from sdp_vs_penalty.parallel import ALONE, Workers, spread
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES, draw_conditions, fair
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
@@ -156,21 +156,16 @@ def rounded(value: Any) -> Any:
 VERSION = 3
 
 
-#: Who simulates, unless it is said.
-TWO = Workers(2)
-
-
 def run_challenge(
     cases: int,
     seed: int,
     out: Path,
-    workers: Workers = TWO,
+    workers: Workers = ALONE,
     classes: Sequence[str] | None = None,
     nuisances: Sequence[str] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> list[Path]:
-    """Run what is missing; write challenge.json, and from all of its cases of this seed challenge.csv
-    and challenge.md.
+    """Run what is missing; write challenge.json, and from all of its cases of this seed challenge.md.
 
     cases : of each class; of clean robots, of each nuisance; workers : who simulates. Raises InputError
     for a class or a nuisance that does not exist.
@@ -184,7 +179,8 @@ def run_challenge(
             wanted(cases, seed, kinds, conditions), out / "challenge.json", workers, progress
         )
         mine = {k: records[k] for k in sorted(records, key=_order) if k.split("/")[2] == str(seed)}
-        return [out / "challenge.json", *write_report(mine, out, seed)]
+        write_text(out / "challenge.md", report_text(mine, seed))
+        return [out / "challenge.json", out / "challenge.md"]
 
 
 def _completed(

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from challenge import judge
 from challenge.judge import Item, Record, counted, wilson
-from sdp_vs_penalty.files import as_csv, write_text
 from sdp_vs_penalty.show import markdown_table
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
 
@@ -46,27 +44,6 @@ MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
     ("unknown", "right variables", judge.right_variables, ">= 90 %"),
     ("unknown", ">= 80 % of the missing energy removed", judge.mostly_removed, ""),
 )
-
-
-def write_report(records: Mapping[str, Record], out: Path, seed: int) -> list[Path]:
-    """challenge.csv (every case) and challenge.md (the figures)."""
-    table, report = out / "challenge.csv", out / "challenge.md"
-    write_text(table, csv_text(records))
-    write_text(report, report_text(records, seed))
-    return [table, report]
-
-
-def csv_text(records: Mapping[str, Record]) -> str:
-    """One case a row."""
-    names = "case arm truth energy verdict found retuned rivals events seconds"
-    rows = []
-    for key, r in records.items():
-        rivals = r["found"][0]["indistinguishable_from"] if r["found"] else []
-        row = [key, r["conditions"]["arm"], "+".join(map(_label, r["truth"]))]
-        row += [" ".join(f"{e:.4g}" for e in r["energy"]), r["verdict"]]
-        row += ["+".join(map(_label, r["found"])), str(len(r["retuned"])), " ".join(rivals)]
-        rows.append([*row, str(len(r["events"])), f"{r.get('seconds', 0.0):.2f}"])
-    return as_csv(names.split(), rows)
 
 
 def _label(item: Item) -> str:
@@ -117,7 +94,6 @@ def report_text(records: Mapping[str, Record], seed: int) -> str:
         *_clean(every),
         *_numbers(every),
         *effect_lines(every),
-        *curve_lines(every),
         *_false_claims(records),
     ]
     return "\n".join(lines) + "\n"
@@ -188,45 +164,6 @@ def effect_lines(records: Sequence[Record]) -> list[str]:
     headings = ["hidden", "left out", "cases", "right", "named instead", "size error", "interval holds"]
     title = "## By effect: all classes that hide one"
     return [title, "", note, "", *markdown_table(headings, rows), ""]
-
-
-def curve_lines(records: Sequence[Record]) -> list[str]:
-    """Torques without a name, by law: the curve, its band, its formula, and what adding it buys."""
-    mine = [r for r in records if r["class"] == "unknown" and counted(r) and "curve" in r]
-    if not mine:
-        return []
-    rows = []
-    laws = sorted({r["truth"][0]["effect"] for r in mine})
-    every = [(name, [r for r in mine if r["truth"][0]["effect"] == name]) for name in laws]
-    for name, group in [*every, ("all", mine)]:
-        right = [r for r in group if judge.right_variables(r)]
-        known = [r for r in group if r["curve"]["formula"] is not None]
-        named = sum(bool(r["curve"]["formula"]) for r in known)
-        covered = [r["curve"]["covered"] for r in right]
-        cells = [name, str(len(group)), _part(len(right), len(group))]
-        cells += [f"{100 * np.median(covered):.1f} %" if covered else ""]
-        held = sum((share or 0.0) >= 0.93 for share in covered)
-        cells += [_part(held, len(right)), _part(named, len(known))]
-        cells += [f"{100 * np.median([r['curve']['removed'] for r in group]):.1f} %"]
-        rows.append([*cells, f"{np.median([r['curve']['after'] for r in group]):.2f}"])
-    headings = ["torque", "cases", "right variables", "rows in the band", ">= 93 % of them"]
-    headings += ["right formula", "energy removed", "error over floor"]
-    note = (
-        "Counted where these data show the torque. Variables: of the joint's first curve (to reach: "
-        "90 %), |x|, sign(x) and a phase of x counting as x. Band: where the variables are right, the "
-        "share of rows at which it holds the truth, median (to reach: 93 %). Formula: up to 5 % in its "
-        "constants, where the dictionary has it (to reach: 70 %). Energy removed (80 %) and error over "
-        "the floor (1.1): on a motion that nothing was fitted to, with all that was found; medians."
-    )
-    return ["## Torques without a name", "", note, "", *markdown_table(headings, rows), ""]
-
-
-def _part(hits: int, count: int) -> str:
-    """Hits of a count, with Wilson's interval where there are many."""
-    if count < 10:
-        return f"{hits} of {count}" if count else ""
-    cases, part, interval = share(hits, count)
-    return f"{hits} of {cases}: {part} ({interval})"
 
 
 def _instead(record: Record) -> str:

@@ -19,16 +19,13 @@ from numpy.typing import NDArray
 
 from corruptions.kinds import Corruption, corruptions, rows
 from sdp_vs_penalty import compare, identify, load_measurements, load_problem
-from sdp_vs_penalty.data.datasets import clean_stretch
+from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.problem import Problem
 
 Array = NDArray[np.float64]
-
-_UR_GAINS = np.array([10.0, 10.70, 8.46, 9.00, 9.48, 10.12])  # N m/A
-_TX_GEARS = np.array([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])
 
 
 @dataclass(frozen=True)
@@ -116,10 +113,9 @@ def _squared_errors(estimate: Estimate, test: Measurements) -> Array:
 
 
 def arm(name: str, data: Path) -> Arm:
-    """panda, ur10e, tx40, ur10, emps (from ``data``), sim5, sim6, or drawn and a number."""
-    known = {"sim5": (FIVE, 2), "sim6": (SIX, 1)}
-    if name in known:
-        return simulated(name, *known[name])
+    """panda, ur10e, tx40, ur10, emps (from ``data``), sim5, or drawn and a number."""
+    if name == "sim5":
+        return simulated(name, FIVE, 2)
     if name.startswith("drawn"):
         seed = int(name.removeprefix("drawn"))
         return simulated(name, drawn(seed), seed)
@@ -134,17 +130,17 @@ def panda(data: Path) -> Arm:
     return Arm("panda", load_problem("panda"), train, test, (run,))
 
 
-def ur10e_run(data: Path, name: str) -> Measurements:
-    """One recording, in N m."""
-    found, _ = clean_stretch((data / "ur10e" / f"{name}.csv").read_text(errors="replace"), 31)
-    return Measurements(found[:, 0], found[:, 1:7], found[:, 13:19] * _UR_GAINS, None, None, (name,))
+def _kept(name: str, data: Path) -> dict[str, Measurements]:
+    """The runs of a data set by name, positions and torques alone."""
+    runs = converted(name, data / name).items()
+    return {k: replace(run, dq=None, commanded={}) for k, run in runs}
 
 
 def ur10e(data: Path) -> Arm:
+    runs = _kept("ur10e", data)
     names = ("02_12-50sec_12harm", "02_19_14harm50sec", "02_19_15harm50sec", "02_19_14harm50secLoad")
-    train, test, *others = (ur10e_run(data, f"ur-20_{x}") for x in names)
-    others = (test, *others, ur10e_run(data, "ur-20_01_17-ptp_10_points"))
-    return Arm("ur10e", load_problem("ur10e"), train, test.window(0.0, 20.0).runs()[0], others)
+    train, test, *others = (runs[f"ur-20_{x}"] for x in (*names, "01_17-ptp_10_points"))
+    return Arm("ur10e", load_problem("ur10e"), train, test.window(0.0, 20.0).runs()[0], (test, *others))
 
 
 def ur10(data: Path) -> Arm:
@@ -159,43 +155,19 @@ def ur10(data: Path) -> Arm:
 
 def emps(data: Path) -> Arm:
     """One prismatic axis; the force is the control voltage times the drive's gain."""
-    from scipy.io import loadmat
-
-    runs = []
-    for name in ("DATA_EMPS", "DATA_EMPS_PULSES"):
-        x = loadmat(data / "emps" / f"{name}.mat")
-        runs.append(
-            Measurements(x["t"].ravel(), x["qm"], float(x["gtau"].item()) * x["vir"], names=(name,))
-        )
-    return Arm("emps", load_problem("emps"), *runs, (runs[1],))
+    tracking, pulses = _kept("emps", data).values()
+    return Arm("emps", load_problem("emps"), tracking, pulses, (pulses,))
 
 
 def tx40(data: Path) -> Arm:
-    """Motor to joint side as the authors do it; every tenth row, trained on the first 6 of 9 s."""
-    q, tau = (
-        np.loadtxt(data / "tx40" / f"{name}.csv", delimiter=",", skiprows=1)
-        for name in ("pos_read_data", "curr_data")
-    )
-    q, tau = q / _TX_GEARS, tau * _TX_GEARS
-    q[:, 5] -= q[:, 4]
-    q[:, 1] -= np.pi / 2
-    q[:, 2] += np.pi / 2
-    tau[:, 4] += tau[:, 5]
-    run = Measurements(np.arange(len(q)) / 5000.0, q, tau, None, None, ("tx40",))
+    """Every tenth row, trained on the first 6 of 9 s."""
+    run = _kept("tx40", data)["exciting"]
     spans = ((0, 30_000), (30_000, 45_000), (0, 45_000))
     train, test, whole = (rows(run, np.arange(*span, 10)) for span in spans)
     return Arm("tx40", load_problem("tx40"), train, test, (whole,))
 
 
 # mass, centre of mass, axis, origin and kind of each joint's link; metres and kilograms.
-SIX = (
-    ("revolute", "0 0 1", "0 0 0.35", 9.0, "0.03 0.01 0.05"),
-    ("revolute", "0 1 0", "0.08 0 0.1", 8.0, "0.22 0.02 0.01"),
-    ("revolute", "0 1 0", "0.45 0 0", 5.0, "0.12 -0.02 0.05"),
-    ("revolute", "1 0 0", "0.15 0 0.06", 2.5, "0.12 0.01 0.01"),
-    ("revolute", "0 1 0", "0.3 0 0", 1.6, "0.05 0.01 0.02"),
-    ("revolute", "1 0 0", "0.1 0 0", 0.9, "0.05 0.03 0.02"),
-)
 FIVE = (
     ("revolute", "0 0 1", "0 0 0.2", 12.0, "0.1 0.02 0.1"),
     ("revolute", "0 1 0", "0.2 0 0.2", 7.0, "0.18 -0.03 0.02"),

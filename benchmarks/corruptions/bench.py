@@ -3,7 +3,7 @@
     python benchmarks/corruptions --data DATA [--arms panda,sim5,drawn7] [--every 4] [--out results]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. Arms: panda, ur10e, tx40, ur10, emps,
-sim5, sim6, drawn and any number. Outcome of a case:
+sim5, drawn and any number. Outcome of a case:
   named    an error or a warning names the cause that was put in, and the joint
   refused  an error without that cause: nothing is identified, but the user has to search
   warned   warnings only, none of which names the cause, and none names another
@@ -208,7 +208,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--data", type=Path, default=Path("."))
     parser.add_argument("--out", type=Path, default=Path("results"))
-    parser.add_argument("--arms", default="panda,ur10e,tx40,ur10,emps,sim5,sim6")
+    parser.add_argument("--arms", default="panda,ur10e,tx40,ur10,emps,sim5")
     parser.add_argument("--kinds", default="", help="those with this in their name")
     parser.add_argument("--every", type=int, default=1, help="one corruption in so many")
     parser.add_argument("--part", type=int, default=0, help="which of these samples, from 0")

@@ -17,10 +17,9 @@ from sdp_vs_penalty.checks.content import Content, content
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.rules import mended
 from sdp_vs_penalty.checks.several import compare
-from sdp_vs_penalty.data.files import check_usable
+from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -105,7 +104,7 @@ def check(
     """One report a run. The measurements need not be usable: clock and numbers are checked as well.
 
     problem : a built-in name, a folder, a URDF file, or a Problem; measurements : whatever
-        :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than
+        :func:`~sdp_vs_penalty.data.files.as_measurements` takes; preprocessing : filters other than
         the problem's.
     thorough : also look at the excitation; without, only for what would make an identification wrong
         (what `identify` does by itself).

@@ -9,7 +9,7 @@ __getattr__ = surface(
     {
         "Curve": "curves.curve",
         "Diagnosis": "findings",
-        "diagnosis_rows": "rows",
+        "diagnosis_rows": "whitening",
         "load_diagnosis": "findings",
     },
 )

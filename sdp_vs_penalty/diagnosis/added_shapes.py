@@ -13,10 +13,8 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.library import Form, Library
-from sdp_vs_penalty.diagnosis.refit import weighting_of
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.whitening import prepare
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
@@ -95,7 +93,7 @@ def found_together(
     wanted = {key for key in new if key[1] in {j for _, j, _ in own}}.union(own)
     if not wanted:
         return None
-    settings, weighting = found.preprocessing, weighting_of(found)
+    settings, weighting = found.preprocessing, found.weighting
     best = settled(found.model, wanted, lambda model: compress(measurements, model, settings), weighting)
     effects, std = best.model.effects, best.std
     values = {(e.name, j, k): v for e in effects for k, v in e.shape.items() for j in e.joints}

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.added_shapes import (
     all_given,
     confirmed,
@@ -21,10 +21,8 @@ from sdp_vs_penalty.diagnosis.adopted import adopted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.refit import (
     estimator_beside,
-    estimator_of,
     model_beside,
     task_beside,
-    weighting_of,
 )
 from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.effects import parse_effects
@@ -61,7 +59,7 @@ def add(
     """The model with effects more, identified again by its own method under its problem's constraints.
 
     estimate : the model to extend, or its model.json; measurements : the runs to identify it from
-    again, whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes.
+    again, whatever :func:`~sdp_vs_penalty.data.files.as_measurements` takes.
     effects : ``name[:joints][@shape=value]``, several separated by commas, or what :func:`diagnose`
     found: all of it or some of its findings. An effect that the model has already takes the shape
     constants that are given (coulomb_friction:7@v_s=0.08). A shape constant that is not given is
@@ -112,10 +110,10 @@ def add(
         return identify(
             estimate.problem,
             measurements,
-            estimator_of(estimate),
+            estimate.estimator,
             effects=effects,
             preprocessing=estimate.preprocessing,
-            weighting=weighting_of(estimate),
+            weighting=estimate.weighting,
             seed=seed,
             progress=progress,
             gain_uncertainty=gain_errors,

@@ -8,12 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.refit import weighting_of
 from sdp_vs_penalty.diagnosis.remaining import refitted
-from sdp_vs_penalty.diagnosis.rows import with_estimate
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.whitening import whitened
+from sdp_vs_penalty.diagnosis.whitening import whitened, with_estimate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimators.task import make_task
@@ -27,7 +25,7 @@ def adopted(estimate: Estimate, shapes: Sequence[ShapeEstimate], measurements: M
     """The model with other shape constants, refitted by least squares."""
     model = replace(estimate.model, effects=with_shapes(estimate.model.effects, shapes))
     regression = compress(measurements, model, estimate.preprocessing)
-    theta = make_task(estimate.problem, model, regression, weighting_of(estimate)).ols
+    theta = make_task(estimate.problem, model, regression, estimate.weighting).ols
     return replace(estimate, model=model, theta=theta)
 
 

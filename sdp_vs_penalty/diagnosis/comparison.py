@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import wraps
 from html import escape
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 import numpy as np
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.data.store import Growing, parts
 from sdp_vs_penalty.diagnosis.show import new_motion, plot_errors, plot_residual
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.identify import identify as _identify
 from sdp_vs_penalty.estimation.noise_level import noise_level
+from sdp_vs_penalty.estimation.pose import readable
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.estimation.verdict import Errors, Verdict, judge
+from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, finite
 from sdp_vs_penalty.signals.excerpt import excerpt, excerpt_sentence
@@ -30,6 +37,9 @@ if TYPE_CHECKING:
     import pandas
 
     from sdp_vs_penalty.diagnosis.findings import Diagnosis
+
+
+P = ParamSpec("P")
 
 
 @dataclass(frozen=True)
@@ -214,7 +224,7 @@ def compare(
     """Compare one or several models with the same measurements.
 
     models : an Estimate or a model.json, a sequence of them, or a mapping from names to them.
-    measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
+    measurements : whatever :func:`~sdp_vs_penalty.data.files.as_measurements` takes: paths, arrays,
         a DataFrame, Measurements, or a list of runs.
     All models are judged behind the same filters, those of the first model, or ``preprocessing``, and
     beside the same noise floor, that of the measurements. noise_from : the runs whose repetition
@@ -310,3 +320,36 @@ def still_missing(found: Diagnosis, estimate: Estimate) -> str:
     if left:
         return f"Found and not added: {'; '.join(left)}."
     return "All effects that `diagnose` found are in the model." if found.effects else found.headline
+
+
+def identified(
+    problem: str | Path | Problem,
+    measurements: Source | BlackBox,
+    *settings: Any,
+    noise_from: Measurements | None = None,
+    **named: Any,
+) -> tuple[Estimate, Comparison | None]:
+    """The estimate of :func:`~sdp_vs_penalty.estimation.identify.identify`, which takes the settings,
+    and its comparison with the same measurements, whose verdict the estimate keeps; None for a black
+    box's answers, which are no torque along a motion. noise_from : as in :func:`~.comparison.compare`.
+    """
+    problem = as_problem(problem, "identify(problem=...)")
+    measurements = readable(problem, measurements, "identify(measurements=...)")
+    estimate = _identify(problem, measurements, *settings, **named)
+    if not isinstance(measurements, Measurements):
+        return estimate, None
+    fit = compare({estimate.method: estimate}, measurements, noise_from=noise_from)[0]
+    estimate.provenance["verdict"] = fit.verdict.to_dict()
+    return estimate, fit
+
+
+def _with_verdict(function: Callable[P, Estimate]) -> Callable[P, Estimate]:
+    @wraps(function)
+    def verb(*given: P.args, **named: P.kwargs) -> Estimate:
+        return identified(*given, **named)[0]  # type: ignore[arg-type]
+
+    return verb
+
+
+#: The verb of the API.
+identify = _with_verdict(_identify)

@@ -93,8 +93,8 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     rows, noise = data.rows, data.noise
     left, residual = found.left.rest, found.left.residual
     happened = events(data, found.left.odd, residual, left.matters)
-    ladder = [found.held_out.errors(found.offered[:k]) for k in range(len(found.offered) + 1)]
-    errors = np.array([e.every for e in ladder])
+    count = len(found.offered) + 1
+    errors = np.array([found.held_out.errors(found.offered[:k]) for k in range(count)])
     retuned = retunes(found.shapes, found.estimate.robot, found.before, errors[0])
     doubt = torque_errors(data, found.estimate, gain_errors)
     every = [_finding(found, k, term, errors, left, doubt) for k, term in enumerate(search.terms)]
@@ -121,7 +121,7 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         left.share,
         errors[-1],
         rows.cutoff,
-        remarks(data, left, ladder[-1], found.held_out.source, new_share),
+        remarks(data, left, residual, found.held_out.source, new_share),
         found.before if retuned else errors[0],
         found.held_out.source,
         data.frozen,

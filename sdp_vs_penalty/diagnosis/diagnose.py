@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited, referred
 from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
 from sdp_vs_penalty.diagnosis.constants import APART, OUTSIDE, RAISES
@@ -18,10 +18,9 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, folds_of, lowers, on_folds, on_test, raises
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.retunes import shape_estimate, told
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import size_of_term
-from sdp_vs_penalty.diagnosis.whitening import prepare
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -51,7 +50,7 @@ def diagnose(
     """Which physical effects the model misses, judged against the noise; see :class:`Diagnosis`.
 
     estimate : the model in question, or its model.json; measurements : the runs to search in, whatever
-    :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; test : a run only for the held-out
+    :func:`~sdp_vs_penalty.data.files.as_measurements` takes; test : a run only for the held-out
     errors (without it, folds by the phase of the motion).
     frozen : keep the model's parameters, so that changes of the links
     show (a payload); otherwise they are refitted along with every candidate. seed : of the draws of a
@@ -154,7 +153,7 @@ def _offered(search: Search, judge: _Judge) -> Found:
     """What data left out do not speak against: constants of the model's own, then findings in order."""
     first, none = judge.first, np.zeros((search.data.n, len(search.data.rows.t), 0))
     own = [t for t in search.terms if t.form.own]
-    before = judge.of(search, (), first).errors(()).every if own else np.zeros(search.data.n)
+    before = judge.of(search, (), first).errors(()) if own else np.zeros(search.data.n)
     now, beside, shapes = first, search, []
     while own:
         shapes = [shape_estimate(t, first, size_of_term(search, t, none)) for t in own]
@@ -163,7 +162,7 @@ def _offered(search: Search, judge: _Judge) -> Found:
         # A finding that only mended the old constants goes.
         beside.terms = beside.settled(beside.terms)
         beside.fit = beside.score.fit(beside.terms)
-        after = judge.of(beside, (), now).errors(()).every
+        after = judge.of(beside, (), now).errors(())
         worse = set(np.flatnonzero(after > (1.0 + RAISES) * before).tolist())
         worse |= {s.joint for s in shapes if not told(s, before, after)}
         if not worse:
@@ -176,7 +175,7 @@ def _offered(search: Search, judge: _Judge) -> Found:
     terms = in_order(limited(beside, named, APART).terms)
     held_out = judge.of(beside, [t.form.effect for t in terms], now)
     if not shapes:
-        before = held_out.errors(()).every
+        before = held_out.errors(())
     order = held_out.offered(len(terms))
     final = limited(beside, [terms[k] for k in order])
     left = what_is_left(final)
@@ -204,8 +203,8 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Fou
             {len(named) + k: c.by_fold for k, c in enumerate(every)},
         )
         names = list(range(len(named)))
-        before = held.errors(names).every if not out else out[-1].errors
-        after = held.errors([*terms, *range(len(named), len(effects))]).every
+        before = held.errors(names) if not out else out[-1].errors
+        after = held.errors([*terms, *range(len(named), len(effects))])
         on = [curve.joint]
         if (
             lowers(before[on], after[on])

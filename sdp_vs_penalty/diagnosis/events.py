@@ -8,15 +8,15 @@ whitened noise is exponential.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.constants import MOST_EVENTS, MOST_OF_IT
+from sdp_vs_penalty.diagnosis.plain import Plain
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import FAINT, REPETITION, SAME_PHASE, differences, rate_features
@@ -39,30 +39,14 @@ _SLOWEST_HUM, _FASTEST_HUM = 0.8, 0.45
 
 
 @dataclass(frozen=True)
-class Event:
-    """joint from 0; t_start, t_end [s] on the clock of the measurements; what : "local" or "hum"."""
+class Event(Plain):
+    """joint from 1; t_start, t_end [s] on the clock of the measurements; what : "local" or "hum"."""
 
     joint: int
     t_start: float
     t_end: float
     what: str = "local"
     frequency: float | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON; the joint counts from 1."""
-        return {**vars(self), "joint": self.joint + 1}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Event:
-        """What :meth:`to_dict` wrote."""
-        frequency = data["frequency"]
-        return cls(
-            int(data["joint"]) - 1,
-            float(data["t_start"]),
-            float(data["t_end"]),
-            str(data["what"]),
-            None if frequency is None else float(frequency),
-        )
 
 
 def events(data: WhiteData, odd: Mask, residual: Array, named: Sequence[int]) -> list[Event]:
@@ -79,7 +63,7 @@ def events(data: WhiteData, odd: Mask, residual: Array, named: Sequence[int]) ->
             apart = np.flatnonzero(np.diff(rows.t[own]) > 2.0 * SAME_PHASE) + 1
             for group in np.split(own, apart) if len(own) else ():
                 group = _loudest(group, residual[:, j])
-                found.append(Event(j, float(rows.t[group[0]]), float(rows.t[group[-1]])))
+                found.append(Event(j + 1, float(rows.t[group[0]]), float(rows.t[group[-1]])))
     return sorted(found + _hums(data, residual), key=lambda e: (e.t_start, e.joint))
 
 
@@ -199,7 +183,7 @@ def _hums(data: WhiteData, residual: Array) -> list[Event]:
         every_line = spectral_lines(series, rows.rate, rows.n, _SLOWEST_HUM)
         lines = [f for f in every_line if f < _FASTEST_HUM * rows.rate]
         for segment in rows.segments if lines else ():
-            out.append(Event(j, float(segment.t[0]), float(segment.t[-1]), "hum", lines[0]))
+            out.append(Event(j + 1, float(segment.t[0]), float(segment.t[-1]), "hum", lines[0]))
     return out
 
 

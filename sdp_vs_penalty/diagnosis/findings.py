@@ -6,13 +6,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
+from sdp_vs_penalty.diagnosis.plain import Plain
 from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.diagnosis.show import diagnosis_verdict, plot_ladder
 from sdp_vs_penalty.effects import effect_types
@@ -28,7 +29,7 @@ _VERDICTS = (EFFECT_MISSING, NOTHING_MISSING, UNKNOWN)
 
 
 @dataclass(frozen=True)
-class Finding:
+class Finding(Plain):
     """One missing effect.
 
     joints from 1, empty for the whole robot; size : of the effect's parameter (the amplitude where
@@ -82,58 +83,18 @@ class Finding:
             "then as it was at first, what follows the clock is not"
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON; joints count from 1."""
-        return {
-            k: x.tolist() if isinstance(x, np.ndarray) else list(x) if isinstance(x, tuple) else x
-            for k, x in vars(self).items()
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Finding:
-        """What :meth:`to_dict` wrote."""
-        return cls(
-            str(data["effect"]),
-            tuple(int(j) for j in data["joints"]),
-            {str(k): float(v) for k, v in data["shape"].items()},
-            float(data["size"]),
-            str(data["unit"]),
-            float(data["std"]),
-            {str(k): float(v) for k, v in data["parameters"].items()},
-            str(data["confidence"]),
-            _texts(data["indistinguishable_from"]),
-            np.array(data["held_out_rmse_before"], float),
-            np.array(data["held_out_rmse_after"], float),
-            str(data["explanation"]),
-            str(data["text"]),
-            float(data["gain"]),
-            _texts(data["remarks"]),
-            str(data["constants"]),
-            _texts(data.get("finer", ())),
-        )
-
 
 @dataclass(frozen=True)
-class Invisible:
+class Invisible(Plain):
     """An effect whose torque the model's own parameters absorb: no measurement like this shows it."""
 
     effect: str
     joints: tuple[int, ...]
     absorbed_share: float
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
-        return {**vars(self), "joints": list(self.joints)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Invisible:
-        """What :meth:`to_dict` wrote."""
-        joints = tuple(int(j) for j in data["joints"])
-        return cls(str(data["effect"]), joints, float(data["absorbed_share"]))
-
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Shown):
+class Diagnosis(Shown, Plain):
     """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the order of
     adding; minor : those that lower no joint's held-out error noticeably beside them, added after
     them by :meth:`selected`; noise_floor (n,) of the filtered torque; events : what happened once.
@@ -212,7 +173,7 @@ class Diagnosis(Shown):
         text = diagnosis_verdict(self.unknown, found, self.noise_known, constants)
         if self.noise_source == SPECTRUM:
             text += f" The noise is {SPECTRUM_KNOWN}: no motion repeats."
-        where = sorted({e.joint + 1 for e in self.events})
+        where = sorted({e.joint for e in self.events})
         if where:
             text += f" Besides, {show.count(len(self.events), 'event')} on {show.joints(where)}."
         return text
@@ -290,56 +251,20 @@ class Diagnosis(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """findings.json; :meth:`from_dict` restores the same diagnosis."""
-        return {
-            "verdict": self.verdict,
-            "frozen": self.frozen,
-            "effects": [{"number": k, **f.to_dict()} for k, f in enumerate(self.effects, start=1)],
-            "minor": [
-                {"number": k, **f.to_dict()} for k, f in enumerate(self.minor, len(self.effects) + 1)
-            ],
-            "retuned": [r.to_dict() for r in self.retuned],
-            "curves": [c.to_dict() for c in self.curves],
-            "noise_floor": self.noise_floor.tolist(),
-            "noise_source": self.noise_source,
-            "unexplained": self.unexplained.tolist(),
-            "held_out_source": self.held_out_source,
-            "held_out_rmse_before": self.held_out_rmse_before.tolist(),
-            "held_out_rmse": self.held_out_rmse.tolist(),
-            "band_hz": self.band_hz,
-            "invisible": [i.to_dict() for i in self.invisible],
-            "events": [e.to_dict() for e in self.events],
-            "remarks": list(self.remarks),
-            "new_motion_share": self.new_motion_share,
-            "left": [{"joint": j, "variable": name, "rmse": rms} for j, name, rms in self.left],
-            "remains": [{"joint": j, "rmse": rms} for j, rms in self.remains],
-        }
+        out = super().to_dict()
+        for k, finding in enumerate((*out["effects"], *out["minor"]), start=1):
+            finding["number"] = k
+        left = [{"joint": j, "variable": name, "rmse": rms} for j, name, rms in self.left]
+        return out | {"left": left, "remains": [{"joint": j, "rmse": rms} for j, rms in self.remains]}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Diagnosis:
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Raises KeyError, TypeError or ValueError for a field that is missing or of another kind."""
         if data["verdict"] not in _VERDICTS:
             raise ValueError(f"verdict {data['verdict']!r}; there are: {', '.join(_VERDICTS)}")
-        return cls(
-            data["verdict"],
-            tuple(map(Finding.from_dict, data["effects"])),
-            np.array(data["noise_floor"], float),
-            tuple(map(Invisible.from_dict, data["invisible"])),
-            tuple(map(Event.from_dict, data["events"])),
-            str(data["noise_source"]),
-            np.array(data["unexplained"], float),
-            np.array(data["held_out_rmse"], float),
-            float(data["band_hz"]),
-            _texts(data["remarks"]),
-            np.array(data["held_out_rmse_before"], float),
-            str(data["held_out_source"]),
-            bool(data["frozen"]),
-            data.get("new_motion_share"),
-            tuple(map(Retune.from_dict, data.get("retuned", ()))),
-            tuple(map(Curve.from_dict, data.get("curves", ()))),
-            tuple((int(x["joint"]), str(x["variable"]), float(x["rmse"])) for x in data.get("left", ())),
-            tuple((int(x["joint"]), float(x["rmse"])) for x in data.get("remains", ())),
-            tuple(map(Finding.from_dict, data.get("minor", ()))),
-        )
+        left = [(x["joint"], x["variable"], x["rmse"]) for x in data.get("left", ())]
+        remains = [(x["joint"], x["rmse"]) for x in data.get("remains", ())]
+        return super().from_dict({**data, "left": left, "remains": remains})
 
 
 def load_diagnosis(path: str | Path) -> Diagnosis:
@@ -348,9 +273,3 @@ def load_diagnosis(path: str | Path) -> Diagnosis:
     Raises InputError for a file that is not one or lacks a field.
     """
     return read_json(path, "findings.json", "verdict", Diagnosis.from_dict)
-
-
-def _texts(values: Sequence[Any]) -> tuple[str, ...]:
-    if isinstance(values, str) or not all(isinstance(v, str) for v in values):
-        raise TypeError(f"{values!r} is no list of texts")
-    return tuple(values)

@@ -16,9 +16,14 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import FOLDS, MINOR, RAISES, REPAID
-from sdp_vs_penalty.diagnosis.refit import fitted_parameters, model_beside, weighting_of
-from sdp_vs_penalty.diagnosis.rows import with_estimate
-from sdp_vs_penalty.diagnosis.whitening import WhiteData, model_columns, spread_columns, stretches
+from sdp_vs_penalty.diagnosis.refit import fitted_parameters, model_beside
+from sdp_vs_penalty.diagnosis.whitening import (
+    WhiteData,
+    model_columns,
+    spread_columns,
+    stretches,
+    with_estimate,
+)
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.pose import with_reference
@@ -27,39 +32,28 @@ from sdp_vs_penalty.regression.regression import (
     Regression,
     TimeBlock,
     compress,
-    compress_cells,
     triangular,
 )
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
-from sdp_vs_penalty.signals.stillness import STILL
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Root mean squares (n,) on data left out: of all rows, and of those in which the joint moves."""
-
-    every: Array
-    moving: Array
 
 
 @dataclass(frozen=True)
 class Split:
-    """Rows to fit to and rows to judge on (moving ones, standing ones), in the columns of a model and of
-    effects; of a frozen model: what it leaves, in those of the effects."""
+    """Rows to fit to and rows to judge on, in the columns of a model and of effects; of a frozen model:
+    what it leaves, in those of the effects."""
 
     effects: tuple[Effect, ...]
     train: Regression
-    there: tuple[Regression, Regression]
+    there: Regression
 
     def squares(self, estimate: Estimate, frozen: bool, chosen: Sequence[int]) -> Array:
-        """(2, n) squared errors with some of the effects, of moving and of standing rows."""
+        """(n,) squared errors with some of the effects."""
         sizes = [len(e.parameters) for e in self.effects]
         own = [e for k, e in enumerate(self.effects) if k in chosen]
         picked = np.repeat(np.isin(np.arange(len(sizes)), list(chosen)), sizes)
         wanted = np.concatenate([np.ones(self.train.p - len(picked), bool), picked])
         theta = fitted_parameters(estimate, own, self.train.keeping(wanted), frozen)
-        return np.array([x.keeping(wanted).joint_losses(theta) for x in self.there])
+        return self.there.keeping(wanted).joint_losses(theta)
 
 
 @dataclass
@@ -70,18 +64,15 @@ class HeldOut:
     frozen: bool
     splits: Sequence[Split]
     source: str
-    _known: dict[tuple[int, ...], Errors] = field(default_factory=dict)
+    _known: dict[tuple[int, ...], Array] = field(default_factory=dict)
 
-    def errors(self, chosen: Sequence[int]) -> Errors:
-        """With some of the effects."""
+    def errors(self, chosen: Sequence[int]) -> Array:
+        """(n,) root mean squares on data left out, with some of the effects."""
         key = tuple(sorted(chosen))
         if key not in self._known:
-            moving, still = np.sum(
-                [s.squares(self.estimate, self.frozen, key) for s in self.splits], axis=0
-            )
-            rows = np.sum([[x.joint_rows() for x in s.there] for s in self.splits], axis=0)
-            every = np.sqrt((moving + still) / np.maximum(rows.sum(axis=0), 1))
-            self._known[key] = Errors(every, np.sqrt(moving / np.maximum(rows[0], 1)))
+            squares = sum(s.squares(self.estimate, self.frozen, key) for s in self.splits)
+            rows = sum(s.there.joint_rows() for s in self.splits)
+            self._known[key] = np.sqrt(squares / np.maximum(rows, 1))
         return self._known[key]
 
     def offered(self, count: int) -> list[int]:
@@ -89,16 +80,16 @@ class HeldOut:
         the others; in an order in which they raise none where they are added, if there is one."""
         kept = list(range(count))
         while kept:
-            every = self.errors(kept).every
-            rise = [harm(self.errors([i for i in kept if i != k]).every, every) for k in kept]
+            every = self.errors(kept)
+            rise = [harm(self.errors([i for i in kept if i != k]), every) for k in kept]
             worst = int(np.argmax(rise))
             if rise[worst] <= RAISES:
                 break
             del kept[worst]
         order = list[int]()
         while kept:
-            before = self.errors(order).every
-            steps = (k for k in kept if harm(before, self.errors([*order, k]).every) <= RAISES)
+            before = self.errors(order)
+            steps = (k for k in kept if harm(before, self.errors([*order, k])) <= RAISES)
             order.append(next(steps, kept[0]))
             kept.remove(order[-1])
         return order
@@ -134,14 +125,13 @@ def on_test(
     model = model_beside(estimate, effects, changes=frozen)
     if model.needs_reference and not frozen:
         model = with_reference(
-            estimate.problem, model, lambda part: compress(data, part, settings), weighting_of(estimate)
+            estimate.problem, model, lambda part: compress(data, part, settings), estimate.weighting
         )
     train = compress(data, model, settings)
-    there = compress_cells(test, model, settings, _Standing.of(segmented(test, settings)))
+    there = compress(test, model, settings)
     if frozen:
         train, there = (rows.beside(estimate.theta) for rows in (train, there))
-    split = Split(tuple(effects), train, (there.select([0]), there.select([1])))
-    return HeldOut(estimate, frozen, (split,), "test")
+    return HeldOut(estimate, frozen, (Split(tuple(effects), train, there),), "test")
 
 
 def folds_of(data: WhiteData) -> NDArray[np.intp]:
@@ -169,35 +159,13 @@ def on_folds(
         for place, shaped in (by_fold or {}).items():
             columns[1 + place] = spread_columns(rows, shaped[f])
         both = np.concatenate([*columns, torque[:, :, None]], axis=2)
-        kind = np.where((fold == f)[:, None], 1 + (rows.still > STILL), 0)
         factors = []
         for j in range(rows.n):
-            for block in range(3):
-                kept = both[j][(kind[:, j] == block) & rows.keep[:, j]]
+            for block in range(2):
+                kept = both[j][((fold == f) == block) & rows.keep[:, j]]
                 triangle = triangular([kept]) if len(kept) else kept
                 factors.append(Factor(j, block, np.arange(len(parameters)), triangle, len(kept)))
-        blocks = tuple(TimeBlock(0, 0.0, 0.0) for _ in range(3))
+        blocks = (TimeBlock(0, 0.0, 0.0),) * 2
         every = Regression(parameters, rows.n, blocks, tuple(factors), oversampling=1.0)
-        train, moving, still = (every.select([k]) for k in range(3))
-        splits.append(Split(tuple(effects), train, (moving, still)))
+        splits.append(Split(tuple(effects), every.select([0]), every.select([1])))
     return HeldOut(estimate, frozen, splits, "folds")
-
-
-@dataclass(frozen=True)
-class _Standing:
-    """Two cells: rows in which a joint moves, and in which it stands; kinds : by run, instants (M,) and
-    cells (M, n) there."""
-
-    kinds: Mapping[int, tuple[Array, NDArray[np.intp]]]
-    places = ((0, 0.0, 0.0),) * 2
-
-    @classmethod
-    def of(cls, rows: SegmentedRuns) -> _Standing:
-        kinds = (rows.still > STILL).astype(np.intp)
-        return cls({k: (rows.t[m], kinds[m]) for k in set(rows.run) if (m := rows.run == k).any()})
-
-    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
-        if run not in self.kinds:
-            return np.zeros(len(t), np.intp)
-        at, kinds = self.kinds[run]
-        return kinds[np.clip(np.searchsorted(at, t), 0, len(at) - 1)]

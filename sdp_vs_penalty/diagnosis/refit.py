@@ -19,16 +19,6 @@ from sdp_vs_penalty.regression.regression import Regression
 from sdp_vs_penalty.robot.arrays import Array
 
 
-def weighting_of(estimate: Estimate) -> str:
-    """How the joints' rows were weighted."""
-    return estimate.weighting
-
-
-def estimator_of(estimate: Estimate) -> Estimator:
-    """The method of an estimate with the settings that it had."""
-    return estimate.estimator
-
-
 def model_beside(estimate: Estimate, new: Sequence[Effect], changes: bool = False) -> Model:
     """The estimate's model, held fixed, with effects more that refer to it; changes : of its own too."""
     every = (*estimate.model.effects, *new)
@@ -42,7 +32,7 @@ def model_beside(estimate: Estimate, new: Sequence[Effect], changes: bool = Fals
 def estimator_beside(estimate: Estimate) -> Estimator:
     """The method that fits new effects to what a model leaves that is held fixed: a payload is a body,
     whatever the model was made by."""
-    estimator = estimator_of(estimate)
+    estimator = estimate.estimator
     return estimator if hasattr(estimator, "solver") else make_estimator(DEFAULT_METHOD)
 
 
@@ -80,6 +70,6 @@ def fitted_parameters(
     if frozen:
         task, method = task_beside(estimate, model, rows), estimator_beside(estimate)
     else:
-        task = make_task(estimate.problem, model, rows, weighting_of(estimate))
-        method = estimator_of(estimate)
+        task = make_task(estimate.problem, model, rows, estimate.weighting)
+        method = estimate.estimator
     return np.asarray(method.fit(task).theta, float)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import APART, FAR, MOVES
+from sdp_vs_penalty.diagnosis.plain import Plain
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.sizes import Size
 from sdp_vs_penalty.effects import effect_types
@@ -21,7 +22,7 @@ from sdp_vs_penalty.show import plain_unit
 
 
 @dataclass(frozen=True)
-class Retune:
+class Retune(Plain):
     """A shape constant of the model's own effect on one joint, as it explains most beside the findings.
 
     rmse_before, rmse_after : held-out error of the joint, with the model's constants and with the new
@@ -53,17 +54,13 @@ class Retune:
 
     def to_dict(self) -> dict[str, Any]:
         """std is null where the data bound the constant on one side only."""
-        own = {key: value for key, value in vars(self).items() if key != "estimate"}
-        estimate = self.estimate.to_dict()
-        return {**estimate, **own, "kind": "retune", "text": self.text, "remarks": list(self.remarks)}
+        own = super().to_dict()
+        return {**own.pop("estimate"), **own, "kind": "retune", "text": self.text}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Retune:
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What :meth:`to_dict` wrote."""
-        errors = float(data["rmse_before"]), float(data["rmse_after"])
-        estimate = ShapeEstimate.from_dict({"at_end": False, **data})
-        remarks = tuple(map(str, data["remarks"]))
-        return cls(estimate, str(data["confidence"]), *errors, str(data["explanation"]), remarks)
+        return super().from_dict({**data, "estimate": {"at_end": False, **data}})
 
 
 def shape_estimate(term: Term, estimate: Estimate, size: Size) -> ShapeEstimate:

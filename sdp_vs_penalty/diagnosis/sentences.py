@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.diagnosis.held_out import Errors
 from sdp_vs_penalty.diagnosis.remaining import Remainder
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
@@ -15,6 +14,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
 from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM_KNOWN
+from sdp_vs_penalty.signals.stillness import STILL
 
 #: Below this share of all rows' error that of motion is told apart.
 _MOSTLY = 0.5
@@ -53,10 +53,10 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
 
 
 def remarks(
-    data: WhiteData, left: Remainder, errors: Errors, held_out: str, new_share: float | None
+    data: WhiteData, left: Remainder, residual: Array, held_out: str, new_share: float | None
 ) -> tuple[str, ...]:
     """Sentences about the diagnosis as a whole."""
-    found = [_noise(data.noise.source), _standstill(errors)]
+    found = [_noise(data.noise.source), _standstill(data, residual)]
     if data.noise.source == REPETITION:
         found.append(_turning(left))
     found.append(repeatability_warning(new_share) or "")
@@ -73,9 +73,9 @@ def _noise(source: str) -> str:
         return ""
     if source == RESIDUAL:
         return (
-            "No motion repeats and the log shows nothing above the motion's band, so noise and model "
-            "error cannot be separated: the noise shown is the error itself. Record a run with more "
-            "than one period."
+            "No motion repeats and the log shows no noise above the motion's band (too slow, or "
+            "smoothed before it was logged), so noise and model error cannot be separated: the noise "
+            "shown is the error itself. Record a run with more than one period."
         )
     return (
         f"No motion repeats: the noise is that of the torque's spectrum above the motion's band, "
@@ -83,14 +83,18 @@ def _noise(source: str) -> str:
     )
 
 
-def _standstill(errors: Errors) -> str:
-    """Where most of the error is of standstill."""
-    mostly = [int(j) + 1 for j in np.flatnonzero(errors.moving < _MOSTLY * errors.every)]
+def _standstill(data: WhiteData, residual: Array) -> str:
+    """Where most of what is left (M, n) is of standstill."""
+    keep, moves = data.rows.keep, data.rows.keep & (data.rows.still <= STILL)
+    every, moving = (
+        np.sqrt(np.sum(residual**2 * x, axis=0) / np.maximum(x.sum(axis=0), 1)) for x in (keep, moves)
+    )
+    mostly = [int(j) + 1 for j in np.flatnonzero(moving < _MOSTLY * every)]
     if not mostly:
         return ""
-    said = ", ".join(f"{errors.moving[j - 1]:.2g}" for j in mostly)
+    said = ", ".join(f"{moving[j - 1]:.2g}" for j in mostly)
     return (
-        f"Most of the held-out error of {show.joints(mostly)} is of standstill, where dry friction "
+        f"Most of the error that is left on {show.joints(mostly)} is of standstill, where dry friction "
         f"holds any torque up to its own: in motion it is {said} N m or N."
     )
 

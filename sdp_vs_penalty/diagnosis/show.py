@@ -36,10 +36,10 @@ def new_motion(new_share: float | None) -> str:
 def event_lines(events: Sequence[Any], every: bool = False) -> list[str]:
     """A line an event; one for all of them where they are more than three, unless ``every``.
 
-    events : with ``joint`` (from 0), ``t_start``, ``t_end`` [s] and ``frequency`` [Hz] or None.
+    events : with ``joint`` (from 1), ``t_start``, ``t_end`` [s] and ``frequency`` [Hz] or None.
     """
     if len(events) > _EVENTS and not every:
-        where = show.joints(sorted({e.joint + 1 for e in events}))
+        where = show.joints(sorted({e.joint for e in events}))
         hums = sum(e.frequency is not None for e in events)
         hum = f", {hums} of them a hum" if hums else ""
         first, last = min(e.t_start for e in events), max(e.t_end for e in events)
@@ -48,7 +48,7 @@ def event_lines(events: Sequence[Any], every: bool = False) -> list[str]:
         "one-off event" if e.frequency is None else f"a hum of {e.frequency:.3g} Hz" for e in events
     )
     return [
-        f"{kind} on joint {e.joint + 1}: {e.t_start:.2f} s to {e.t_end:.2f} s"
+        f"{kind} on joint {e.joint}: {e.t_start:.2f} s to {e.t_end:.2f} s"
         for kind, e in zip(kinds, events, strict=True)
     ]
 

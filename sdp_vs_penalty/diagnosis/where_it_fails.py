@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.causes import (
     NEAR,
     Stretch,
@@ -29,8 +29,7 @@ from sdp_vs_penalty.diagnosis.causes import (
     held_out_share,
     states,
 )
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
-from sdp_vs_penalty.diagnosis.whitening import clocks_of, phase_folds
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, phase_folds, with_estimate
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
@@ -160,7 +159,7 @@ def where_it_fails(
     """One JointFailure a joint: what its residual depends on, and when it is large.
 
     estimate : the model, or its model.json; measurements : whatever
-    :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than the
+    :func:`~sdp_vs_penalty.data.files.as_measurements` takes; preprocessing : filters other than the
     model's; noise_from : as in :func:`~.comparison.compare`; noise : a comparison's with
     these measurements, which need not be worked out again. Of a long recording windows are judged
     (:mod:`~sdp_vs_penalty.signals.excerpt`).
@@ -184,7 +183,7 @@ def where_it_fails(
     if not same:
         repeated = with_estimate(segmented(excerpt(given, settings), settings), estimate)
     floors, source = noise or noise_level(estimate.problem, given, settings)
-    folds = phase_folds(rows, clocks_of(rows, None if same else repeated))
+    folds = phase_folds(rows, None if same else repeated)
     known, runs = states(rows), measurements.runs()
     keep = np.asarray(rows.keep.all(axis=1), bool)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -224,7 +223,7 @@ def where_it_fails(
 def carriers(rows: SegmentedRuns, error: Array, joints: Iterable[int]) -> list[tuple[int, str, float]]:
     """The variables that carry most of the error (M, n) of some joints (from 0): joint (from 1),
     variable, and the RMS [N m or N] that follows a smooth function of it on stretches left out."""
-    folds, keep = phase_folds(rows, clocks_of(rows)), np.asarray(rows.keep.all(axis=1), bool)
+    folds, keep = phase_folds(rows), np.asarray(rows.keep.all(axis=1), bool)
     known = states(rows)
     kinds = {"q": "position", "dq": "velocity"}
     of_joints = {

@@ -9,14 +9,40 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import PHASE_CLUSTERS, TIME_CLUSTERS
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.noise_level import with_parameters
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
 from sdp_vs_penalty.signals.phases import MotionClock, PhaseFolds, motion_clocks
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.repetition import is_part
-from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
+from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
+
+
+def diagnosis_rows(
+    measurements: Measurements, estimate: Estimate, settings: Preprocessing
+) -> SegmentedRuns:
+    """Filter all runs; ``settings`` must be resolved. The current model is the estimate.
+
+    Raises InputError where no run is long enough for the filters.
+    """
+    runs = segmented(measurements, settings)
+    if not runs.segments:
+        raise InputError(
+            "no rows are left after filtering",
+            "record longer runs in which the robot moves, or raise the cut-offs",
+            ", ".join(runs.names),
+        )
+    return with_estimate(runs, estimate)
+
+
+def with_estimate(runs: SegmentedRuns, estimate: Estimate) -> SegmentedRuns:
+    """The same runs with an estimate as the current model."""
+    return with_parameters(runs, estimate.model, estimate.theta)
 
 
 @dataclass(frozen=True)
@@ -204,11 +230,7 @@ def stretches(
     return fold, np.unique(motion * count + fold, return_inverse=True)[1]
 
 
-def phase_folds(rows: SegmentedRuns, clocks: dict[int, MotionClock]) -> NDArray[np.intp]:
+def phase_folds(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> NDArray[np.intp]:
     """(M,) five folds by phase, each of two stretches of every motion's clock: training data surround
     it."""
-    out = np.zeros(len(rows.t), np.intp)
-    for run, clock in clocks.items():
-        mine = rows.run == run
-        out[mine] = PhaseFolds((clock,), 10).fold(0, rows.t[mine])
-    return out % 5
+    return stretches(rows, 10, whole)[0] % 5

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.sources import Source
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.payload import Payload

@@ -101,7 +101,7 @@ def test_waves_that_are_no_harmonics_are_pieces_of_one_function() -> None:
 
 def test_many_events_are_one_line() -> None:
     """The findings stay in sight; every event is still listed where it is asked for."""
-    events = [Event(k % 2, float(k), k + 0.5, "hum", 12.0) for k in range(4)]
+    events = [Event(k % 2 + 1, float(k), k + 0.5, "hum", 12.0) for k in range(4)]
     (line,) = event_lines(events)
     assert line == "4 events on joints 1 and 2, 0.00 s to 3.50 s, 4 of them a hum"
     assert len(event_lines(events, every=True)) == 4

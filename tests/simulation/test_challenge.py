@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import json
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +18,7 @@ from challenge.cases import (
     wanted,
 )
 from challenge.classes import CLASSES, EFFECTS, USUAL
-from challenge.report import csv_text, report_text
+from challenge.report import report_text
 
 from sdp_vs_penalty import InputError, Measurements, Problem, diagnose, identify
 from sdp_vs_penalty.effects import effect_types
@@ -135,13 +133,13 @@ def test_findings_are_judged_beside_the_truth() -> None:
 def test_a_challenge_goes_on_where_it_stopped(tmp_path: Path) -> None:
     kinds, conditions = ["clean"], ["rate", "short"]
     paths = run_challenge(1, 5, tmp_path, ALONE, kinds, conditions)
-    assert [p.name for p in paths] == ["challenge.json", "challenge.csv", "challenge.md"]
+    assert [p.name for p in paths] == ["challenge.json", "challenge.md"]
     kept = json.loads(paths[0].read_text())
     kept["cases"] = {k: {**v, "seconds": 123.0} for k, v in kept["cases"].items()}
     paths[0].write_text(json.dumps(kept))
     run_challenge(1, 5, tmp_path, ALONE, kinds, conditions)
     assert json.loads(paths[0].read_text()) == kept
-    assert "worst 123.0" in paths[2].read_text()
+    assert "worst 123.0" in paths[1].read_text()
     with pytest.raises(InputError, match="class 'magic' is unknown"):
         run_challenge(1, 0, tmp_path, classes=["magic"])
     with pytest.raises(InputError, match="nuisance 'luck' is unknown"):
@@ -163,9 +161,6 @@ def test_the_committed_report_is_made_from_the_committed_cases() -> None:
     assert {r["class"] for r in records.values()} == set(CLASSES)
     assert {r["nuisance"] for r in records.values() if r["class"] == "clean"} == set(NUISANCES)
     assert (RESULTS / "challenge.md").read_text() == report_text(records, seed)
-    assert (RESULTS / "challenge.csv").read_text() == csv_text(records)
-    rows = list(csv.DictReader((RESULTS / "challenge.csv").open()))
-    assert Counter(r["case"] for r in rows) == Counter(list(records))
 
 
 @pytest.mark.reproduce

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.plain import Plain
 from sdp_vs_penalty.effects.curve_variable import WORDS, Variable
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
@@ -19,7 +20,7 @@ CURVE = MeasuredCurve.name
 
 
 @dataclass(frozen=True)
-class Curve:
+class Curve(Plain):
     """The missing torque of a joint (from 1) as a function of what ``of`` names.
 
     x (P,) or (P, 2) : values of the variables, where measurements lie; torque, lower, upper (P,) : the
@@ -44,32 +45,20 @@ class Curve:
     filled_x: Array = field(default_factory=lambda: np.zeros(0))
     filled_torque: Array = field(default_factory=lambda: np.zeros(0))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
-        out = {f.name: getattr(self, f.name) for f in fields(self)}
-        if not len(self.filled_torque):
-            del out["filled_x"], out["filled_torque"]
-        out = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in out.items()}
-        return out | {"of": list(self.of)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Curve:
-        """Raises KeyError, TypeError or ValueError for a field that is missing or of another kind."""
-        of = tuple(str(name) for name in data["of"])
-        for name in of:
+    def __post_init__(self) -> None:
+        """Raises ValueError where shapes do not fit each other, or a variable has no such name."""
+        for name in self.of:
             Variable.parse(name)
-        x, torque, lower, upper = (np.array(data[k], float) for k in ("x", "torque", "lower", "upper"))
-        filled, law = (np.array(data.get(f"filled_{k}", []), float) for k in ("x", "torque"))
-        pair, each = (len(of),) * (len(of) > 1), (len(x),)
-        if x.shape != each + pair or not torque.shape == lower.shape == upper.shape == each:
+        pair, each = (len(self.of),) * (len(self.of) > 1), self.torque.shape
+        if self.x.shape != each + pair or not each == self.lower.shape == self.upper.shape:
             raise ValueError("a curve has a value and a band for each x")
-        if len(filled) and filled.shape != law.shape + pair:
+        if len(self.filled_x) and self.filled_x.shape != self.filled_torque.shape + pair:
             raise ValueError("what a law fills has a value for each x")
-        formula = None if data["formula"] is None else str(data["formula"])
-        names = "explained_share", "held_out_rmse_before", "held_out_rmse_after"
-        share, before, after = (float(data[name]) for name in names)
-        joint, band = int(data["joint"]), (lower, upper)
-        return cls(joint, of, x, torque, *band, share, formula, before, after, filled, law)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON; without what a law fills where nothing is."""
+        gone = () if len(self.filled_torque) else ("filled_x", "filled_torque")
+        return {k: v for k, v in super().to_dict().items() if k not in gone}
 
     @property
     def points(self) -> Array:

@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 Generator = np.random.Generator
 
 
-#: The torque at size 1, its variables as findings.json writes them, words and numbers of its formula.
-Law = tuple[Callable[[TrueMotion], Array], tuple[str, ...], str, tuple[float, ...]]
+#: The torque at size 1, and its variables as findings.json writes them.
+Law = tuple[Callable[[TrueMotion], Array], tuple[str, ...]]
 
 
 def unknown(w: World, j: int, rng: Generator) -> Hidden:
@@ -47,8 +47,7 @@ def nameless(w: World, j: int, rng: Generator) -> Hidden:
     """A torque that no effect of the library is, over what a curve can show: position, load, velocity,
     acceleration, a combination of joints, or a pair of them, periodic or not.
 
-    details : "of", its variables as findings.json writes them; "words" and "numbers" of its formula at
-    size 1, the first number to be multiplied by the size.
+    details : "of", its variables as findings.json writes them.
     """
     i = int(rng.choice([k for k in range(w.arm.n) if k != j]))
     c, s = float(rng.uniform(-0.5, 0.5)), w.arm.unit_speed
@@ -64,33 +63,28 @@ def nameless(w: World, j: int, rng: Generator) -> Hidden:
         )
 
     laws: Mapping[str, Law] = {
-        "bumps of q": (
-            lambda m: np.exp(20.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), (q,), "none", ()
-        ),
-        "q^3": (lambda m: (m.q[:, j] / s[j]) ** 3, (q,), "^3", (s[j] ** -3,)),
-        "tanh of q": (lambda m: np.tanh(5.0 * m.q[:, j] / s[j]), (q,), "tanh", (1.0, 0.2 * s[j])),
-        "load squared": (
-            lambda m: (t := load * w.torque(m)[:, j]) * np.abs(t), (tau,), "||", (load**2,)
-        ),
-        "bump of dq": (lambda m: np.exp(-(((m.dq[:, j] - v) / (0.5 * v)) ** 2)), (dq,), "exp", (1.0, v)),
-        "|ddq|": (lambda m: np.abs(m.ddq[:, j]), (ddq,), "||", (1.0,)),
-        "q dq": (lambda m: m.q[:, j] * m.dq[:, j], (q, dq), "", (1.0,)),
+        "bumps of q": (lambda m: np.exp(20.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), (q,)),
+        "q^3": (lambda m: (m.q[:, j] / s[j]) ** 3, (q,)),
+        "tanh of q": (lambda m: np.tanh(5.0 * m.q[:, j] / s[j]), (q,)),
+        "load squared": (lambda m: (t := load * w.torque(m)[:, j]) * np.abs(t), (tau,)),
+        "bump of dq": (lambda m: np.exp(-(((m.dq[:, j] - v) / (0.5 * v)) ** 2)), (dq,)),
+        "|ddq|": (lambda m: np.abs(m.ddq[:, j]), (ddq,)),
+        "q dq": (lambda m: m.q[:, j] * m.dq[:, j], (q, dq)),
         "cos(2 q_i) sign(dq_j)": (
             lambda m: np.cos(2.0 * m.q[:, i] / s[i] + c) * np.sign(m.dq[:, j]),
-            (qi, sign), "sin sign", (1.0, 2.0 / s[i]),
+            (qi, sign),
         ),
-        "sin(k q_j + 3 q_i)": (wave, (q, qi), "sin", (1.0, k)),
-        "q_i dq_j": (lambda m: m.q[:, i] * m.dq[:, j], (qi, dq), "", (1.0,)),
-        "dq_i |dq_j|": (lambda m: m.dq[:, i] * np.abs(m.dq[:, j]), (dqi, dq), "||", (1.0,)),
-        "dq ddq": (lambda m: m.dq[:, j] * m.ddq[:, j], (dq, ddq), "", (1.0,)),
-        "tau dq": (lambda m: load * w.torque(m)[:, j] * m.dq[:, j], (tau, dq), "", (load,)),
-    }  # fmt: skip
-    laws = {**laws, **_of_turns(w, j, rng)}
+        "sin(k q_j + 3 q_i)": (wave, (q, qi)),
+        "q_i dq_j": (lambda m: m.q[:, i] * m.dq[:, j], (qi, dq)),
+        "dq_i |dq_j|": (lambda m: m.dq[:, i] * np.abs(m.dq[:, j]), (dqi, dq)),
+        "dq ddq": (lambda m: m.dq[:, j] * m.ddq[:, j], (dq, ddq)),
+        "tau dq": (lambda m: load * w.torque(m)[:, j] * m.dq[:, j], (tau, dq)),
+        **_of_turns(w, j, rng),
+    }
     name = str(rng.choice(sorted(laws)))
-    law, of, words, numbers = laws[name]
-    details = {"of": list(of), "words": words, "numbers": list(numbers)}
+    law, of = laws[name]
     hidden = at_joint(f"nameless: {name}", j, lambda _, m: law(m))
-    return replace(hidden, details=details)
+    return replace(hidden, details={"of": list(of)})
 
 
 def _of_turns(w: World, j: int, rng: Generator) -> Mapping[str, Law]:
@@ -108,8 +102,8 @@ def _of_turns(w: World, j: int, rng: Generator) -> Mapping[str, Law]:
     of = (f"q{a + 1}{sign}{size}q{a + 2}",)
     teeth = (f"phase({k:g} q{j + 1})",)
     return {
-        "tanh of q_i + c q_j": (turned, of, "tanh", (1.0, wide)),
-        "teeth": (lambda m: np.exp(3.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), teeth, "none", ()),
+        "tanh of q_i + c q_j": (turned, of),
+        "teeth": (lambda m: np.exp(3.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), teeth),
     }
 
 
