@@ -12,8 +12,7 @@ from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Number, Scene
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.estimation.intervals import NOT_SEEN, counts
-from sdp_vs_penalty.estimation.uncertainty import of_regression
+from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
