@@ -42,9 +42,9 @@ from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import (
+    Alike,
     Constraint,
     ConstraintSet,
-    ConstraintStack,
     project,
     projection_curvature,
 )
@@ -76,7 +76,7 @@ class Part(Protocol):
 
 @dataclass(frozen=True)
 class AffinePart:
-    """F(x) = constant + matrix x, the cones of a ConstraintStack in scaled variables."""
+    """F(x) = constant + matrix x, a group of equal cones in scaled variables."""
 
     cone: str
     shape: tuple[int, ...]
@@ -85,7 +85,7 @@ class AffinePart:
     scale: Array  # (g, ...): F here is scale * F of the stack, entry by entry
 
     @classmethod
-    def of(cls, stack: ConstraintStack, theta_scale: Array, reference: Array) -> AffinePart:
+    def of(cls, stack: Alike, theta_scale: Array, reference: Array) -> AffinePart:
         """Scaled so that every cone has about unit size at the reference: the set stays the same."""
         at = stack.values(reference)
         matrix = np.zeros((len(stack.matrix), len(theta_scale)))
@@ -96,13 +96,13 @@ class AffinePart:
             root = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
             scale = root[:, :, None] * root[:, None, :]
         else:
-            size = np.abs(matrix).max(axis=1) + np.abs(stack.constant)
+            size = np.abs(matrix).max(axis=1) + np.abs(stack.constant.ravel())
             size = np.where(size > 0.0, size, 1.0).reshape(at.shape)
             if stack.cone == "soc":
                 size = np.broadcast_to(size.max(axis=1, keepdims=True), size.shape)
             scale = 1.0 / size
         flat = scale.ravel()
-        return cls(stack.cone, at.shape, stack.constant * flat, matrix * flat[:, None], scale)
+        return cls(stack.cone, at.shape, stack.constant.ravel() * flat, matrix * flat[:, None], scale)
 
     def values(self, x: Array) -> Array:
         return (self.constant + self.matrix @ x).reshape(self.shape)
@@ -398,7 +398,7 @@ class ScaledProblem:
         received = ConstraintSet(_not_implied(constraints.convex)).plus(
             implied_by_centre(bounds, centre)
         )
-        parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.stacks]
+        parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.groups]
         if bounds:
             parts.append(BarycentricPart.of(bounds, theta_scale, interior))
         reach = 2.0 * task.bound / theta_scale
@@ -408,11 +408,11 @@ class ScaledProblem:
     def multipliers(self, constraints: ConstraintSet, minimum: Minimum) -> list[Array]:
         """The shifts as dual variables of the convex constraints, in units of loss per F."""
         found: dict[Constraint, Array] = {}
-        stacks = self.received.stacks  # the first of the parts, in this order
-        for stack, part, shift in zip(stacks, self.penalty.parts, minimum.shifts, strict=False):
+        groups = self.received.groups  # the first of the parts, in this order
+        for group, part, shift in zip(groups, self.penalty.parts, minimum.shifts, strict=False):
             assert isinstance(part, AffinePart)
-            for member, scale, multiplier in zip(stack.members, part.scale, shift, strict=True):
-                found[member] = self.loss_scale * scale * multiplier
+            for place, scale, multiplier in zip(group.places, part.scale, shift, strict=True):
+                found[self.received.convex[place]] = self.loss_scale * scale * multiplier
         return [found.get(c, np.zeros_like(c.constant)) for c in constraints.convex]
 
 

@@ -102,7 +102,7 @@ def _reference(request: dict[str, Any]) -> dict[str, Any]:
 
 def _prepare(made: Instance) -> None:
     """Work that belongs to no contestant: done before the fork, so that children have it."""
-    _ = made.interior, made.near, made.constraints.stacks, made.task.ols
+    _ = made.interior, made.near, made.constraints.groups, made.task.ols
 
 
 def run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
