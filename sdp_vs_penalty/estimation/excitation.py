@@ -39,6 +39,7 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.regression.partial import deviations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.trajectory import (
@@ -75,14 +76,9 @@ class Regressor:
         """Ratio of the extreme singular values of W."""
         return float(np.linalg.cond(self.along(trajectory, rate)))
 
-
-@dataclass(frozen=True)
-class BaseRegressor(Regressor):
-    """The columns that a model's base parameters meet."""
-
     @classmethod
-    def of(cls, problem: Problem, effects: str | None = None) -> BaseRegressor:
-        """In the problem's own base parameters. Raises InputError for effects with a memory."""
+    def of(cls, problem: Problem, effects: str | None = None) -> Regressor:
+        """The columns of a problem's own base parameters; InputError for effects with a memory."""
         model = problem.model(effects)
         for effect in model.effects:
             if effect.has_memory or depends(effect):
@@ -203,7 +199,7 @@ def excite(
     if start is None:
         start = random_trajectory(problem.robot, seed, duration, harmonics, frequency, blend)
     return optimised(
-        BaseRegressor.of(problem, effects), bounds, start, objective, iterations, progress=progress
+        Regressor.of(problem, effects), bounds, start, objective, iterations, progress=progress
     )
 
 
@@ -447,14 +443,6 @@ def payload_run(
     found = optimised(regressor, limits, start, "d-optimal", iterations, moving, progress)
     return PayloadRun(
         found.trajectory,
-        _deviation(regressor.along(found.trajectory, rate)),
-        _deviation(regressor.along(start, rate)),
+        deviations(regressor.along(found.trajectory, rate)),
+        deviations(regressor.along(start, rate)),
     )
-
-
-def _deviation(rows: Array) -> Array:
-    """(10,) standard deviations from rows of noise one; infinite where the rows do not determine one."""
-    _, s, vt = np.linalg.svd(rows, full_matrices=False)
-    known = s > 1e-9 * s[0]
-    out = np.sqrt(np.sum((vt[known].T / s[known]) ** 2, axis=1))
-    return np.where(np.any(np.abs(vt[~known]) > 1e-6, axis=0), np.inf, out)

@@ -21,10 +21,9 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.forward import Plant, State, advance
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.certify import build_estimate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.pose import Posed
-from sdp_vs_penalty.estimators.estimator import Estimator, Task
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
@@ -105,8 +104,8 @@ class _Window:
     q: Array
 
 
-def refine(start: Estimate, posed: Posed, estimator: Estimator) -> Estimate:
-    """The estimate with the least error of a simulation, found from ``start``.
+def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, Fit]:
+    """The fit with the least error of a simulation, found from ``start``, and what it solves.
 
     posed : the problem that ``start`` solves; estimator : whose constraints and prior hold.
     Raises InputError for a model that cannot accelerate.
@@ -139,8 +138,7 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> Estimate:
     linearised, fit = made
     fit = replace(fit, theta=theta, details={**fit.details, "window_s": seconds})
     fit.details["simulation_rms"] = [_rms(begin * size), _rms(error * size)]
-    estimate = build_estimate(replace(posed, task=linearised), estimator, fit)
-    return replace(estimate, method=OUTPUT_ERROR)
+    return replace(posed, task=linearised), fit
 
 
 def _chosen(plant: Plant, courses: Sequence[Course], size: Array) -> tuple[list[_Window], float]:

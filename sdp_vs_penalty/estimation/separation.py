@@ -23,7 +23,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
+from scipy import optimize, special
 
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
@@ -144,16 +144,14 @@ class Hypotheses:
 
     def needed(self, delta2: float, seconds: float) -> float:
         """Seconds of the motion, repeated, for LEVEL; infinity where it never tells."""
-        low, high = 0.0, 1e7
-        if self.right(delta2 * high / seconds, high) < LEVEL:
-            return float("inf")
-        while high - low > 1e-3 * high:
-            middle = 0.5 * (low + high)
-            if self.right(delta2 * middle / seconds, middle) < LEVEL:
-                low = middle
-            else:
-                high = middle
-        return high
+
+        def short(log: float) -> float:
+            return self.right(delta2 * np.exp(log) / seconds, np.exp(log)) - LEVEL
+
+        first, last = np.log([1e-3, 1e7])
+        if short(last) < 0.0 or short(first) >= 0.0:
+            return float("inf") if short(last) < 0.0 else 1e-3
+        return float(np.exp(optimize.brentq(short, first, last, xtol=1e-4)))
 
 
 def _apart(X: Array, A: Array, B: Array) -> float:

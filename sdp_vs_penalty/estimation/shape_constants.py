@@ -25,7 +25,7 @@ from sdp_vs_penalty.effects.model import Model, turning
 from sdp_vs_penalty.estimation.sandwich import white_variance
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.regression.bounded_least_squares import least_squares
-from sdp_vs_penalty.regression.partial import partialled, visible
+from sdp_vs_penalty.regression.partial import partialled, smallest
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -242,8 +242,7 @@ class _Search:
         data = wide.least_squares(self.weights)
         if np.isfinite(self.plausible).any():
             data = data.with_prior(np.append(self.plausible, np.full(wide.p - p, np.inf)), self.white)
-        U, V = visible(data.R[:, :p])
-        return data, V @ (U.T @ data.rho)
+        return data, smallest(data.R[:, :p], data.rho)
 
     def descended(self, model: Model, theta: Array) -> Settled:
         """From one choice of the constants on a grid; theta (p,) : the parameters there."""

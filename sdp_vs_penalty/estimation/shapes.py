@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -115,8 +115,12 @@ def estimate_shapes(
     model = model.reference_free
 
     def compressed(part: Model, count: int = 1) -> Regression:
-        return _compressed(part, measurements, settings, count, chosen, workers)
+        """The chosen rows in the columns of a model, a block a fold of the motion that has some."""
+        cells = _Cells(PhaseFolds(clocks if count > 1 else (), count), chosen)
+        found = compress_cells(measurements, part, settings, cells, workers)
+        return found.select(sorted({f.block for f in found.factors if f.block < count}))
 
+    clocks = motion_clocks(tracks_of(measurements))
     wide, base, banks = _with_banks(model, wanted, beyond)
     folds = compressed(wide, SHAPE_FOLDS)
     weights = np.ones(model.robot.n)
@@ -146,46 +150,18 @@ def estimate_shapes(
 
 @dataclass(frozen=True)
 class _Cells:
-    """One run's rows by folds of the motion; the last cell holds those that take no part."""
+    """Rows by folds of the motion; the last cell holds those that take no part."""
 
     folds: PhaseFolds
     chosen: Chosen | None
-    run: int = 0
 
     @property
     def places(self) -> list[tuple[int, float, float]]:
         return [(0, 0.0, 0.0)] * (self.folds.count + 1)
 
-    def cell(self, _: int, t: Array) -> NDArray[np.intp]:
-        fold = self.folds.fold(self.run, t) if self.folds.count > 1 else np.zeros(len(t), np.intp)
-        return (
-            fold if self.chosen is None else np.where(self.chosen(self.run, t), fold, self.folds.count)
-        )
-
-
-def _compressed(
-    model: Model,
-    measurements: Measurements,
-    settings: Preprocessing,
-    count: int,
-    chosen: Chosen | None,
-    workers: Workers,
-) -> Regression:
-    """The chosen rows in the columns of a model, a block a fold of the motion that has some."""
-    clocks = motion_clocks(tracks_of(measurements)) if count > 1 else ()
-    one = partial(_of_run, model, settings, _Cells(PhaseFolds(clocks, count), chosen))
-    runs = workers.map(one, list(enumerate(measurements.runs())))
-    factors = tuple(f for run in runs for f in run.factors if f.block < count)
-    rows = [sum(f.rows for f in run.factors if f.joint == 0) for run in runs]
-    samples = sum(n / run.oversampling for n, run in zip(rows, runs, strict=True))
-    found = replace(runs[0], factors=factors, oversampling=sum(rows) / samples)
-    return found.select(sorted({f.block for f in factors}))
-
-
-def _of_run(
-    model: Model, settings: Preprocessing, cells: _Cells, numbered: tuple[int, Measurements]
-) -> Regression:
-    return compress_cells(numbered[1], model, settings, replace(cells, run=numbered[0]))
+    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
+        fold = self.folds.fold(run, t) if self.folds.count > 1 else np.zeros(len(t), np.intp)
+        return fold if self.chosen is None else np.where(self.chosen(run, t), fold, self.folds.count)
 
 
 @dataclass(frozen=True)

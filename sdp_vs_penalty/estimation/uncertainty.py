@@ -26,7 +26,7 @@ from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.estimator import joint_weights, with_plausible
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
-from sdp_vs_penalty.regression.partial import visible
+from sdp_vs_penalty.regression.partial import smallest
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, nearest_least_squares
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -315,14 +315,8 @@ class _Evidence:
         least loss: constants that stay on a grid, or were given, are not at it."""
         if self.known.regression.p == self.p:
             return 0.0
-        return np.asarray(rows @ (self.known.solution[: self.p] - self.narrow_solution))
-
-    @cached_property
-    def narrow_solution(self) -> Array:
-        """(p,) the smallest least-squares theta with the shape constants as they are."""
         data = self._plausible(self._weighted)
-        V = visible(data.R)[1]
-        return np.asarray(V @ (V.T @ (data.R.T @ data.rho)))
+        return np.asarray(rows @ (self.known.solution[: self.p] - smallest(data.R, data.rho)))
 
     @cached_property
     def largest(self) -> Array:
