@@ -1,14 +1,12 @@
 """A log without torque, as one with: the torque that the identified law of its servos makes of it.
 
-What judges models (comparison, diagnosis, report) then works as on any log. The drives leave the model,
-which keeps links and friction; the damping kd, which holds viscous friction too, is the drives'. Errors
-are in the units of torque that the scale gives; an error that drives and plant share is not seen.
+The drives leave the model, which keeps links and friction; the damping kd, which holds viscous friction
+too, is the drives'. An error that drives and plant share is not seen.
 
 Instruments are the motion that a model makes of the command alone. In a closed loop the noise of
-positions is in both sides of tau = Y theta (the servo answers it), and least squares are biased
-whatever the length of the run. Columns computed on the simulated motion share the signal and not
-the noise: two-stage least squares with them are consistent, and convex under the same constraints
-(Janot, Vandanjon, Gautier, IEEE Trans. Control Systems Technology 2014).
+positions is in both sides of tau = Y theta; columns computed on the simulated motion share the signal
+and not the noise: two-stage least squares with them are consistent, and convex under the same
+constraints (Janot, Vandanjon, Gautier, IEEE Trans. Control Systems Technology 2014).
 """
 
 from __future__ import annotations

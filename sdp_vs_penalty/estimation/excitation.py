@@ -7,17 +7,11 @@ For W(x), the stacked base regressor of a trajectory with coefficients x = (a, b
              -log det W^T W / p   ("d-optimal": the volume of the confidence ellipsoid)
 
 subject to limits of position, velocity and acceleration at every instant (Swevers et al., T-RA 1997;
-Gautier, Khalil, IJRR 1992). States are linear in x, so that the limits are linear inequalities and
-every step of the sequential linear programming below is exact in them: all iterates are feasible.
-The gradient goes through the regressor by central differences in the 3 n states, not in x.
-Collisions are not looked at: choose position limits within which the robot is free.
+Gautier, Khalil, IJRR 1992): linear inequalities in x, which every step of the sequential linear
+programming keeps. Collisions are not looked at: choose position limits within which the robot is free.
 
-The run that weighs a load (:func:`payload_run`) is a short motion of the wrist beside an arm that
-is known.
-
-The arm's model stays fixed, so that the load's ten parameters alone are estimated; with W (N n, 10) its
-rows over each joint's noise, their covariance is (W' W)^-1 of independent rows. The motion makes its
-determinant as small as the limits allow (D-optimality: Swevers et al., T-RA 1997).
+The run that weighs a load (:func:`payload_run`) is a short motion of the wrist beside an arm that stays
+fixed, so that the load's ten parameters alone are estimated, d-optimally.
 """
 
 from __future__ import annotations

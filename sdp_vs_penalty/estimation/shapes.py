@@ -1,22 +1,19 @@
 """The open shape constants of a model, estimated from measurements by variable projection.
 
-A constant u (the velocity over which Coulomb friction turns round) is no coefficient, but for every u
-the coefficients theta(u) are those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a
-function of the constants alone (Golub, Pereyra, SIAM J. Numerical Analysis 1973), which
-Levenberg and Marquardt minimise with the Jacobian of Kaufman (BIT 1975). The columns are
-computed on a grid of u once; between its values they are cubic splines of ln u, so that everything is
-small algebra on compressed data. Where these tell a constant more finely than the grid does, columns
-at the value itself follow (:mod:`~sdp_vs_penalty.estimation.shape_constants`): exact data give exact
-constants.
+For every constant u (the velocity over which Coulomb friction turns round) the coefficients theta(u) are
+those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a function of the constants alone
+(Golub, Pereyra, SIAM J. Numerical Analysis 1973), minimised with the Jacobian of Kaufman (BIT 1975).
+Columns are computed on a grid of u once, and are cubic splines of ln u between its values. Where data
+tell a constant more finely, columns at the value itself follow (:func:`shape_constants.settled`).
 
-In-sample, slow noise and what the model lacks look like evidence. So every fold of the motion is left
-out once, all constants are found anew from the rest, and the fold is predicted with a constant as found
-there and as the model has it. With r what the former leaves of the torque and d the difference of the
-two predictions, sum_k |d_k|^2 + 2 r_k'd_k is what it takes from the squared error of all folds k. A
-constant is confirmed where that exceeds Student's 95 % quantile times its own deviation: the larger of
-sqrt(sum_k (2 r_k'd_k)^2), which holds for noise of any colour, and what white noise would make of it.
-Else the model's own value stays: the simpler model unless another is significantly better (Breiman et
-al., Classification and Regression Trees, 1984, sec. 3.4.3).
+Every fold of the motion is left out once, all constants are found anew from the rest, and the fold
+is predicted with a constant as found there and as the model has it. With r what the former leaves
+of the torque and d the difference of the two predictions, sum_k |d_k|^2 + 2 r_k'd_k is what it
+takes from the squared error of all folds k. A constant is confirmed where that exceeds Student's 95
+% quantile times its own deviation: the larger of sqrt(sum_k (2 r_k'd_k)^2), which holds for noise
+of any colour, and what white noise would make of it. Else the model's own value stays: the simpler
+model unless another is significantly better (Breiman et al., Classification and Regression Trees,
+1984, sec. 3.4.3).
 """
 
 from __future__ import annotations

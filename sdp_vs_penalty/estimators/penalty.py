@@ -1,24 +1,18 @@
 """Penalty-based retrieval at its strongest: an exact penalty, from several seeded starts.
 
-It receives the convex constraints of the SDP as the same arrays, and the barycentric bounds that
-are not convex as they are. What it finds is feasible; its shifts are multipliers, from which the
-certificate computes a lower bound on the optimum as it does for the SDP.
-
-The squared distance to each cone is shifted until a finite weight suffices. For constraints F_i(x)
-in cones K_i (self-dual), weight w and shifts S_i,
+It receives the SDP's convex constraints as the same arrays, and the barycentric bounds that are not
+convex as they are. What it finds is feasible; its shifts are multipliers, from which the certificate
+bounds the optimum. For constraints F_i(x) in cones K_i (self-dual), weight w and shifts S_i,
 
     L(x; S, w) = f(x) + 1 / (2 w) sum_i (|Pi_K(S_i - w F_i(x))|^2 - |S_i|^2)
 
-is smooth; with S = 0 it is the quadratic penalty w / 2 dist(F, K)^2, which reaches feasibility only
-as w -> infinity. Shifting by S <- Pi_K(S - w F(x)) after each minimisation makes the minimiser
-feasible at a finite w, and S tends to the multipliers (Powell 1969, Hestenes 1969, Rockafellar
-1974: the augmented Lagrangian). The weight starts far too small and grows tenfold while the
-violation does not fall to a quarter, so that every minimisation starts next to its answer.
+is smooth; S <- Pi_K(S - w F(x)) after each minimisation makes the minimiser feasible at a finite w,
+and S tends to the multipliers (Powell 1969, Hestenes 1969, Rockafellar 1974: the augmented
+Lagrangian). The weight starts far too small and grows tenfold while the violation does not fall to
+a quarter.
 
-Each minimisation is a damped semismooth Newton method (Zhao, Sun, Toh, SIAM J. Optim. 2010): f is
-quadratic and Pi_K piecewise smooth, so few steps do (the Panda: 120 in 0.06 s, where
-SciPy's trust-exact takes 1.4 s and SLSQP and L-BFGS-B stop 1.5 % above the optimum: the curvatures of
-loss and penalty differ by ten orders of magnitude).
+Each minimisation is a damped semismooth Newton method (Zhao, Sun, Toh, SIAM J. Optim. 2010): the
+curvatures of loss and penalty differ by ten orders of magnitude, too much for SciPy's quasi-Newton ones.
 """
 
 from __future__ import annotations
@@ -272,10 +266,8 @@ class Penalty(Estimator):
     body : whether each link's mass must lie inside of its body, as for ``lmi-sdp``.
     thickness : smallest radius of gyration of a link [m]; 0 for none.
     starts : runs; the first from the problem's nominal robot, the others from seeded random points
-        of the barycentric box, moved towards it until the convex constraints hold. With convex
-        constraints only and motion that excites the arm, all end at the same loss; on a second or two
-        of motion, where the data leave directions open, a run may stop some per cent above the optimum,
-        and its certified gap says so.
+        of the barycentric box, moved towards it until the convex constraints hold. Where the data
+        leave directions open a run may stop above the optimum, and its certified gap says so.
     tolerance : of violation and complementarity, relative to the size of each constraint's values.
     """
 

@@ -1,7 +1,7 @@
 """A shared problem definition: robot, bounds, nominal inertia, published values.
 
-A problem is a folder with a problem.toml (problems/ travels with the package), or a URDF file. Both
-estimators read the same :class:`Problem`; what each can take of it is decided in the estimators.
+A problem is a folder with a problem.toml (problems/ travels with the package), or a URDF file; all
+estimators read the same :class:`Problem`.
 """
 
 from __future__ import annotations
