@@ -17,10 +17,9 @@ from sdp_vs_penalty.checks.content import Content, content
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.rules import mended
 from sdp_vs_penalty.checks.several import compare
-from sdp_vs_penalty.data.files import check_usable
+from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -105,7 +104,7 @@ def check(
     """One report a run. The measurements need not be usable: clock and numbers are checked as well.
 
     problem : a built-in name, a folder, a URDF file, or a Problem; measurements : whatever
-        :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than
+        :func:`~sdp_vs_penalty.data.files.as_measurements` takes; preprocessing : filters other than
         the problem's.
     thorough : also look at the excitation; without, only for what would make an identification wrong
         (what `identify` does by itself).
@@ -178,19 +177,12 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
         issues += found.issues
         work, fixed = found.mend(work, certain=False), found.mend(fixed, certain=True)
     if not any(f.severity == "error" for f in issues):
-        issues += _refused(problem, run, settings)
+        try:
+            check_plausible(problem.robot, run)
+        except InputError as error:
+            issues.append(_stopped("position range", error, "certain: `identify` refuses it"))
     unexplained = None if found is None else found.unexplained
     return Report(run.names[0], gravest_first(issues), work, fixed, unexplained, found)
-
-
-def _refused(problem: Problem, run: Measurements, settings: Preprocessing) -> list[Issue]:
-    """What `identify` refuses of a run as it was recorded: its own calls, in its order and words."""
-    try:
-        check_usable(run.names[0], run)
-        check_plausible(problem.robot, run)
-    except InputError as error:
-        return [_stopped("not usable", error, "certain: `identify` refuses it")]
-    return []
 
 
 def _stopped(kind: str, error: InputError, sure: str) -> Issue:

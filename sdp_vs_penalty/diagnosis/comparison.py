@@ -12,18 +12,17 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 import numpy as np
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.data.store import Growing, parts
 from sdp_vs_penalty.diagnosis.show import new_motion, plot_errors, plot_residual
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.identify import identify as _identify
 from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.estimation.pose import readable
-from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.estimation.verdict import Errors, Verdict, judge
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -224,7 +223,7 @@ def compare(
     """Compare one or several models with the same measurements.
 
     models : an Estimate or a model.json, a sequence of them, or a mapping from names to them.
-    measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
+    measurements : whatever :func:`~sdp_vs_penalty.data.files.as_measurements` takes: paths, arrays,
         a DataFrame, Measurements, or a list of runs.
     All models are judged behind the same filters, those of the first model, or ``preprocessing``, and
     beside the same noise floor, that of the measurements. noise_from : the runs whose repetition

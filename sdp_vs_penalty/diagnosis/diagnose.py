@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited, referred
 from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
 from sdp_vs_penalty.diagnosis.constants import APART, OUTSIDE, RAISES
@@ -23,9 +23,8 @@ from sdp_vs_penalty.diagnosis.sizes import size_of_term
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
-from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -50,7 +49,7 @@ def diagnose(
     """Which physical effects the model misses, judged against the noise; see :class:`Diagnosis`.
 
     estimate : the model in question, or its model.json; measurements : the runs to search in, whatever
-    :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; test : a run only for the held-out
+    :func:`~sdp_vs_penalty.data.files.as_measurements` takes; test : a run only for the held-out
     errors (without it, folds by the phase of the motion).
     frozen : keep the model's parameters, so that changes of the links
     show (a payload); otherwise they are refitted along with every candidate. seed : of the draws of a

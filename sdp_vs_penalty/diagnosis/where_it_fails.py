@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.causes import (
     NEAR,
     Stretch,
@@ -31,9 +31,8 @@ from sdp_vs_penalty.diagnosis.causes import (
 )
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, phase_folds, with_estimate
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
-from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, finite, plain_unit, words
 from sdp_vs_penalty.signals.excerpt import excerpt
@@ -159,7 +158,7 @@ def where_it_fails(
     """One JointFailure a joint: what its residual depends on, and when it is large.
 
     estimate : the model, or its model.json; measurements : whatever
-    :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than the
+    :func:`~sdp_vs_penalty.data.files.as_measurements` takes; preprocessing : filters other than the
     model's; noise_from : as in :func:`~.comparison.compare`; noise : a comparison's with
     these measurements, which need not be worked out again. Of a long recording windows are judged
     (:mod:`~sdp_vs_penalty.signals.excerpt`).

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.sources import Source
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certify import build_estimate, proved
@@ -45,7 +45,7 @@ def identify(
     """Identify a robot's dynamic parameters from measurements, or from a black box's answers.
 
     problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
-    measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
+    measurements : whatever :func:`~sdp_vs_penalty.data.files.as_measurements` takes: paths, arrays,
         a DataFrame, Measurements, a list of runs; or a BlackBox, or the path of its .npz file.
     method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings; "output-error"
         refines the default method's estimate by simulation (:mod:`~estimation.output_error`).

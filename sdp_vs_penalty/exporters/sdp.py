@@ -17,7 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.data.sources import Source
+from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certify import certify, proved
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose

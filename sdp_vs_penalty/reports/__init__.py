@@ -7,15 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from sdp_vs_penalty.checks import check
+from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, load_diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.sources import Models, as_estimates
+from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.reports import evidence, parameters, sections
@@ -57,7 +56,7 @@ def report(
 
     models : an Estimate or a model.json, a sequence of them in the order in which effects were added,
         or a mapping from names to them; measurements : the runs to judge them on, whatever
-        :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; out : the .html file to write.
+        :func:`~sdp_vs_penalty.data.files.as_measurements` takes; out : the .html file to write.
     commands : how it was made, for its last section; noise_from : as in
     :func:`~sdp_vs_penalty.diagnosis.comparison.compare`; findings : a diagnosis, or its findings.json,
     whose findings and curves are shown; forward : run the model forward over whole runs, however long

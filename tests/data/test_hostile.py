@@ -15,8 +15,7 @@ from small_runs import small_run, write_bag
 
 from sdp_vs_penalty import InputError, Measurements, Problem, check, load_problem
 from sdp_vs_penalty.data import read_run, save
-from sdp_vs_penalty.data.files import load_measurements
-from sdp_vs_penalty.data.sources import as_measurements
+from sdp_vs_penalty.data.files import as_measurements, load_measurements
 from sdp_vs_penalty.files import inputs
 from sdp_vs_penalty.page.uploads import too_large
 from sdp_vs_penalty.signals.runs import sample_rate, stretches

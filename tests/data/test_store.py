@@ -44,7 +44,7 @@ def test_read_in_pieces_to_the_last_bit(
         save(run, path)
     whole = load_measurements(path)
     monkeypatch.setattr(store, "LARGEST_IN_MEMORY", 1 << 12)
-    for home in ("store", "measurements", "formats.csv_text", "formats.parquet", "formats.bag"):
+    for home in ("store", "measurements", "formats.parquet", "formats.bag"):
         monkeypatch.setattr(f"sdp_vs_penalty.data.{home}.PART", 77)
     pieces = load_measurements(path)
     assert mapped(pieces.q)
@@ -64,7 +64,7 @@ def test_a_bad_row_behind_the_first_piece_is_named(
     lines = path.read_text().splitlines()
     lines[500] = lines[500].replace(",", ",x", 1)
     path.write_text("\n".join(lines) + "\n")
-    monkeypatch.setattr("sdp_vs_penalty.data.formats.csv_text.PART", 77)
+    monkeypatch.setattr("sdp_vs_penalty.data.formats.csv_text.PIECE", 999)
     with pytest.raises(InputError, match="row 501, column 2 holds 'x"):
         load_measurements(path)
 

@@ -28,6 +28,19 @@ def test_the_floor_is_right_within_30_percent(rate: float, colour: float) -> Non
     np.testing.assert_allclose(floor, rows.torque.std(axis=0), rtol=0.3)
 
 
+def test_torque_that_was_smoothed_before_it_was_logged_says_nothing_of_its_noise() -> None:
+    """As on a real UR10: far above the motion there is only what the drive's filter has left."""
+    from scipy.signal import butter, sosfiltfilt
+
+    t = np.arange(0.0, 24.0, 0.008)
+    q = np.sin(2.0 * np.pi * 0.31 * t)[:, None] + np.cos(2.0 * np.pi * 0.83 * t)[:, None]
+    torque = 8.0 * q + np.random.default_rng(3).normal(scale=0.3, size=q.shape)
+    settings = Preprocessing(5.0, 8.0)
+    smooth = sosfiltfilt(butter(2, 2.0, fs=125.0, output="sos"), torque, axis=0)
+    assert spectral_floor(segmented(Measurements(t, q, torque), settings)) is not None
+    assert spectral_floor(segmented(Measurements(t, q, smooth), settings)) is None
+
+
 def test_a_log_that_is_too_slow_or_short_shows_nothing() -> None:
     t = np.arange(0.0, 3.0, 0.05)
     q = np.sin(t)[:, None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,96 +63,117 @@ def check_size(path: Path, unpacked: int, packed: int) -> None:
         )
 
 
-def from_columns(
-    path: str | Path,
-    columns: Mapping[str, Array],
-    rename: Mapping[str, str] | None,
-    *,
-    remedy: str | None = None,
-    what: str | None = None,
-) -> Measurements:
-    """A run from named columns (N,) or blocks (N, n): t, q or q1..qn, dq, tau, ...; no others.
+@dataclass(frozen=True)
+class Header:
+    """Which columns of a file are which channels.
 
-    path : names the run; what : how messages call it (default: the path); remedy : what to do about
-    missing columns (default: the `convert` command for the file).
-    Raises InputError where t, q or tau (and qcmd) is missing, or lengths differ.
+    groups : the file's columns of each of ours (t, q, dq, tau, ...), one a joint or one block; factors :
+    by the file's names, where they are not 1; what : how messages call the file.
     """
-    what = what or str(path)
-    found = None if rename else taken(Path(path), list(columns), None)
-    if found is not None:
-        scaled = ((n, o, found.scale.get(o, 1.0)) for o, n in found.rename.items())
-        columns = {n: columns[n] if x == 1.0 else columns[n] * x for n, o, x in scaled}
-        rename = found.rename
-    names = expanded(rename or {}, list(columns))
-    for ours, theirs in names.items():
-        if theirs not in columns:
-            known = ", ".join(sorted(columns)) or "none"
+
+    path: Path
+    groups: Mapping[str, Sequence[str]]
+    factors: Mapping[str, float]
+    what: str
+
+    @classmethod
+    def of(
+        cls,
+        path: str | Path,
+        names: Sequence[str],
+        choice: Choice = Choice(),
+        what: str = "",
+        remedy: str = "",
+    ) -> Header:
+        """Of a file's columns by their names: our own, those that are chosen, else those recognised.
+
+        remedy : what to do about missing columns (default: the `convert` command for the file). Others
+        are left out with a warning: logs hold accelerations, currents, states.
+        Raises InputError where t, q or tau (and qcmd), or one of several joints is missing.
+        """
+        path, what, known = Path(path), what or str(path), ", ".join(sorted(names)) or "none"
+        found = None if choice.rename else taken(path, names, choice.joints)
+        rename = expanded(choice.rename or {}, names) if found is None else found.rename
+        for ours, theirs in rename.items():
+            if theirs not in names:
+                raise InputError(
+                    f"no column {theirs!r} to take as {ours} (columns: {known})",
+                    "give --rename a name of the file",
+                    what,
+                )
+        named = {**({} if found else dict(zip(names, names, strict=True))), **rename}
+        groups = {g: own for g in ("t", *GROUPS) if (own := _columns(named, g, what))}
+        needed = ("t", "q") if "qcmd" in groups else ("t", "q", "tau")
+        missing = [group for group in needed if group not in groups]
+        if missing:
+            pairs = ",".join(f"{group}=NAME" for group in missing)
+            command = f"name them with `sdp-vs-penalty convert {path} --rename {pairs} --out run.csv`"
+            lacking = f"no column {' or '.join(missing)} (columns: {known})"
+            raise InputError(lacking, remedy or command, what)
+        count = Counter(names)
+        for name in (name for columns in groups.values() for name in columns):
+            if count.pop(name) > 1:
+                raise InputError(f"column {name} comes twice", "rename one of them", what)
+        if count and not rename:
+            # Accelerations are the one kind of column that people expect to be read.
+            known_too = any(re.fullmatch(r"(ddq|qdd|acc)_?[0-9]*", name.lower()) for name in count)
+            why = ". Accelerations are computed from q, with the same filter as the torque" * known_too
+            warnings.warn(f"{path}: not used: {_listed(list(count))}{why}.", Remark, stacklevel=2)
+        factors = {} if found is None else {rename[ours]: x for ours, x in found.scale.items()}
+        return cls(path, groups, factors, what)
+
+    def run(self, columns: Mapping[str, Array]) -> Measurements:
+        """The run, or a piece of it, of columns (N,) or blocks (N, n) by the file's names.
+
+        Raises InputError where lengths or numbers of joints differ.
+        """
+        (clock,) = self.groups["t"]
+        t = self.factors.get(clock, 1.0) * np.ravel(np.asarray(columns[clock], float))
+        blocks = {}
+        for group, names in self.groups.items():
+            if group != "t":
+                parts = [self.factors.get(n, 1.0) * np.asarray(columns[n], float) for n in names]
+                blocks[group] = self._block(group, parts, len(t))
+        for group in _WHOLE:  # what else a file calls temp is no temperature of its joints
+            if group in blocks and blocks[group].shape != blocks["q"].shape:
+                del blocks[group]
+        widths = {group: block.shape[1] for group, block in blocks.items()}
+        if len(set(widths.values())) != 1:
             raise InputError(
-                f"no column {theirs!r} to take as {ours} (columns: {known})",
-                "give --rename a name of the file",
-                what,
+                "the groups have different numbers of joints: "
+                + ", ".join(f"{group} {width}" for group, width in widths.items()),
+                "give q, dq and tau a column a joint",
+                self.what,
             )
-    named = {**columns, **{ours: columns[theirs] for ours, theirs in names.items()}}
+        return Measurements.of(t, blocks, (self.path.name,))
 
-    given = {"t": named.get("t"), **{group: _block(named, group, what) for group in GROUPS}}
-    wanted = {"t", "q", "tau"} - ({"tau"} if given["qcmd"] is not None else set())
-    missing = [g for g, block in given.items() if block is None and g in wanted]
-    if missing:
-        known = ", ".join(sorted(columns)) or "none"
-        pairs = ",".join(f"{group}=NAME" for group in missing)
-        command = f"name them with `sdp-vs-penalty convert {path} --rename {pairs} --out run.csv`"
-        raise InputError(f"no column {' or '.join(missing)} (columns: {known})", remedy or command, what)
-    t = np.ravel(named["t"])
-    for group in _WHOLE:  # what else a file calls temp is no temperature of its joints
-        block = given[group]
-        if block is not None and given["q"] is not None and block.shape != given["q"].shape:
-            given[group] = None
-    blocks = {}
-    for group in GROUPS:
-        block = given[group]
-        if block is None:
-            continue
-        if block.shape[0] != len(t) and block.ndim == 2 and block.shape[1] == len(t):
-            block = block.T
-        if block.shape[0] != len(t):
-            raise InputError(
-                f"{group} has {block.shape[0]} rows, t has {len(t)}", "give each as many rows as t", what
-            )
-        blocks[group] = np.ascontiguousarray(block)
-    widths = {group: block.shape[1] for group, block in blocks.items()}
-    if len(set(widths.values())) != 1:
-        raise InputError(
-            "the groups have different numbers of joints: "
-            + ", ".join(f"{group} {width}" for group, width in widths.items()),
-            "give q, dq and tau a column a joint",
-            what,
-        )
-    return run_of(path, t, blocks)
+    def _block(self, group: str, own: Sequence[Array], count: int) -> Array:
+        block, parts = own[0], list(own)
+        if block.ndim > 2:
+            what = f"{group} has {block.ndim} dimensions"
+            raise InputError(what, "give it 2: samples and joints", self.what)
+        if len(parts) == 1 and block.ndim == 2:
+            parts = list(block.T if len(block) == count or block.shape[1] != count else block)
+        for part in parts:
+            if part.size != count:
+                what = f"{group} has {part.size} rows, t has {count}"
+                raise InputError(what, "give each as many rows as t", self.what)
+        return np.column_stack([np.ravel(part) for part in parts])
 
 
-def run_of(path: str | Path, t: Array, blocks: Mapping[str, Array]) -> Measurements:
-    """A run of the file's name from its blocks (N, n) by name."""
-    return Measurements.of(t, blocks, (Path(path).name,))
-
-
-def _block(named: Mapping[str, Array], group: str, what: str) -> Array | None:
+def _columns(named: Mapping[str, str], group: str, what: str) -> list[str]:
+    """The file's columns of a group: one that is called so, or q1, q2, ..., one a joint."""
     if group in named:
-        block = np.asarray(named[group], float)
-        return block[:, None] if block.ndim == 1 else block
-    numbers = sorted(
-        int(m[1]) for name in named if (m := re.fullmatch(rf"{group}([1-9][0-9]{{0,3}})", name))
-    )
+        return [named[group]]
+    found = [re.fullmatch(rf"{group}([1-9][0-9]{{0,3}})", name) for name in named]
+    numbers = sorted(int(m[1]) for m in found if m)
     gap = next((k for k, number in enumerate(numbers, 1) if k != number), None)
-    if gap is not None and group not in _WHOLE:  # temperatures of some joints are none of the others
-        raise InputError(
-            f"no column {group}{gap}, but {group}{numbers[-1]}", "give each joint a column", what
-        )
-    if not numbers or gap is not None:
-        return None
-    columns = [np.ravel(named[f"{group}{k}"]) for k in numbers]
-    if len({len(c) for c in columns}) != 1:
-        return None
-    return np.column_stack(columns)
+    if gap is None:
+        return [named[f"{group}{k}"] for k in numbers]
+    if group in _WHOLE:  # temperatures of some joints are none of the others
+        return []
+    lacking = f"no column {group}{gap}, but {group}{numbers[-1]}"
+    raise InputError(lacking, "give each joint a column", what)
 
 
 def columns_of(measurements: Measurements) -> dict[str, Array]:
@@ -161,44 +183,6 @@ def columns_of(measurements: Measurements) -> dict[str, Array]:
     for name, block in m.groups.items():
         out |= {f"{name}{j + 1}": block[:, j] for j in range(m.n)}
     return out
-
-
-def groups_of(path: Path, names: Sequence[str]) -> tuple[int, list[str]]:
-    """Number of joints and the groups there are, from a header; InputError where it is incomplete.
-
-    Columns of other names are left out with a warning: logs hold accelerations, currents, states.
-    """
-    found = {int(m[1]) for name in names if (m := re.fullmatch(r"q([1-9][0-9]{0,3})", name))}
-    if not found:
-        raise InputError("row 1 names no column q1", f"write the header {HEADER}", path)
-    n = max(found)
-    there = {g for g in GROUPS if any(re.fullmatch(rf"{g}[0-9]+", name) for name in names)}
-    for group in ("current", "voltage"):  # currents of some joints are none of the others
-        if not {f"{group}{j + 1}" for j in range(n)} <= set(names):
-            there.discard(group)
-    needed = {"q", "tau"} if "qcmd" not in there else {"q"}
-    groups = [g for g in GROUPS if g in there | needed]
-    wanted = ["t", *(f"{group}{j + 1}" for group in groups for j in range(n))]
-    for name in wanted:
-        if names.count(name) != 1:
-            problem = "is missing" if names.count(name) == 0 else "comes twice"
-            raise InputError(
-                f"column {name} {problem} (header: {','.join(names)[:120]})",
-                f"write the header {HEADER}",
-                path,
-            )
-    others = [name for name in names if name not in wanted]
-    beyond = next((x for x in others if re.fullmatch(rf"({'|'.join(GROUPS)})[0-9]+", x)), None)
-    if beyond is not None:
-        raise InputError(f"column {beyond} has no q beside it", "give each joint a column q", path)
-    if others:
-        # Accelerations are the one kind of column that people expect to be read.
-        known = any(re.fullmatch(r"(ddq|qdd|acc)_?[0-9]*", name.lower()) for name in others)
-        why = (
-            ". Accelerations are computed from q, with the same filter as the torque." if known else "."
-        )
-        warnings.warn(f"{path}: not used: {_listed(others)}{why}", Remark, stacklevel=2)
-    return n, groups
 
 
 def _listed(names: Sequence[str]) -> str:

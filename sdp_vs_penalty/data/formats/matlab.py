@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.columns import Choice, from_columns
+from sdp_vs_penalty.data.formats.columns import Choice, Header
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import writing
@@ -38,7 +38,8 @@ def read(path: Path, choice: Choice) -> Measurements:
     structs = [value for value in named.values() if isinstance(value, Mapping)]
     if len(structs) == 1 and len(named) == 1:
         named = dict(structs[0])
-    return from_columns(path, _numeric(named), choice.rename)
+    columns = _numeric(named)
+    return Header.of(path, list(columns), choice).run(columns)
 
 
 def _numeric(named: Mapping[str, Any]) -> dict[str, Array]:

@@ -8,15 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.lib import format as npy
 
-from sdp_vs_penalty.data.formats.columns import (
-    GROUPS,
-    Choice,
-    columns_of,
-    from_columns,
-    groups_of,
-    run_of,
-)
-from sdp_vs_penalty.data.formats.recognition import recognised
+from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
@@ -29,9 +21,7 @@ SUFFIXES = (".npz",)
 def read(path: Path, choice: Choice) -> Measurements:
     """The run of an archive; InputError naming the array that cannot be used."""
     arrays = numeric_arrays(path)
-    if choice.rename or ("t" not in arrays and recognised(list(arrays)) is not None):
-        return from_columns(path, arrays, choice.rename)
-    return _read_npz(path, arrays)
+    return Header.of(path, list(arrays), choice).run(arrays)
 
 
 def write(measurements: Measurements, path: Path) -> None:
@@ -42,33 +32,6 @@ def write(measurements: Measurements, path: Path) -> None:
                 npy.write_array_header_1_0(member, npy.header_data_from_array_1_0(column))
                 for _, part in parts(column):
                     member.write(np.ascontiguousarray(part).data)
-
-
-def _read_npz(path: Path, arrays: dict[str, Array]) -> Measurements:
-    if "q" in arrays:  # whole arrays q (N, n), tau (N, n) instead of one a joint
-        for name in GROUPS:
-            block = arrays.pop(name, None)
-            if block is not None:
-                if block.ndim == 1:
-                    block = block[:, None]
-                if block.ndim != 2:
-                    raise InputError(
-                        f"array {name} has {block.ndim} dimensions",
-                        "give it 2: samples and joints",
-                        path,
-                    )
-                arrays |= {f"{name}{j + 1}": block[:, j] for j in range(block.shape[1])}
-    n, groups = groups_of(path, list(arrays))
-    lengths = {name: a.shape for name, a in arrays.items()}
-    if len(set(lengths.values())) != 1 or arrays["t"].ndim != 1:
-        raise InputError(
-            f"the arrays differ in length ({lengths})", "give each one entry a sample", path
-        )
-
-    def group(prefix: str) -> Array:
-        return np.column_stack([arrays[f"{prefix}{j + 1}"] for j in range(n)])
-
-    return run_of(path, arrays["t"], {name: group(name) for name in groups})
 
 
 def numeric_arrays(path: str | Path) -> dict[str, Array]:

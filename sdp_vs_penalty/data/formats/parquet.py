@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.columns import Choice, check_size, columns_of, from_columns
+from sdp_vs_penalty.data.formats.columns import Choice, Header, check_size, columns_of
 from sdp_vs_penalty.data.measurements import Measurements, gathered
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -48,11 +48,12 @@ def _pieces(
     path: Path, choice: Choice, arrow: Any, file: Any, names: list[str]
 ) -> Iterator[Measurements]:
     """The rows in consecutive pieces, at least one."""
+    header = Header.of(path, names, choice)
     empty = [file.schema_arrow.empty_table().select(names)] if file.metadata.num_rows == 0 else []
     batches = file.iter_batches(batch_size=PART, columns=names, use_threads=False)
     for table in empty or (arrow.Table.from_batches([batch]) for batch in batches):
         columns = {name: np.asarray(table.column(name).to_numpy(), float) for name in table.column_names}
-        yield from_columns(path, columns, choice.rename)
+        yield header.run(columns)
 
 
 def _numeric_columns(path: Path, file: Any) -> list[str]:

@@ -9,8 +9,8 @@ from functools import partial
 
 import numpy as np
 
+from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.estimators.penalty import Penalty
-from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.paper.tables.study import (
     Data,
     PhaseFold,
