@@ -110,9 +110,7 @@ def _here(function: Callable[[Item], Result], items: list[Item], jobs: int) -> I
     work, left = Numbered(function), dict(enumerate(items))
     how: dict[str, Any] = {"backend": "loky", "initializer": end_with, "initargs": (os.getpid(),)}
     for attempt in range(_RETRIES + 1):
-        parallel = Parallel(
-            n_jobs=jobs, return_as="generator_unordered", batch_size=1, backend="loky", **how
-        )
+        parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, **how)
         try:
             for k, result in parallel(delayed(work)(item) for item in list(left.items())):
                 del left[k]
