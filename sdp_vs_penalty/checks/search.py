@@ -67,26 +67,15 @@ class Search:
         now = self.scene.none
         for _ in range(MOST_FAULTS):
             better = self.added(now)
-            if better is None and self._contradicts(now):
-                better = self.added(now, pairs=True)
             if better is None:
                 break
             now = self.dropped(better)
         return self.found(now)
 
-    def _contradicts(self, now: Repair) -> bool:
-        """Whether joints by themselves explain far more than one arm does: two things may be wrong at
-        once of which neither explains anything alone."""
-        score = self.scene.tried.score(now)
-        return bool(np.log(score.shares / score.alone)[self.scene.moving].mean() > 1.0)
-
-    def proposals(self, now: Repair, pairs: bool) -> list[Repair]:
+    def proposals(self, now: Repair) -> list[Repair]:
         """One more thing, the best first; those that only physics can tell are always looked at."""
         score = self.scene.tried.score(now)
-        made = (
-            t.pairs(self.scene, now) if pairs else t.proposals(self.scene, now, score)
-            for t in TRANSFORMATIONS
-        )
+        made = (t.proposals(self.scene, now, score) for t in TRANSFORMATIONS)
         asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
         scores = self.scene.tried.scores(asked)
         level = self.likelihood(score, now)
@@ -97,12 +86,12 @@ class Search:
         tied = [i for i in order if _same_fit(asked[i], now)]
         return [asked[i] for i in dict.fromkeys(order[:CLOSELY] + tied[: CLOSELY + 2])]
 
-    def added(self, now: Repair, pairs: bool = False) -> Repair | None:
+    def added(self, now: Repair) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
         level = self.posterior(now)
         # Rough numbers first: a coarse grid may miss most of what its best value explains.
         best: dict[frozenset[object], Repair] = {}
-        for r in sorted(self.proposals(now, pairs), key=self.posterior, reverse=True):
+        for r in sorted(self.proposals(now), key=self.posterior, reverse=True):
             best.setdefault(frozenset(e.name for e in self.elements(r)), r)
         refined = [self.refined(r, now) for r in list(best.values())[:CLOSELY]]
         for repair in sorted(refined, key=self.posterior, reverse=True):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from itertools import combinations, product
 
 import numpy as np
 
@@ -21,19 +20,13 @@ class Zero(Transformation):
     """What is to be added to one joint's position [rad]; of prismatic joints in lengths of the arm."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        poor = scene.poor(score)
+        poor = scene.poor(score).any()
         for j in scene.joints:
             at, unit = partial(_at, scene, now, j), _unit(scene, j)
             step = scene.newton(at, now.zero[j], 0.01 * unit, score)
             steps = [float(np.clip(step, -0.7 * unit, 0.7 * unit))]
-            steps += [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and poor[j] else []
+            steps += [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and poor else []
             yield from (at(now.zero[j] + x) for x in steps if x)
-
-    def pairs(self, scene: Scene, now: Repair) -> Iterator[Repair]:
-        """Two joints a quarter turn off: another convention of the same arm (DH against URDF)."""
-        for a, b in combinations(scene.revolute, 2):
-            for x, y in product((-_QUARTER, _QUARTER), repeat=2):
-                yield _at(scene, _at(scene, now, a, now.zero[a] + x), b, now.zero[b] + y)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(repair.zero).tolist():
