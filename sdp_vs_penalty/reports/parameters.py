@@ -184,37 +184,19 @@ def _picture(robot: Robot, links: Array, poses: Array) -> Figure:
     for i, joint in enumerate(robot.tree):
         begin = np.zeros(3) if joint.parent < 0 else poses[joint.parent][:3, 3]
         x, y, z = np.stack([begin, poses[i][:3, 3]]).T
-        plot.add(
-            trace(
-                "scatter3d",
-                x=x,
-                y=y,
-                z=z,
-                mode="lines+markers",
-                line={"color": MEASURED, "width": 6},
-                marker={"size": 3, "color": MEASURED},
-                showlegend=False,
-                hoverinfo="skip",
-            )
-        )
+        bone: dict[str, Any] = {
+            "line": {"color": MEASURED, "width": 6},
+            "marker": {"size": 3, "color": MEASURED},
+        }
+        bone |= {"mode": "lines+markers", "showlegend": False, "hoverinfo": "skip"}
+        plot.add(trace("scatter3d", x=x, y=y, z=z, **bone))
         shape = ellipsoid(links[link[i]]) if i in link else None
         if shape is None:
             continue
         frame = poses[i] @ joint.link_frame
         x, y, z = frame[:3, :3] @ shape + frame[:3, 3:]
-        plot.add(
-            trace(
-                "mesh3d",
-                x=x,
-                y=y,
-                z=z,
-                alphahull=0,
-                color=COLOURS[i % len(COLOURS)],
-                opacity=0.5,
-                name=f"link {link[i] + 1}",
-                showlegend=True,
-            )
-        )
+        look = {"alphahull": 0, "color": COLOURS[i % len(COLOURS)], "opacity": 0.5, "showlegend": True}
+        plot.add(trace("mesh3d", x=x, y=y, z=z, name=f"link {link[i] + 1}", **look))
     axis = {"title": "", "gridcolor": "rgba(128,128,128,0.3)", "backgroundcolor": "rgba(0,0,0,0)"}
     # The picture is as large as the arm: an ellipsoid that leaves it belongs to a link whose mass
     # and inertia are not those of one body of that size.
