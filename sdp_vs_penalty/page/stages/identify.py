@@ -368,7 +368,12 @@ _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
   if (cell) emit([cell.dataset.joint, cell.dataset.signal]); }"""
 
 
-FIT = after_model("fit", "Measured against modelled", _draw_fit, lambda s: (s.found_for, s.found_in))
+FIT = after_model(
+    "fit",
+    "Measured against modelled",
+    _draw_fit,
+    lambda s: (s.found_for, s.findings and s.findings.to_dict()),
+)
 
 
 def _draw_parameters(view: View) -> None:
