@@ -268,7 +268,7 @@ def methods(request: Request, progress: Progress) -> Answer:
 def take(request: Request, progress: Progress) -> Answer:
     """A file to take away: a run as it was used, the diagnosis, the report, or the model in the format
     of the name's suffix; says which effects have no place in it."""
-    name, folder, found = request["name"], Path(request["folder"]), request["findings"]
+    name, folder, found = request["name"], Path(request["folder"]), request.get("findings")
     progress(f"writing {name}")
     lost: list[str] = []
     if name.startswith("run-"):
@@ -290,7 +290,7 @@ def take(request: Request, progress: Progress) -> Answer:
             progress=progress,
         )
     else:
-        given = request["urdf"] if name == "robot.urdf" else None
+        given = request.get("urdf") if name == "robot.urdf" else None
         x, y, z = numbers("flange", request.get("flange") or "0,0,0", 3)
         lost = export(load_estimate(request["model"]), folder / name, given, flange=(x, y, z))
     said = f"{Path(name).suffix} files cannot hold {', '.join(lost)}; model.json can."
