@@ -6,8 +6,8 @@ import re
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from sdp_vs_penalty.constraints.constraint import BarycentricBound
 from sdp_vs_penalty.estimation.constants import FAR_GAP
+from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.show import Shown, Summary
 
 

@@ -6,7 +6,7 @@ function of the constants alone (Golub, Pereyra, SIAM J. Numerical Analysis 1973
 Levenberg and Marquardt minimise with the Jacobian of Kaufman (BIT 1975). The columns are
 computed on a grid of u once; between its values they are cubic splines of ln u, so that everything is
 small algebra on compressed data. Where these tell a constant more finely than the grid does, columns
-at the value itself follow (:mod:`~sdp_vs_penalty.estimation.joint_shapes`): exact data give exact
+at the value itself follow (:mod:`~sdp_vs_penalty.estimation.shape_constants`): exact data give exact
 constants.
 
 In-sample, slow noise and what the model lacks look like evidence. So every fold of the motion is left
@@ -34,8 +34,8 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS, SHAPE_GAIN, TOLD_FINELY
-from sdp_vs_penalty.estimation.joint_shapes import settled
-from sdp_vs_penalty.estimators.task import joint_weights
+from sdp_vs_penalty.estimation.shape_constants import settled
+from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.bounded_least_squares import least_squares
 from sdp_vs_penalty.regression.partial import partialled, visible

@@ -15,10 +15,10 @@ from typing import Any, Literal
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.constraints.constraint import BarycentricBound
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import CHANGES, ROUNDING
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, SPECTRUM_KNOWN
 
 Grade = Literal["good", "usable", "do not use"]

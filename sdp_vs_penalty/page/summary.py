@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.constraints.constraint import BarycentricBound
 from sdp_vs_penalty.data.measurements import Measurements, Runs
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
@@ -31,6 +30,7 @@ from sdp_vs_penalty.reports.parameters import (
 )
 from sdp_vs_penalty.reports.sections import certificate_rows
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 

@@ -14,8 +14,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis, load_diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.sources import Models, as_estimates
+from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.reports import parameters, sections

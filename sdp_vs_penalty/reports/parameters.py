@@ -9,7 +9,7 @@ import numpy as np
 from sdp_vs_penalty import show
 from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.intervals import Interval, counts
+from sdp_vs_penalty.estimation.uncertainty import Interval, counts
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, friction_figure

@@ -11,11 +11,10 @@ from arms import HEAVY, THREE, write_folder, write_urdf
 from small_runs import small_run
 
 from sdp_vs_penalty import Estimate, Problem, add, compare, identify, load_estimate, load_problem
-from sdp_vs_penalty.constraints import ConstraintSet
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.reports import sections
-from sdp_vs_penalty.robot import random_trajectory
+from sdp_vs_penalty.robot import ConstraintSet, random_trajectory
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
