@@ -136,8 +136,8 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
             else min(range(len(before)), key=lambda j: after[j] / before[j] if before[j] else 1.0)
         )
         floor = [found.noise_floor[joint]] if found.noise_known else None
-        fall = bars([before[joint]], [after[joint]], floor, [units[joint]], [joint + 1])
-        note("Held-out error, refitted without constraints:")
+        what = "Held-out error, refitted without constraints,"
+        fall = bars([before[joint]], [after[joint]], floor, [units[joint]], [joint + 1], what)
         ui.html(fall, sanitize=False)
         if added:
             tag("p", "Added to the model.", "chosen")
