@@ -23,9 +23,8 @@ from sdp_vs_penalty.page.controls import (
     tag,
     text_field,
 )
-from sdp_vs_penalty.page.part import Stage, Verdict, after_model
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.view import Stage, Verdict, View, after_model
 from sdp_vs_penalty.page.wording import figure, physics, plain_name, where
 from sdp_vs_penalty.reports.pictures import bars, change_of
 

@@ -34,11 +34,10 @@ from sdp_vs_penalty.page.controls import (
     tag,
     text_field,
 )
-from sdp_vs_penalty.page.part import Part, Stage, after_model, identified
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.uploads import SUFFIXES
-from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified
 from sdp_vs_penalty.page.wording import figure, held, plain_name, spoken, with_unit
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
