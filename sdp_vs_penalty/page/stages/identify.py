@@ -98,7 +98,7 @@ def _form(view: View) -> None:
                 for name in rest:
                     box(name)
 
-    with tag("div", style="fields"):
+    with tag("div", style="fields method"):
         options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
         choice("Method", options, session.method, partial(setattr, session, "method"), "method")
         number("Seed", session.seed, partial(setattr, session, "seed"), "seed")
