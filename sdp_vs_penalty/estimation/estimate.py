@@ -361,7 +361,7 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         theta,
         uncertainty,
         data["method"],
-        Certificate(**data["certificate"]),
+        Certificate.from_dict(data["certificate"]),
         Preprocessing(**data["preprocessing"]),
         data["settings"],
         details,

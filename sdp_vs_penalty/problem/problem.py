@@ -202,10 +202,10 @@ class Problem(Shown):
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
         """Same robot, other mounting; drops the named base parameters if gravity's direction changed."""
-        x, y, z = (float(v) for v in gravity)
-        turned = not np.allclose(np.cross(gravity, self.robot.gravity), 0.0)
+        robot = replace(self.robot, gravity=tuple(map(float, gravity)))
+        turned = not np.allclose(np.cross(robot.gravity, self.robot.gravity), 0.0)
         independent = None if turned else self.independent
-        return replace(self, robot=replace(self.robot, gravity=(x, y, z)), independent=independent)
+        return replace(self, robot=robot, independent=independent)
 
     def constraints(self, model: Model) -> ConstraintSet:
         """Every demand on the parameters of a model of this robot."""

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.transmission import parse_formula
 
 
 @dataclass(frozen=True)
-class Joint:
+class Joint(Plain):
     """One moving joint and the link that it carries.
 
     placement : (4, 4) pose of the joint frame in the parent's joint frame (the base: -1) at q = 0.
@@ -59,21 +60,11 @@ class Joint:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; infinite limits are left out."""
-        return {
-            key: value.tolist() if isinstance(value, np.ndarray) else value
-            for key, value in asdict(self).items()
-            if not (isinstance(value, float) and np.isinf(value))
-        }
-
-    @classmethod
-    def from_dict(cls, given: Mapping[str, Any]) -> Joint:
-        """What :meth:`to_dict` wrote."""
-        arrays = ("placement", "axis", "link_frame")
-        return cls(**{**given, **{key: np.array(given[key], float) for key in arrays}})
+        return {k: x for k, x in super().to_dict().items() if x not in (np.inf, -np.inf)}
 
 
 @dataclass(frozen=True)
-class Mechanism:
+class Mechanism(Plain):
     """Joints that follow others: q_tree = matrix q + offset, so that tau = matrix^T tau_tree.
 
     tree : every moving joint (L), depth first; matrix (L, n), offset (L,) : of mimic joints and of

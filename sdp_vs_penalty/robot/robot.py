@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint, Mechanism
@@ -66,7 +67,7 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 
 @dataclass(frozen=True)
-class Robot:
+class Robot(Plain):
     """Joints (n), depth first, and the gravity vector [m/s^2] in the base frame.
 
     Depth first: what a joint carries follows it without a gap. Pinocchio's composite rigid body
@@ -79,11 +80,15 @@ class Robot:
 
     name: str
     joints: tuple[Joint, ...]
-    gravity: tuple[float, float, float] = STANDARD_GRAVITY
+    gravity: tuple[float, ...] = STANDARD_GRAVITY
     transmission: Transmission | None = None
     mechanism: Mechanism | None = None
 
     def __post_init__(self) -> None:
+        if len(self.gravity) != 3 or not np.all(np.isfinite(self.gravity)):
+            raise InputError(
+                f"gravity {self.gravity!r} is not three finite numbers", "write x,y,z in m/s^2"
+            )
         if self.transmission is not None and self.transmission.n != self.n:
             raise InputError(
                 f"robot {self.name} has {self.n} joints, its transmission {self.transmission.n} motors",
@@ -232,38 +237,8 @@ class Robot:
         return np.maximum(reach, 0.1)[list(self.link_joints)]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain lists and numbers; :meth:`from_dict` restores the same robot to the last bit."""
-        out: dict[str, Any] = {
-            "name": self.name,
-            "gravity": list(self.gravity),
-            "joints": [joint.to_dict() for joint in self.joints],
-        }
-        if self.transmission is not None:
-            out["transmission"] = self.transmission.to_dict()
-        if self.mechanism is not None:
-            out["mechanism"] = {
-                "tree": [joint.to_dict() for joint in self.mechanism.tree],
-                "matrix": self.mechanism.matrix.tolist(),
-                "offset": self.mechanism.offset.tolist(),
-                "massless": list(self.mechanism.massless),
-            }
-        return out
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote; KeyError, TypeError or InputError for anything else."""
-        joints = tuple(map(Joint.from_dict, data["joints"]))
-        given, moved = data.get("transmission"), data.get("mechanism")
-        transmission = None if given is None else Transmission.from_dict(given)
-        mechanism = None
-        if moved is not None:
-            mechanism = Mechanism(
-                tuple(map(Joint.from_dict, moved["tree"])),
-                np.array(moved["matrix"], float),
-                np.array(moved["offset"], float),
-                tuple(int(k) for k in moved["massless"]),
-            )
-        return cls(data["name"], joints, _vector3(data["gravity"]), transmission, mechanism)
+        """Plain JSON; :meth:`from_dict` restores the same robot to the last bit."""
+        return {k: x for k, x in super().to_dict().items() if x is not None}
 
     @classmethod
     def from_dh(
@@ -282,7 +257,7 @@ class Robot:
         axis; "standard": Rz(q) Tz(d) Tx(a) Rx(alpha), the link frame at the link's far end.
         """
         joints = dh_joints(a, alpha, d, convention, limits)
-        return cls(name, joints, _vector3(gravity))
+        return cls(name, joints, tuple(map(float, gravity)))
 
     def _projected(self, torque: Array) -> Array:
         """(N, n, ...) from (N, L, ...): power is the same, tau = matrix^T tau_tree."""
@@ -471,13 +446,6 @@ class Robot:
             return self._reduced(full), self._projected(bias)
 
         return terms
-
-
-def _vector3(values: Sequence[float]) -> tuple[float, float, float]:
-    if len(values) != 3 or not np.all(np.isfinite(values)):
-        raise InputError(f"gravity {values!r} is not three finite numbers", "write x,y,z in m/s^2")
-    x, y, z = (float(v) for v in values)
-    return x, y, z
 
 
 def _of_positive_masses(theta: ArrayLike) -> tuple[Array, Array] | None:

@@ -239,7 +239,6 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
     joint at all.
     """
     reader, root = _read(path)
-    x, y, z = (float(v) for v in gravity)
     name = root.get("name") or reader.path.stem
     massless = reader.massless
     joints, mechanism = reader.checked(
@@ -249,7 +248,7 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
         lambda: urdf_transmission(root, [joint.name for joint in joints], reader.fail)
     )
     nominal = [x for k, x in enumerate(reader.nominal) if k not in massless]
-    return Robot(name, joints, (x, y, z), transmission, mechanism), np.array(nominal)
+    return Robot(name, joints, tuple(map(float, gravity)), transmission, mechanism), np.array(nominal)
 
 
 def placed_links(path: str | Path) -> list[list[tuple[Any, Array]]]:
