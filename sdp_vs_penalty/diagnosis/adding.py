@@ -17,9 +17,8 @@ from sdp_vs_penalty.diagnosis.added_shapes import (
     found_together,
     shaped_effects,
 )
-from sdp_vs_penalty.diagnosis.adopted import adopted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
-from sdp_vs_penalty.diagnosis.refit import (
+from sdp_vs_penalty.diagnosis.held_out import (
     estimator_beside,
     model_beside,
     task_beside,
@@ -29,14 +28,12 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.certify import certify, certify_beside, on_bounds, versions
-from sdp_vs_penalty.estimation.determined import record
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.certify import certify, certify_beside, on_bounds, record, versions
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.shape_constants import sensitivities
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
-from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
@@ -119,22 +116,15 @@ def add(
             gain_uncertainty=gain_errors,
         )
 
-    def extended(base: Estimate, own: Sequence[Effect]) -> Estimate:
-        progress("estimating shape constants")
-        new = shaped_effects(base, added, given, measurements, frozen)
-        # Refuses constants that are there already.
-        Model(estimate.robot, (*estimate.model.effects, *new))
-        if frozen:
-            return _add_frozen(estimate, new, measurements, seed, progress, gain_errors)
-        return identified([*own, *new])
-
-    if frozen or all(map(all_given, added, given)):
-        return extended(estimate, _own(estimate, retuned))
-    base, declared = estimate, _declared(estimate)
-    if declared:
-        # The model's own constants may have taken what is the new effects' torque.
-        base = adopted(estimate, declared, measurements)
-    found = extended(base, _own(estimate, retuned, declared))
+    progress("estimating shape constants")
+    new = shaped_effects(estimate, added, given, measurements, frozen)
+    # Refuses constants that are there already.
+    Model(estimate.robot, (*estimate.model.effects, *new))
+    if frozen:
+        return _add_frozen(estimate, new, measurements, seed, progress, gain_errors)
+    found = identified([*_own(estimate, retuned), *new])
+    if all(map(all_given, added, given)):
+        return found
     together = found_together(found, added, given, measurements)
     if together is None:
         return found
@@ -167,21 +157,13 @@ def _retunes(
     return new, kept, retuned
 
 
-def _declared(estimate: Estimate) -> list[ShapeEstimate]:
-    """The constants that `identify` has moved, back at what they were before."""
-    found = map(ShapeEstimate.from_dict, estimate.details.get("shapes", ()))
-    return [replace(s, after=s.before) for s in found if s.after != s.before]
-
-
-def _own(
-    estimate: Estimate, retuned: Sequence[ShapeEstimate], declared: Sequence[ShapeEstimate] = ()
-) -> list[Effect]:
+def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
     """The model's own effects: constants that `identify` estimated are estimated again beside what is
-    new, from where they are or are ``declared``; those that are retuned are what they are told to be."""
+    new; those that are retuned are what they are told to be."""
     estimated = {(s["effect"], s["joint"] - 1, s["shape"]) for s in estimate.details.get("shapes", ())}
     estimated -= {(r.effect, r.joint, r.shape) for r in retuned}
     out = []
-    for effect in with_shapes(estimate.model.effects, [*declared, *retuned]):
+    for effect in with_shapes(estimate.model.effects, retuned):
         keys = [k for k in effect.shapes if all((effect.name, j, k) in estimated for j in effect.joints)]
         out.append(effect.opened(keys) if keys else effect)
     return out

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import HARMONIC, INVISIBLE
+from sdp_vs_penalty.diagnosis.constants import APART, FAR, HARMONIC, INVISIBLE, SHARED, UNCERTAIN
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.events import events, outliers
@@ -21,13 +21,13 @@ from sdp_vs_penalty.diagnosis.findings import (
     Invisible,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
-from sdp_vs_penalty.diagnosis.reasons import REASONS, Evidence, reasons
+from sdp_vs_penalty.diagnosis.reasons import REASONS
 from sdp_vs_penalty.diagnosis.remaining import Remainder, refitted, remainder
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sentences import remarks, sentence, size_of
-from sdp_vs_penalty.diagnosis.sizes import size_of_term, torque_errors
+from sdp_vs_penalty.diagnosis.sizes import Size, size_of_term, torque_errors
 from sdp_vs_penalty.diagnosis.where_it_fails import carriers
 from sdp_vs_penalty.diagnosis.whitening import spread_columns
 from sdp_vs_penalty.effects.effect import Effect
@@ -97,7 +97,7 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     errors = np.array([found.held_out.errors(found.offered[:k]) for k in range(count)])
     retuned = retunes(found.shapes, found.estimate.robot, found.before, errors[0])
     doubt = torque_errors(data, found.estimate, gain_errors)
-    every = [_finding(found, k, term, errors, left, doubt) for k, term in enumerate(search.terms)]
+    every = [_finding(found, k, term, errors, doubt) for k, term in enumerate(search.terms)]
     unsure = noise.source != REPETITION
     minor = [unsure and not lowers(errors[k], errors[k + 1]) for k in range(len(every))]
     every = _stood_in(found, every)
@@ -173,43 +173,13 @@ def _stood_in(found: Found, findings: Sequence[Finding]) -> list[Finding]:
     ]
 
 
-def _finding(
-    found: Found,
-    k: int,
-    term: Term,
-    errors: Array,
-    left: Remainder,
-    doubt: Array,
-) -> Finding:
+def _finding(found: Found, k: int, term: Term, errors: Array, doubt: Array) -> Finding:
     search, effect = found.search, term.form.effect
     known = size_of_term(search, term, doubt)
     size, std = size_of(effect, known.beta, known.covariance)
     joints = () if effect.whole_robot else tuple(j + 1 for j in effect.joints)
     rivals = tuple(dict.fromkeys(_rival_name(term.form.effect, r.form.effect) for r in term.rivals))
-    raw = spread_columns(search.data.rows, effect)
-    torque = np.sqrt(np.mean((raw @ known.beta) ** 2, axis=1))
-    whole = np.sqrt(np.mean(search.data.rows.torque**2, axis=0))
-    prior = effect.plausible
-    absorbed, shared = _shares(search, term)
-    weak = reasons(
-        Evidence(
-            effect,
-            size,
-            std,
-            term.J,
-            bool(rivals),
-            errors[k],
-            errors[k + 1],
-            left.beyond if left.known else np.zeros(search.data.n),
-            tuple(sorted(term.joints)),
-            absorbed,
-            shared,
-            float(np.max(torque / np.maximum(whole, 1e-300))),
-            0.0 if prior is None else float(np.sqrt(np.mean((known.beta / prior) ** 2))),
-            search.data.rows.seen(effect.joints[0]),
-            in_pieces(term, search),
-        )
-    )
+    weak = _reasons(found, term, known, size, std, errors[k : k + 2])
     return Finding(
         effect.name,
         joints,
@@ -228,6 +198,33 @@ def _finding(
         tuple(weak.values()),
         effect.constants,
     )
+
+
+def _reasons(
+    found: Found, term: Term, known: Size, size: float, std: float, errors: Array
+) -> dict[str, str]:
+    """Why a finding is weak, with what is said of it; errors (2, n) : held out, before and after it."""
+    search, effect, on = found.search, term.form.effect, sorted(term.joints)
+    rows, left, plausible = search.data.rows, found.left.rest, effect.plausible
+    torque = np.mean((spread_columns(rows, effect) @ known.beta) ** 2, axis=1)
+    absorbed, shared = _shares(search, term)
+    explained = np.sum(np.maximum(errors[0, on] ** 2 - errors[1, on] ** 2, 0.0))
+    beyond = np.sum(left.beyond[on] ** 2) if left.known else 0.0
+    holds = {
+        "rivals": bool(term.rivals),
+        "uncertain": not std < UNCERTAIN * abs(size),  # nothing is known of a size of zero
+        "small": not term.J > 2.0 * APART,
+        "not_held_out": not lowers(errors[0, on], errors[1, on]),
+        "more_left": explained < beyond,
+        "shared": shared > SHARED,
+        "absorbed": absorbed > INVISIBLE,
+        "implausible": bool(np.any(torque > np.mean(rows.torque**2, axis=0)))
+        or (plausible is not None and np.sqrt(np.mean((known.beta / plausible) ** 2)) > FAR),
+        "pieces": in_pieces(term, search),
+    }
+    looks_like = effect.looks_like(size, rows.seen(effect.joints[0]))
+    said = {name: REASONS[name] for name, true in holds.items() if true}
+    return {**said, "looks_like": looks_like} if looks_like else said
 
 
 def _rival_name(own: Effect, other: Effect) -> str:

@@ -9,14 +9,13 @@ rows.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import FOLDS, MINOR, RAISES, REPAID
-from sdp_vs_penalty.diagnosis.refit import fitted_parameters, model_beside
 from sdp_vs_penalty.diagnosis.whitening import (
     WhiteData,
     model_columns,
@@ -25,8 +24,19 @@ from sdp_vs_penalty.diagnosis.whitening import (
     with_estimate,
 )
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.pose import with_reference
+from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
+from sdp_vs_penalty.estimators.estimator import (
+    Estimator,
+    Progress,
+    Task,
+    joint_weights,
+    make_task,
+    no_progress,
+    with_plausible,
+)
 from sdp_vs_penalty.regression.regression import (
     Factor,
     Regression,
@@ -35,6 +45,7 @@ from sdp_vs_penalty.regression.regression import (
     triangular,
 )
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import ConstraintSet
 
 
 @dataclass(frozen=True)
@@ -169,3 +180,59 @@ def on_folds(
         every = Regression(parameters, rows.n, blocks, tuple(factors), oversampling=1.0)
         splits.append(Split(tuple(effects), every.select([0]), every.select([1])))
     return HeldOut(estimate, frozen, splits, "folds")
+
+
+def model_beside(estimate: Estimate, new: Sequence[Effect], changes: bool = False) -> Model:
+    """The estimate's model, held fixed, with effects more that refer to it; changes : of its own too."""
+    every = (*estimate.model.effects, *new)
+    model = replace(estimate.model, effects=every, reference=None, changes=changes)
+    if not model.needs_reference:
+        return model
+    known = estimate.theta if estimate.model.reference is None else estimate.model.reference
+    return replace(model, reference=np.append(known, np.zeros(len(model.parameters) - len(known))))
+
+
+def estimator_beside(estimate: Estimate) -> Estimator:
+    """The method that fits new effects to what a model leaves that is held fixed: a payload is a body,
+    whatever the model was made by."""
+    estimator = estimate.estimator
+    return estimator if hasattr(estimator, "solver") else make_estimator(DEFAULT_METHOD)
+
+
+def task_beside(
+    estimate: Estimate, own: Model, left: Regression, seed: int = 0, progress: Progress = no_progress
+) -> Task:
+    """What fits only the new effects ``own``, under their own constraints; left : what the model leaves,
+    in their columns."""
+    problem, weights = estimate.problem, np.ones(estimate.robot.n)
+    for _ in range(2):
+        data = with_plausible(left.least_squares(weights), own, left.oversampling)
+        weights = joint_weights(left, np.linalg.lstsq(data.R, data.rho, rcond=1e-9)[0])
+    return Task(
+        own,
+        data,
+        ConstraintSet(problem.constraints(own).convex),
+        problem.parameter_bound(own),
+        problem.nominal(own),
+        problem.box,
+        None,
+        seed,
+        progress,
+    )
+
+
+def fitted_parameters(
+    estimate: Estimate, effects: Sequence[Effect], rows: Regression, frozen: bool
+) -> Array:
+    """(p,) parameters of the estimate's model with ``effects`` more, from rows in its columns; frozen :
+    of the effects alone, from rows of what the model leaves."""
+    if frozen and not effects:
+        return np.zeros(0)
+    own = tuple(effects) if frozen else (*estimate.model.effects, *effects)
+    model = Model(estimate.robot, own, gains=estimate.model.gains)
+    if frozen:
+        task, method = task_beside(estimate, model, rows), estimator_beside(estimate)
+    else:
+        task = make_task(estimate.problem, model, rows, estimate.weighting)
+        method = estimate.estimator
+    return np.asarray(method.fit(task).theta, float)

@@ -89,12 +89,6 @@ class WhiteData:
             out[block.joint] = self.white(full, block.joint)
         return out
 
-    def masked(self, off: NDArray[np.bool_]) -> WhiteData:
-        """The same with rows (M, n) switched off."""
-        return whitened(
-            self.rows.with_masked(off | ~self.rows.keep), self.noise, self.estimate, self.frozen
-        )
-
 
 def prepare(
     rows: SegmentedRuns, estimate: Estimate, frozen: bool = False, whole: SegmentedRuns | None = None

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -28,8 +27,8 @@ from sdp_vs_penalty.show import plain_unit
 _EXACT = 6
 #: White energy of a law's column, per unit of its amplitude, below which rows do not see it.
 _UNSEEN = 1e-9
-#: Steps to the best constants.
-_STEPS = 7
+#: Trials of constants on the way to the best.
+_STEPS = 80
 
 #: Columns (M, ...) of a law with constants on the rows.
 OnRows = Callable[[Law, Array], Array]
@@ -160,37 +159,22 @@ def _amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
     return a / scale, np.sum(a * pull, axis=1)
 
 
-@lru_cache
-def _around(size: int) -> tuple[Array, Array]:
-    """Offsets (S, size) to three places each way, and what makes a parabola of values there: (1 + size +
-    size^2, S) its value, slopes and bends at the centre."""
-    x = np.array(list(product((-1.0, 0.0, 1.0), repeat=size)))
-    bends = 0.5 * (x[:, :, None] * x[:, None, :]).reshape(len(x), -1)
-    return x, np.linalg.pinv(np.hstack([np.ones((len(x), 1)), x, bends]))
-
-
 def _refined(start: LawFit, normal: Callable[[Law, Array], tuple[Array, Array]]) -> LawFit:
-    """The constants near these that explain most, none beyond the ends of the law's own starts: where
-    parabolas through their surroundings, ever smaller ones, are highest. normal : equations of the
-    amplitudes at sets of constants (c, S)."""
-    law, best, centre = start.law, start, start.constants
-    size, (low, high) = len(centre), law.ends
-    if not size:
+    """The constants near these that explain most, none beyond the ends of the law's own starts. normal :
+    equations of the amplitudes at sets of constants (c, S)."""
+    from scipy.optimize import minimize  # its import takes longer than a report
+
+    law, (low, high) = start.law, start.law.ends
+    if not len(start.constants):
         return start
-    offsets, parabola = _around(size)
-    step = np.minimum(0.1 * np.abs(centre) + 1e-3, 0.3 * (high - low))
-    for _ in range(_STEPS):
-        sets = np.clip(centre + step * offsets, low, high)
-        a, chi2 = _amplitudes(*normal(law, sets.T))
-        k = int(np.argmax(chi2))
-        if chi2[k] > best.chi2:
-            best = LawFit(law, a[k], sets[k], float(chi2[k]))
-        if np.ptp(chi2) <= 1e-6 * best.chi2:
-            break
-        values = parabola @ chi2
-        bends, move = values[1 + size :].reshape(size, size), offsets[k]
-        if np.all(np.linalg.eigvalsh(bends) < 0.0):
-            move = np.clip(np.linalg.solve(bends, -values[1 : 1 + size]), -2.0, 2.0)
-        centre = np.clip(centre + step * move, low, high)
-        step = np.where(np.abs(move) <= 1.0, 0.3, 1.0) * step
-    return best
+
+    def left(constants: Array) -> float:
+        return -float(_amplitudes(*normal(law, constants[:, None]))[1][0])
+
+    step = np.minimum(0.1 * np.abs(start.constants) + 1e-3, 0.3 * (high - low))
+    corners = np.clip(start.constants + np.vstack([0.0 * step, np.diag(step)]), low, high)
+    options = {"initial_simplex": corners, "maxfev": _STEPS, "xatol": 1e-6, "fatol": 1e-6 * start.chi2}
+    bounds = list(zip(low, high, strict=True))
+    found = minimize(left, start.constants, method="Nelder-Mead", bounds=bounds, options=options).x
+    a, chi2 = _amplitudes(*normal(law, found[:, None]))
+    return LawFit(law, a[0], found, float(chi2[0])) if chi2[0] > start.chi2 else start
