@@ -14,7 +14,7 @@ from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import whitened, with_estimate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
-from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.regression.regression import compress
 
 #: Steps in which a model and the columns that refer to it are made to agree.
