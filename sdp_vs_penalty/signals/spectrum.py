@@ -181,7 +181,7 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
 def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
     """The cut-off [Hz] of a torque filter, at most the one given, below which there is torque: where all
     of it was smoothed before it was logged, the last frequency at which a joint's has 1 % of its largest
-    amplitude. Above it columns would hold what the torque has lost."""
+    amplitude, but a quarter of the one given. Above it columns would hold what the torque has lost."""
     last = 0.0
     for run in runs:
         found = torque_spectrum(parts := list(stretches(run)), cutoff)
@@ -190,7 +190,7 @@ def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
         part = max(parts, key=lambda p: p.count)
         length = min(part.count, _SPECTRUM)
         last = max(last, *(_last_harmonic(part, x, length) for x in part.tau.T))
-    return min(cutoff, last) if last > 0.0 else cutoff
+    return min(cutoff, max(last, 0.25 * cutoff))
 
 
 def _powers(part: Stretch, cutoff: float) -> Array | None:
