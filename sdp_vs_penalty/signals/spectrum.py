@@ -28,7 +28,7 @@ _SMOOTH = 1.0
 #: at which the band may begin.
 _MOTION_ENDS, _LAST, _LATEST = 2.0, 0.45, 0.33
 #: Windows are so many periods of the cut-off long, and at least so many samples; fewest windows.
-_PERIODS, _SHORTEST, _FEWEST = 2.5, 32, 12
+_PERIODS, _SHORTEST, _WINDOWS = 2.5, 32, 12
 #: Share of the windows that are quiet at least, and degree of the motion's course within one.
 _QUIET, _DEGREE = 0.15, 3
 #: Coefficients a of the autoregression that are tried.
@@ -149,7 +149,7 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
     sampled too slowly, to show any."""
     found = [_powers(part, cutoff) for part in parts]
     known = [p for p in found if p is not None]
-    if not known or sum(len(p) for p in known) < _FEWEST:
+    if not known or sum(len(p) for p in known) < _WINDOWS:
         return None
     part = next(p for p, f in zip(parts, found, strict=True) if f is not None)
     known = [p for p in known if p.shape[1] == known[0].shape[1]]

@@ -14,8 +14,7 @@ from random_robots import link_parameters, sines, tree
 from sdp_vs_penalty import InputError, Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.signals import Kernel, Preprocessing, filtered_torque, preprocessing
-from sdp_vs_penalty.signals.low_passed import low_passed
-from sdp_vs_penalty.signals.preprocessing import filtered_rows
+from sdp_vs_penalty.signals.preprocessing import filtered_rows, low_passed
 from sdp_vs_penalty.signals.runs import moving_joints
 
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
@@ -195,7 +194,9 @@ def test_torque_that_was_smoothed_is_not_fitted_above_its_own_band() -> None:
         + 1e-3 * np.random.default_rng(1).normal(size=q.shape)
     )
     smooth = sosfiltfilt(butter(3, 1.5, fs=250.0, output="sos"), sharp, axis=0)
-    assert Preprocessing().resolve(Measurements(t, q, sharp)).torque_cutoff == pytest.approx(4.4, rel=1e-3)
+    assert Preprocessing().resolve(Measurements(t, q, sharp)).torque_cutoff == pytest.approx(
+        4.4, rel=1e-3
+    )
     found = Preprocessing().resolve(Measurements(t, q, smooth)).torque_cutoff
     assert found is not None
     assert 1.0 <= found <= 2.5
