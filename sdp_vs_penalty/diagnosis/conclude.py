@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import APART, FAR, HARMONIC, INVISIBLE, SHARED, UNCERTAIN
+from sdp_vs_penalty.diagnosis.constants import APART, FAR, HARMONIC, INVISIBLE, RAISES, SHARED, UNCERTAIN
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.events import events, outliers
@@ -21,12 +21,11 @@ from sdp_vs_penalty.diagnosis.findings import (
     Invisible,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
-from sdp_vs_penalty.diagnosis.reasons import REASONS
 from sdp_vs_penalty.diagnosis.remaining import Remainder, refitted, remainder
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.sentences import remarks, sentence, size_of
+from sdp_vs_penalty.diagnosis.sentences import REASONS, remarks, sentence, size_of
 from sdp_vs_penalty.diagnosis.sizes import Size, size_of_term, torque_errors
 from sdp_vs_penalty.diagnosis.where_it_fails import carriers
 from sdp_vs_penalty.diagnosis.whitening import spread_columns
@@ -100,7 +99,7 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     every = [_finding(found, k, term, errors, doubt) for k, term in enumerate(search.terms)]
     unsure = noise.source != REPETITION
     minor = [unsure and not lowers(errors[k], errors[k + 1]) for k in range(len(every))]
-    every = _stood_in(found, every)
+    every = _judged_alone(found, _stood_in(found, every))
     findings = tuple(f for f, m in zip(every, minor, strict=True) if not m)
     beside = tuple(replace(f, confidence="minor") for f, m in zip(every, minor, strict=True) if m)
     curves = _told(found, seed)
@@ -171,6 +170,28 @@ def _stood_in(found: Found, findings: Sequence[Finding]) -> list[Finding]:
         else f
         for f, t in zip(findings, found.search.terms, strict=True)
     ]
+
+
+def _judged_alone(found: Found, findings: Sequence[Finding]) -> list[Finding]:
+    """The findings; of the confident ones only those are that by themselves, as `add --confident` takes
+    them, raise no joint's held-out error: the one without which they raise it least is weak."""
+    out = list(findings)
+
+    def most(chosen: Sequence[int]) -> float:
+        """The largest rise of a joint's error by some of them."""
+        bare, errors = (
+            found.held_out.errors(()),
+            found.held_out.errors([found.offered[k] for k in chosen]),
+        )
+        return float(np.max(errors / np.maximum(bare, 1e-300)))
+
+    sure = [k for k, f in enumerate(out) if f.confidence == "confident"]
+    while sure and most(sure) > 1.0 + RAISES:
+        worst = min(sure, key=lambda k: most([x for x in sure if x != k]))
+        weak = (*out[worst].remarks, REASONS["not_alone"])
+        out[worst] = replace(out[worst], confidence="weak", remarks=weak)
+        sure.remove(worst)
+    return out
 
 
 def _finding(found: Found, k: int, term: Term, errors: Array, doubt: Array) -> Finding:

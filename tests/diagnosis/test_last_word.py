@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, raises
-from sdp_vs_penalty.diagnosis.reasons import REASONS, legend
+from sdp_vs_penalty.diagnosis.sentences import REASONS, legend
 
 
 class Told(HeldOut):
