@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -104,7 +106,7 @@ def diagnose(
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
     share = None if test is None else _new_motion(estimate, measurements, test, settings, frozen)
-    done = conclude(found, gain_errors, share, seed)
+    done = conclude(found, partial(_alone, found, judge), gain_errors, share, seed)
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
 
@@ -192,6 +194,13 @@ def _offered(search: Search, judge: _Judge) -> Found:
         return found
     curves = measured_curves(final, left.matters, parts, folds_of(final.data))
     return _with_curves(found, curves, judge)
+
+
+def _alone(found: Found, judge: _Judge, chosen: Sequence[int]) -> Array:
+    """(n,) held-out errors of some of the findings in the columns that they make without the others."""
+    terms = [found.search.terms[k] for k in chosen]
+    estimate, search = referred(found.search.limited(terms), found.estimate)
+    return judge.of(search, [t.form.effect for t in terms], estimate).errors(range(len(terms)))
 
 
 def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Found:

@@ -29,7 +29,7 @@ REASONS: Mapping[str, str] = {
     "looks_like": "something else looks so",
     "pieces": "it is a part of a function of the position that has no name",
     "curve": "a measured curve explains the joint better",
-    "not_alone": "beside the confident findings alone it raises a joint's held-out error by 2 %",
+    "not_alone": "beside the confident findings alone it raises a joint's held-out error by 10 %",
 }
 
 #: Below this share of all rows' error that of motion is told apart.
