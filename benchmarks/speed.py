@@ -28,10 +28,9 @@ from sdp_vs_penalty.estimation.certify import build_estimate
 from sdp_vs_penalty.estimation.identify import identify as estimated
 from sdp_vs_penalty.estimation.pose import Posed, pose
 from sdp_vs_penalty.estimators import make_estimator
-from sdp_vs_penalty.estimators.estimator import Fit, Task
+from sdp_vs_penalty.estimators.estimator import Fit, Task, joint_weights, make_task, sample_variance
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
-from sdp_vs_penalty.estimators.task import joint_weights, make_task, sample_variance
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot import inertia

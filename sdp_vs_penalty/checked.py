@@ -66,8 +66,8 @@ def consented(estimate: Estimate, measurements: Measurements) -> bool:
 def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
     """`identify` or `diagnose` with one more argument, ``check``."""
     from sdp_vs_penalty.data.files import as_measurements
+    from sdp_vs_penalty.estimation.estimate import as_estimate
     from sdp_vs_penalty.estimation.pose import readable
-    from sdp_vs_penalty.estimation.sources import as_estimate
     from sdp_vs_penalty.problem.load import as_problem
 
     @functools.wraps(verb)

@@ -38,7 +38,7 @@ VERBS = [
 
 
 def test_there_are_examples() -> None:
-    assert {"sdp_vs_penalty.robot.inertia", "sdp_vs_penalty.constraints.cones"} <= set(WITH_EXAMPLES)
+    assert {"sdp_vs_penalty.robot.inertia", "sdp_vs_penalty.robot.constraint"} <= set(WITH_EXAMPLES)
 
 
 @pytest.mark.parametrize("name", WITH_EXAMPLES)

@@ -16,7 +16,7 @@ PACKAGE = ROOT.name
 #: From what knows nothing to what may use everything; the files at the package's root count as rooms.
 ORDER = (
     "version", "errors", "show", "files", "parallel", "plugins", "robot",
-    "constraints", "data", "effects", "signals", "problem", "regression", "solvers", "estimators",
+    "data", "effects", "signals", "problem", "regression", "solvers", "estimators",
     "estimation", "exporters", "diagnosis", "simulation", "checks", "checked", "shootout", "reports",
     "page", "paper", "cli", "__main__",
 )  # fmt: skip

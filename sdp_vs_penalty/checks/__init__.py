@@ -177,19 +177,12 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
         issues += found.issues
         work, fixed = found.mend(work, certain=False), found.mend(fixed, certain=True)
     if not any(f.severity == "error" for f in issues):
-        issues += _refused(problem, run, settings)
+        try:
+            check_plausible(problem.robot, run)
+        except InputError as error:
+            issues.append(_stopped("position range", error, "certain: `identify` refuses it"))
     unexplained = None if found is None else found.unexplained
     return Report(run.names[0], gravest_first(issues), work, fixed, unexplained, found)
-
-
-def _refused(problem: Problem, run: Measurements, settings: Preprocessing) -> list[Issue]:
-    """What `identify` refuses of a run as it was recorded: its own calls, in its order and words."""
-    try:
-        check_usable(run.names[0], run)
-        check_plausible(problem.robot, run)
-    except InputError as error:
-        return [_stopped("not usable", error, "certain: `identify` refuses it")]
-    return []
 
 
 def _stopped(kind: str, error: InputError, sure: str) -> Issue:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,8 +29,6 @@ _SPARE = 1.5
 #: tenths of what a joint's torque leaves over, or half as much again (a factor of ten in odds for each
 #: doubling).
 _CERTAIN, _TENFOLD = 30.0, 10.0
-#: A joint whose position never changes leaves less than this share of its torque unexplained.
-_HELD = 0.15
 
 
 @dataclass(frozen=True)
@@ -57,54 +55,44 @@ class Content:
         return run
 
 
-def content(
-    problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool
-) -> Content | None:
-    """None where there is nothing that any question can be asked of."""
+def content(problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool) -> Content:
+    """Raises InputError for a run that is too short for any question."""
     if len(run.t) < 10:
         raise InputError("fewer than 10 usable rows", "record longer", run.names[0])
     glance = Glance(run, problem.robot, settings.standstill)
     none = Repair.none(run.n, problem.robot.gravity)
-    if not glance.moving.any():
-        return _stopped(none, rules.NO_MOTION(glance))
+    if still := list(rules.no_motion(glance)):
+        return Content(still, None, none, none, None, False)
     settings = settings.resolve(run)
     glance = replace(glance, settings=settings)
+    coarse = list(rules.sample_rate(glance))
+    told = [*rules.idle(glance), *rules.quantised(glance), *coarse]
     if not run.torque_logged:  # rows, clock and positions are all there is
-        told = (rules.IDLE, rules.STAND_STILL, rules.QUANTISATION, rules.RATE, rules.implausible)
-        return _stopped(none, (issue for rule in told for issue in rule(glance)))
+        return Content([*told, *rules.beside(glance)], None, none, none, None, False)
+    first = [*rules.dead(glance), *rules.magnitude(glance)]
+    if any(i.kind == "torque magnitude" for i in first):  # nothing else can be asked of such torques
+        return Content(first, None, none, none, None, False)
     data = RegressionData.of(problem, run, settings, JUDGED)
-    scene = Scene(problem, Likelihood(data.few(TRIED)), Likelihood(data), any(rules.RATE(glance)))
-    first = [*_frozen(scene, glance), *rules.DEAD(glance), *rules.MAGNITUDE(glance)]
-    if any(i.kind in ("frozen position", "torque magnitude") for i in first):
-        return _stopped(none, first)  # nothing else can be asked of such a motion
+    scene = Scene(problem, Likelihood(data.few(TRIED)), Likelihood(data), bool(coarse))
     found = Search(scene).run()
-    score = found.after
-    settled = _settled(scene, settings)
-    stated = _stated(scene, found)
-    dark = float(np.mean(score.shares[scene.moving])) > UNRELATED
-    issues = first if dark else [*first, *stated]  # no cause that leaves most dark
+    settled, stated = _settled(scene, settings), _stated(scene, found)
+    dark = float(np.mean(found.after.shares[scene.moving])) > UNRELATED
+    issues = [*first, *(() if dark else stated), *told]  # no cause that leaves most dark
     sizes = list(size.find(scene, found.repair))
-    issues += sizes
-    if any(i.kind == "torque channel kind" for i in issues):
+    if any(i.kind == "torque channel kind" for i in sizes):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
-    velocity = list(rules.VELOCITY(glance))
-    issues += [
-        *residual.find(scene, found.repair, score, settled), *rules.IDLE(glance),
-        *rules.STAND_STILL(glance), *velocity, *rules.QUANTISATION(glance), *rules.RATE(glance),
-    ]  # fmt: skip
+    issues += [*sizes, *residual.find(scene, found.repair, found.after, settled)]
     bent = {e.joints[0] + 1 for e in found.elements if e.kind == "saturation"}
-    issues += [i for i in rules.SATURATION(glance) if i.figures["joint"] not in bent]
-    moved = ("encoder offset", "positions in degrees", "position unit")
-    if not any(e.kind in moved for e in found.elements):
-        for issue in velocity:
-            run = issue.repair(run) if issue.repair is not None else run
-        issues += rules.implausible(replace(glance, run=run))
+    issues += [i for i in rules.clipped(glance) if i.figures["joint"] not in bent]
+    if not any(e.kind in ("encoder offset", "positions in degrees") for e in found.elements):
+        issues += rules.beside(glance)
     if thorough:
         for issue in sizes:
             run = issue.repair(run) if issue.repair is not None else run
         run = run if found.repair.leaves_log else found.repair.apply(run)
         issues += excitation.find(problem.with_gravity(found.repair.gravity), run, settings)
         issues += excitation.hidden_errors(scene, found.repair)
+    score = found.after
     unexplained = float(score.left[scene.moving].sum() / score.whole[scene.moving].sum())
     certain = _certain(scene, found, stated)
     # A report holds the rows, not what was worked out of them.
@@ -122,38 +110,12 @@ def _certain(scene: Scene, found: Found, stated: Sequence[Issue]) -> Repair:
     return certain
 
 
-def _stopped(none: Repair, issues: Iterable[Issue]) -> Content:
-    return Content(list(issues), None, none, none, None, False)
-
-
 def _settled(scene: Scene, settings: Preprocessing) -> bool:
     assert settings.torque_cutoff is not None
     data = scene.judged.data
     seconds = float(np.ptp(data.motion.t))
     parameters = int(data.independent.sum()) + scene.n * data.own.shape[2]
     return bool(2.0 * settings.torque_cutoff * seconds * len(scene.joints) > _SPARE * parameters)
-
-
-def _frozen(scene: Scene, glance: Glance) -> Iterator[Issue]:
-    """Positions that are the same number in every row, of joints whose torque says that they move."""
-    run = glance.run
-    if np.mean(glance.moving) < 0.5:
-        return  # joints are moved one by one, the others held
-    score = scene.judged.score(scene.none)
-    for j in np.flatnonzero(np.ptp(run.q, axis=0) == 0.0).tolist():
-        y = scene.judged.data.torque[len(scene.judged.data.torque) // 2][:, j]
-        columns = np.column_stack([score.rows.raw[j], np.ones(len(y))])
-        rest = y - columns @ np.linalg.lstsq(columns, y)[0]
-        left = float(np.linalg.norm(rest) / max(float(np.linalg.norm(y)), 1e-300))
-        if left > _HELD:
-            yield Issue(
-                "frozen position", "error", f"q{j + 1}",
-                f"q{j + 1} is {run.q[0, j]:g} in every row, yet {100.0 * left:.0f} % of that "
-                f"joint's torque is not that of a joint at rest: the position channel is frozen.",
-                "likely: the torque of a joint that is held follows from the motion of the others",
-                "record again with that channel; leave the run out until then", None,
-                {"joints": [j + 1], "unexplained": left},
-            )  # fmt: skip
 
 
 def _stated(scene: Scene, found: Found) -> list[Issue]:

@@ -102,12 +102,3 @@ def evened(run: Measurements, pause: float) -> Measurements:
     for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(t) > pause) + 1):
         t[part] = np.linspace(t[part[0]], t[part[-1]], len(part))
     return replace(run, t=t)
-
-
-def interpolated(run: Measurements, found: dict[str, NDArray[np.bool_]]) -> Measurements:
-    """With these samples (N,) of the channels q1, tau1 ... made from their neighbours."""
-    q, tau = run.q.copy(), run.tau.copy()
-    for name, bad in found.items():
-        column = (q if name[0] == "q" else tau)[:, int(name.lstrip("qtau")) - 1]
-        column[bad] = np.interp(run.t[bad], run.t[~bad], column[~bad])
-    return replace(run, q=q, tau=tau)

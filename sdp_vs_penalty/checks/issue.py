@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from sdp_vs_penalty import show
@@ -52,9 +53,8 @@ class Issue:
 @dataclass(frozen=True)
 class Rule:
     """One row of a table of rules: the kind of issue, how grave, its three sentences with the finding's
-    figures (and ``where``) in braces, and what finds it in a glance at a run, any number of times.
-
-    A figure "severity" is another one than usual; one "kind" names it more closely.
+    figures (and ``where``) in braces, and what finds it in a glance at a run, any number of times. A
+    figure "severity" is another one than usual.
     """
 
     kind: str
@@ -70,6 +70,11 @@ class Rule:
             what, sure, remedy = (text.format(where=where, **figures) for text in texts)
             severity = figures.pop("severity", self.severity)
             yield Issue(self.kind, severity, where, what, sure, remedy, repair, figures)
+
+
+def rule(kind: str, severity: str, what: str, sure: str, remedy: str) -> Callable[..., Rule]:
+    """Makes a :class:`Rule` of the function that finds it."""
+    return partial(Rule, kind, severity, what, sure, remedy)
 
 
 def joints_text(joints: Any) -> str:

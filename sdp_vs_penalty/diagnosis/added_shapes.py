@@ -21,8 +21,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.joint_shapes import settled
-from sdp_vs_penalty.estimation.shape_constants import free_constants
+from sdp_vs_penalty.estimation.shape_constants import free_constants, settled
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.regression.regression import compress
 

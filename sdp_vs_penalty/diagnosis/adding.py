@@ -28,14 +28,12 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.certify import certify, certify_beside, on_bounds, versions
-from sdp_vs_penalty.estimation.determined import record
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.certify import certify, certify_beside, on_bounds, record, versions
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.shape_constants import sensitivities
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
-from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows

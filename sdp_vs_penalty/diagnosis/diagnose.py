@@ -25,11 +25,10 @@ from sdp_vs_penalty.diagnosis.sizes import size_of_term
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
-from sdp_vs_penalty.estimation.sources import as_estimate
-from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.constants import MOST_EVENTS, MOST_OF_IT
-from sdp_vs_penalty.diagnosis.plain import Plain
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import FAINT, REPETITION, SAME_PHASE, differences, rate_features
 from sdp_vs_penalty.signals.outliers import (

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import FOLDS, MINOR, RAISES, REPAID
 from sdp_vs_penalty.diagnosis.whitening import (
@@ -29,8 +28,15 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.pose import with_reference
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
-from sdp_vs_penalty.estimators.task import joint_weights, make_task, with_plausible
+from sdp_vs_penalty.estimators.estimator import (
+    Estimator,
+    Progress,
+    Task,
+    joint_weights,
+    make_task,
+    no_progress,
+    with_plausible,
+)
 from sdp_vs_penalty.regression.regression import (
     Factor,
     Regression,
@@ -39,6 +45,7 @@ from sdp_vs_penalty.regression.regression import (
     triangular,
 )
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import ConstraintSet
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from typing import Any, Self
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import APART, FAR, MOVES
-from sdp_vs_penalty.diagnosis.plain import Plain
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.sizes import Size
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import plain_unit

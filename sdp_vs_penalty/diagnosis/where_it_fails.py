@@ -29,12 +29,11 @@ from sdp_vs_penalty.diagnosis.causes import (
     held_out_share,
     states,
 )
-from sdp_vs_penalty.diagnosis.plain import Plain
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, phase_folds, with_estimate
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
-from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, finite, plain_unit, words
 from sdp_vs_penalty.signals.excerpt import excerpt

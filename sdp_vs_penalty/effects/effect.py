@@ -19,8 +19,6 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints import constraint as build
-from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.effects.motion import SIGN_WIDTH as SIGN_WIDTH
 from sdp_vs_penalty.effects.motion import CurrentModel as CurrentModel
 from sdp_vs_penalty.effects.motion import Motion as Motion
@@ -28,7 +26,9 @@ from sdp_vs_penalty.effects.motion import Sampling as Sampling
 from sdp_vs_penalty.effects.motion import smooth_sign as smooth_sign
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.robot.robot import Robot
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints import constraint as build
-from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.constraint import Constraint
 
 
 class Payload(Effect):

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints import constraint as build
-from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.robot.robot import Robot
 
 #: Phases of a wave at which the friction may not become negative.

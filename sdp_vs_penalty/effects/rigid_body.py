@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.robot.robot import Robot
 
 #: Distance [m] of a centre of mass beyond which rounding would show in a torque divided by the mass.

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
-from sdp_vs_penalty.constraints.constraint import BarycentricBound
 from sdp_vs_penalty.estimation.constants import FAR_GAP
+from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.show import Shown, Summary
 
 
 @dataclass(frozen=True, repr=False)
-class Certificate(Shown):
+class Certificate(Shown, Plain):
     """violations : worst violation of each family, in its own units (kg, kg m, kg m^2, ...).
 
     loss : the sum of squared (weighted) torque errors of the estimate; upper : the objective of
@@ -39,10 +39,6 @@ class Certificate(Shown):
     body_share: float | None = None
     density: list[float] | None = None
     at_every_pose: bool = False
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON, as model.json holds it."""
-        return asdict(self)
 
     @property
     def worst(self) -> float:

@@ -25,8 +25,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose, with_reference
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
-from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.estimators.estimator import Estimator, Progress, make_task, no_progress
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem

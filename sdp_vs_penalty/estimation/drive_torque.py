@@ -3,6 +3,12 @@
 What judges models (comparison, diagnosis, report) then works as on any log. The drives leave the model,
 which keeps links and friction; the damping kd, which holds viscous friction too, is the drives'. Errors
 are in the units of torque that the scale gives; an error that drives and plant share is not seen.
+
+Instruments are the motion that a model makes of the command alone. In a closed loop the noise of
+positions is in both sides of tau = Y theta (the servo answers it), and least squares are biased
+whatever the length of the run. Columns computed on the simulated motion share the signal and not
+the noise: two-stage least squares with them are consistent, and convex under the same constraints
+(Janot, Vandanjon, Gautier, IEEE Trans. Control Systems Technology 2014).
 """
 
 from __future__ import annotations
@@ -14,12 +20,62 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.effects.servo_loop import ServoLoop
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.simulated_motion import sampled_command
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.runs import stretches
+from sdp_vs_penalty.signals.runs import Stretch, interpolated, stretches
+
+#: Longest step of the simulation [s]; windows that are simulated side by side, and how long each runs
+#: from a measured position before it counts, until the noise of that is forgotten [s].
+_STEP, _WINDOW, _RUN_IN = 8e-3, 0.5, 0.5
+
+
+def with_simulated_motion(measurements: Measurements, model: Model, theta: Array) -> Measurements:
+    """The same runs with the positions "qsim" that the model's servo loop makes of their commands."""
+    loop = ServoLoop(model, theta)
+    runs = []
+    for run in measurements.runs():
+        q, path = run.q.copy(), np.zeros_like(run.q)
+        for part in stretches(run):
+            inside = (run.t >= part.t[0]) & (run.t <= part.t[-1])
+            q[inside], path[inside] = _simulated(part, loop)
+        runs.append(replace(run, commanded={**run.commanded, "qsim": q, "isim": path}))
+    return runs[0] if len(runs) == 1 else concatenate(runs)
+
+
+def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
+    """(N, n) positions at the samples of a stretch, and their integral."""
+    command = sampled_command(part)
+    count = max(1, int(np.ceil(part.dt / _STEP - 1e-9)))
+    skip = max(1, int(_STEP / part.dt + 1e-9))
+    h = part.dt * skip / count
+    total = -(-(part.count - 1) // skip) * count + 1  # instants from the start to beyond the end
+    long, early = max(1, round(_WINDOW / h)), round(_RUN_IN / h)
+    first = np.arange(0, total, long)
+    start = np.maximum(first - early, 0)
+    t = part.t[0] + h * start
+    own, path = (interpolated(t, part.t, x) for x in (part.q, part.integrals[1]))
+    state = loop.start(command, t, own, path)
+    q, sums = np.empty((2, len(first) * long, part.q.shape[1]))
+    for k in range(early + long):
+        on = (start + k >= first) & (start + k < first + long)
+        q[start[on] + k], sums[start[on] + k] = state.q[on], path[on]
+        state, path = loop.step(state, path, command, h)
+    clock = part.t[0] + h * np.arange(len(q))
+    found, its_sum = (np.column_stack([np.interp(part.t, clock, x) for x in y.T]) for y in (q, sums))
+    return found, its_sum
+
+
+def sampled_command(part: Stretch) -> Command:
+    """The command of a stretch as it was logged, on the grid of its clock."""
+    assert part.qcmd is not None
+    clock = part.clock(np.arange(part.count))
+    q = part.resampled(part.qcmd, 0, part.count)
+    dq = np.gradient(q, part.dt, axis=0)
+    total = part.resampled(part.integrals[0], 0, part.count)
+    return Command(clock, q, dq, np.zeros_like(q), total)
 
 
 def driven(estimate: Estimate, measurements: Measurements) -> tuple[Estimate, Measurements]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,12 +16,11 @@ from numpy.typing import ArrayLike
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_from_dict
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.effect import Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import FAR_MASS
-from sdp_vs_penalty.estimation.parameter_tables import parameter_rows, plot_parameters
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import make_estimator
@@ -36,6 +36,37 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 if TYPE_CHECKING:
     import pandas
+
+
+def parameter_rows(
+    parameters: Sequence[Parameter], theta: Array, std: Array, nominal: Array, sources: Sequence[str]
+) -> list[tuple[str, ...]]:
+    """Name, value with its standard deviation, nominal value, who says so, unit and effect of each."""
+    rows: list[tuple[str, ...]] = []
+    for p, value, spread, known, source in zip(parameters, theta, std, nominal, sources, strict=True):
+        plus = "" if np.isnan(spread) else f" ± {spread:.1g}"
+        before = "" if np.isnan(known) else f"{known:.4g}"
+        rows.append((p.name, f"{value:.4g}{plus}", before, source, p.unit, p.effect))
+    return rows
+
+
+def plot_parameters(parameters: Sequence[Parameter], theta: Array, std: Array, axes: Any) -> Any:
+    """One panel an effect (of the rigid body the masses), a bar a parameter, two standard deviations."""
+    shown: dict[str, list[int]] = {}
+    for k, p in enumerate(parameters):
+        if p.effect != "rigid_body" or p.name.removeprefix("m").isdigit():
+            shown.setdefault(p.effect, []).append(k)
+    panels = np.atleast_1d(
+        show.axes(axes, 1, len(shown), figsize=(3.0 * len(shown), 2.6), layout="constrained")
+    )
+    for panel, (effect, indices) in zip(panels, shown.items(), strict=False):
+        names = [parameters[k].name for k in indices]
+        spread = 2.0 * np.nan_to_num(std[indices])
+        panel.bar(names, theta[indices], yerr=spread, capsize=2)
+        panel.set(title=effect, ylabel=f"[{parameters[indices[0]].unit}]")
+        panel.tick_params(axis="x", labelrotation=90)
+    return panels
+
 
 #: Of model.json; a file with a larger number was written by a newer version of this package. Format 1
 #: did not keep the bounds under which a model was identified, and nothing can bring them back.
@@ -330,10 +361,52 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         theta,
         uncertainty,
         data["method"],
-        Certificate(**data["certificate"]),
+        Certificate.from_dict(data["certificate"]),
         Preprocessing(**data["preprocessing"]),
         data["settings"],
         details,
         provenance,
         motion,
     )
+
+
+#: One Estimate or the path of a model.json; a sequence of these; or a mapping from names to these.
+Models: TypeAlias = Any
+
+
+def as_estimate(source: Estimate | str | Path, what: str = "estimate") -> Estimate:
+    """An Estimate as it is, or that of a model.json.
+
+    what : how messages call it, such as "diagnose(estimate=...)".
+    Raises InputError naming what was given where it is neither, or the file cannot be used.
+    """
+    if isinstance(source, Estimate):
+        return source
+    if isinstance(source, str | Path):
+        return load_estimate(source)
+    what = what.replace("...", given(source))
+    raise InputError("no model", "give an Estimate or the path of a model.json", what)
+
+
+def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
+    """Models by name: that of the file, else of the method, numbered where there are several.
+
+    Raises InputError for no model at all, and as :func:`as_estimate` does.
+    """
+    if isinstance(models, Mapping):
+        named = {str(name): as_estimate(model, what) for name, model in models.items()}
+    elif isinstance(models, list | tuple):
+        named = {}
+        for k, model in enumerate(models, start=1):
+            estimate = as_estimate(model, what)
+            named[_name(model, f"{k} ({estimate.method})")] = estimate
+    else:
+        estimate = as_estimate(models, what)
+        named = {_name(models, estimate.method): estimate}
+    if not named:
+        raise InputError("No model to compare", "name at least one model.json")
+    return named
+
+
+def _name(source: Any, otherwise: str) -> str:
+    return str(source) if isinstance(source, str | Path) else otherwise

@@ -11,6 +11,13 @@ Gautier, Khalil, IJRR 1992). States are linear in x, so that the limits are line
 every step of the sequential linear programming below is exact in them: all iterates are feasible.
 The gradient goes through the regressor by central differences in the 3 n states, not in x.
 Collisions are not looked at: choose position limits within which the robot is free.
+
+The run that weighs a load (:func:`payload_run`) is a short motion of the wrist beside an arm that
+is known.
+
+The arm's model stays fixed, so that the load's ten parameters alone are estimated; with W (N n, 10) its
+rows over each joint's noise, their covariance is (W' W)^-1 of independent rows. The motion makes its
+determinant as small as the limits allow (D-optimality: Swevers et al., T-RA 1997).
 """
 
 from __future__ import annotations
@@ -20,18 +27,75 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize
 
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.model import Model, depends
+from sdp_vs_penalty.effects.payload import Payload
 from sdp_vs_penalty.errors import InputError, unknown
-from sdp_vs_penalty.estimation.motion_regressor import BaseRegressor, Regressor
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.point_trajectory import PointTrajectory
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, random_trajectory
+from sdp_vs_penalty.robot.trajectory import (
+    FourierTrajectory,
+    PointTrajectory,
+    joint_limits,
+    random_trajectory,
+)
 from sdp_vs_penalty.show import Shown, Summary
+
+
+@dataclass(frozen=True)
+class Regressor:
+    """Columns of a model: W (N n, p) of a motion; scale (n,) : of each joint's rows."""
+
+    model: Model
+    columns: NDArray[np.intp]
+    scale: Array | float = 1.0
+
+    def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
+        """(N, n, p) rows of each sample and joint."""
+        n = self.model.robot.n
+        wide = np.zeros((len(t), n, len(self.model.parameters)))
+        for j, block in enumerate(self.model.columns(Motion(t, q, dq, ddq))):
+            wide[:, j, block.indices] = block.columns
+        return wide[:, :, self.columns] * np.broadcast_to(self.scale, n)[:, None]
+
+    def along(self, trajectory: FourierTrajectory, rate: float) -> Array:
+        """W of a trajectory, sampled at ``rate`` [Hz]."""
+        t = np.arange(0.0, trajectory.duration, 1.0 / rate)
+        return self.at(t, *trajectory.states(t)).reshape(-1, len(self.columns))
+
+    def condition(self, trajectory: FourierTrajectory, rate: float = 20.0) -> float:
+        """Ratio of the extreme singular values of W."""
+        return float(np.linalg.cond(self.along(trajectory, rate)))
+
+
+@dataclass(frozen=True)
+class BaseRegressor(Regressor):
+    """The columns that a model's base parameters meet."""
+
+    @classmethod
+    def of(cls, problem: Problem, effects: str | None = None) -> BaseRegressor:
+        """In the problem's own base parameters. Raises InputError for effects with a memory."""
+        model = problem.model(effects)
+        for effect in model.effects:
+            if effect.has_memory or depends(effect):
+                raise InputError(
+                    f"effect {effect.name}: its columns depend on more than the state",
+                    "leave it out of the excitation.",
+                )
+        others = np.setdiff1d(np.arange(len(model.parameters)), model.rigid_indices)
+        kept = np.arange(0)
+        if len(model.rigid_indices):
+            kept = model.rigid_indices[list(base_parameters(model, problem.independent)[1])]
+        return cls(model, np.concatenate([kept, others]))
+
 
 Progress = Callable[[str], None]
 
@@ -328,3 +392,69 @@ def _dense(trajectory: FourierTrajectory) -> Array:
 def _blend_instants(trajectory: FourierTrajectory) -> Array:
     blend, end = trajectory.blend, trajectory.duration - trajectory.blend
     return np.array([0.5 * blend, blend, end, end + 0.5 * blend])
+
+
+def independent_rate(estimate: Estimate) -> float:
+    """How many independent rows a second has [Hz], below the cut-off of a model's torque."""
+    # Two independent samples a period of the cut-off; 8 Hz where a model states none.
+    return 2.0 * (estimate.preprocessing.torque_cutoff or 8.0)
+
+
+@dataclass(frozen=True)
+class PayloadRun:
+    """trajectory : found; deviation (10,) : standard deviations of mass [kg], first moments [kg m] and
+    inertia about the flange [kg m^2] after one such motion; started (10,) : those of the random motion
+    that the search began with."""
+
+    trajectory: FourierTrajectory
+    deviation: Array
+    started: Array
+
+
+def payload_run(
+    estimate: Estimate,
+    *,
+    joints: Sequence[int] | None = None,
+    duration: float = 2.0,
+    harmonics: int = 3,
+    iterations: int = 60,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> PayloadRun:
+    """A motion of ``joints`` (from 0; default the last three) that determines a load at the flange.
+
+    The other joints stand in the middle of their ranges. Noise and cut-off are those of the model's
+    data. Raises InputError for a joint that does not exist, and where such a motion cannot tell the
+    load's ten parameters apart.
+    """
+    robot = estimate.robot
+    # Joints that move unless others are named: the last three.
+    moving = list(range(max(robot.n - 3, 0), robot.n)) if joints is None else list(joints)
+    if not moving or not all(0 <= j < robot.n for j in moving):
+        named = ", ".join(str(j + 1) for j in moving) or "none"
+        raise InputError(f"joints that move: {named}", f"name some of 1 to {robot.n}")
+    limits = Limits.of_robot(robot)
+    frequency = 2.0 * np.pi / duration
+    # Seconds of a blend over those of the motion.
+    start = random_trajectory(robot, seed, duration, harmonics, frequency, 0.125 * duration)
+    still = np.setdiff1d(np.arange(robot.n), moving)
+    start.a[still], start.b[still] = 0.0, 0.0
+    middle = 0.5 * (limits.lower + limits.upper)
+    start = replace(start, q_0=np.where(np.isin(np.arange(robot.n), still), middle, start.q_0))
+    noise = np.maximum(estimate.uncertainty.noise, 1e-12)
+    regressor = Regressor(Model(robot, (Payload(robot),)), np.arange(10), 1.0 / noise)
+    rate = independent_rate(estimate)
+    found = optimised(regressor, limits, start, "d-optimal", iterations, moving, progress)
+    return PayloadRun(
+        found.trajectory,
+        _deviation(regressor.along(found.trajectory, rate)),
+        _deviation(regressor.along(start, rate)),
+    )
+
+
+def _deviation(rows: Array) -> Array:
+    """(10,) standard deviations from rows of noise one; infinite where the rows do not determine one."""
+    _, s, vt = np.linalg.svd(rows, full_matrices=False)
+    known = s > 1e-9 * s[0]
+    out = np.sqrt(np.sum((vt[known].T / s[known]) ** 2, axis=1))
+    return np.where(np.any(np.abs(vt[~known]) > 1e-6, axis=0), np.inf, out)

@@ -9,7 +9,7 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import CurrentModel, Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array

@@ -26,8 +26,7 @@ from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
 from sdp_vs_penalty.estimation.servo import servo_filters, servo_log, with_instruments
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
-from sdp_vs_penalty.estimators.estimator import Progress, Task, no_progress
-from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task, no_progress
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem

@@ -30,11 +30,10 @@ from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.excitation import Limits, shrunk
+from sdp_vs_penalty.estimation.excitation import Limits, independent_rate, shrunk
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.point_trajectory import PointTrajectory, shortest_moves
 from sdp_vs_penalty.robot.self_collision import SelfCollision
-from sdp_vs_penalty.robot.trajectory import random_trajectory
+from sdp_vs_penalty.robot.trajectory import PointTrajectory, random_trajectory, shortest_moves
 
 States = Callable[[Array], tuple[Array, Array, Array]]
 Progress = Callable[[str], None]
@@ -155,12 +154,6 @@ class Hypotheses:
             else:
                 high = middle
         return high
-
-
-def independent_rate(estimate: Estimate) -> float:
-    """How many independent rows a second has [Hz], below the cut-off of a model's torque."""
-    # Two independent samples a period of the cut-off; 8 Hz where a model states none.
-    return 2.0 * (estimate.preprocessing.torque_cutoff or 8.0)
 
 
 def _apart(X: Array, A: Array, B: Array) -> float:

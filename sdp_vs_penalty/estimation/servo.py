@@ -2,7 +2,7 @@
 
 The laws are effects, linear in their gains: 0 = Y theta - kp e + kd dq ..., homogeneous, so that motion
 shows everything up to one factor, which a known parameter sets in the end (servo_scale.py). Before that
-nothing sees what is known: the law (servo_law.py), the ratios of the gains (servo_gains.py), the delay,
+nothing sees what is known: the law (servo_law.py), the ratios of the gains, the delay,
 and the motion that the law makes of the command alone, attached to the measurements as instruments,
 which the noise of positions does not bias. What is then posed is one convex problem
 (regression/instruments.py).
@@ -30,9 +30,10 @@ from sdp_vs_penalty.estimation.constants import (
     SIMULATIONS,
     WIDER_TURNS,
 )
-from sdp_vs_penalty.estimation.servo_gains import balanced
+from sdp_vs_penalty.estimation.drive_torque import with_simulated_motion
 from sdp_vs_penalty.estimation.servo_law import LAWS, find_law
 from sdp_vs_penalty.estimation.servo_scale import (
+    balanced,
     constants_of_motors,
     factor_of_known,
     factor_of_loads,
@@ -41,10 +42,8 @@ from sdp_vs_penalty.estimation.servo_scale import (
 )
 from sdp_vs_penalty.estimation.shape_constants import prior_deviation, with_sensitivities
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, with_shapes
-from sdp_vs_penalty.estimation.simulated_motion import with_simulated_motion
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array

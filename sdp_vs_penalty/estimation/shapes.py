@@ -6,7 +6,7 @@ function of the constants alone (Golub, Pereyra, SIAM J. Numerical Analysis 1973
 Levenberg and Marquardt minimise with the Jacobian of Kaufman (BIT 1975). The columns are
 computed on a grid of u once; between its values they are cubic splines of ln u, so that everything is
 small algebra on compressed data. Where these tell a constant more finely than the grid does, columns
-at the value itself follow (:mod:`~sdp_vs_penalty.estimation.joint_shapes`): exact data give exact
+at the value itself follow (:mod:`~sdp_vs_penalty.estimation.shape_constants`): exact data give exact
 constants.
 
 In-sample, slow noise and what the model lacks look like evidence. So every fold of the motion is left
@@ -22,9 +22,9 @@ al., Classification and Regression Trees, 1984, sec. 3.4.3).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,9 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS, SHAPE_GAIN, TOLD_FINELY
-from sdp_vs_penalty.estimation.joint_shapes import settled
-from sdp_vs_penalty.estimators.task import joint_weights
+from sdp_vs_penalty.estimation.shape_constants import settled
+from sdp_vs_penalty.estimators.estimator import joint_weights
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.bounded_least_squares import least_squares
 from sdp_vs_penalty.regression.partial import partialled, visible
@@ -49,7 +50,7 @@ Chosen = Callable[[int, Array], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
-class ShapeEstimate:
+class ShapeEstimate(Plain):
     """A shape constant as estimated: ``before`` is what the model had; std : its standard deviation,
     from the curvature of the squared error; gain : what the change takes from that error, in units of
     its variance; at_end : it lies at the end of the range in which it was looked for."""
@@ -66,15 +67,13 @@ class ShapeEstimate:
     def to_dict(self) -> dict[str, Any]:
         """joint counts from 1; std is null where the data do not bound the constant on both sides."""
         std = self.std if np.isfinite(self.std) else None
-        return {**asdict(self), "joint": self.joint + 1, "std": std}
+        return {**super().to_dict(), "joint": self.joint + 1, "std": std}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> ShapeEstimate:
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What :meth:`to_dict` wrote."""
-        before, after, gain = (float(data[key]) for key in ("before", "after", "gain"))
-        std = np.inf if data["std"] is None else float(data["std"])
-        effect, joint, shape = str(data["effect"]), int(data["joint"]) - 1, str(data["shape"])
-        return cls(effect, joint, shape, before, after, std, gain, bool(data["at_end"]))
+        std = np.inf if data["std"] is None else data["std"]
+        return super().from_dict({**data, "joint": data["joint"] - 1, "std": std})
 
 
 def at_end(u: float, low: float, high: float) -> bool:

@@ -8,17 +8,18 @@ can exist. A diagnosis names what is missing; the grade is the same with and wit
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Self
 
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.constraints.constraint import BarycentricBound
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import CHANGES, ROUNDING
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, SPECTRUM_KNOWN
 
 Grade = Literal["good", "usable", "do not use"]
@@ -40,7 +41,7 @@ FIT, PREDICTION, MISSING = "fit against noise", "prediction", "missing"
 
 
 @dataclass(frozen=True)
-class Line:
+class Line(Plain):
     """One of the three: about FIT, PREDICTION or MISSING, its grade, and why in a sentence."""
 
     about: str
@@ -52,7 +53,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Plain):
     """lines : the three, weakest first; error_over_noise (n,) : RMSE over the noise floor of each joint,
     None where it is not known; noise_source : where the floor is from, "" where it is not known;
     judged_on : the names of the runs; remark : a sentence on windows of a long recording, or ""."""
@@ -83,22 +84,15 @@ class Verdict:
         return f"Verdict on {', '.join(self.judged_on)}: {self.grade}. {reasons}"
 
     def to_dict(self) -> dict[str, Any]:
-        return {"grade": self.grade, "headline": self.headline, **asdict(self)}
+        return {"grade": self.grade, "headline": self.headline, **super().to_dict()}
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Verdict:
-        """What :meth:`to_dict` wrote; KeyError or TypeError for anything else."""
-        lines = tuple(Line(**line) for line in data["lines"])
-        if not lines or any(line.grade not in GRADES for line in lines):
-            raise ValueError("verdict: a grade is unknown")
-        over = data["error_over_noise"]
-        return cls(
-            lines,
-            None if over is None else tuple(map(float, over)),
-            str(data["noise_source"]),
-            tuple(map(str, data["judged_on"])),
-            str(data["remark"]),
-        )
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What :meth:`to_dict` wrote; KeyError, TypeError or ValueError for anything else."""
+        found = super().from_dict(data)
+        if not found.lines:
+            raise ValueError("verdict: no line says a grade")
+        return found
 
 
 #: What is said of a model without a verdict.

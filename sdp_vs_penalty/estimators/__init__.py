@@ -50,7 +50,7 @@ __getattr__ = surface(
         "PosedSdp": "sdp_fit",
         "Task": "estimator",
         "interior_point": "sdp_fit",
-        "make_task": "task",
+        "make_task": "estimator",
         "solve_sdp": "sdp_fit",
     },
 )

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint, linear
 from sdp_vs_penalty.estimators.estimator import Array, Task
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.constraint import BarycentricBound, Constraint, linear
 
 #: The authors' box for friction and offset parameters [N m, N m s / rad] (bounds of their one-step
 #: identification). Widened where a parameter must be larger to make the measured torque.

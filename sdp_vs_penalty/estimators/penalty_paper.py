@@ -20,11 +20,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints.constraint import ConstraintStack
 from sdp_vs_penalty.estimators.barycentric import BarycentricBox, barycentric_box
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.constraint import ConstraintStack
 from sdp_vs_penalty.solvers.objective import Objective
 
 QUICK_BUDGET = 3_000

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.estimator import Array, Fit, Task
 from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.conic import Solution

@@ -8,8 +8,7 @@ from types import ModuleType
 
 from sdp_vs_penalty import exporters
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.exporters.content import Options
 from sdp_vs_penalty.exporters.header import with_verdict
 from sdp_vs_penalty.files import write_bytes

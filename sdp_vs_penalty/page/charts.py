@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,40 +17,32 @@ from sdp_vs_penalty.reports.pictures import shades
 from sdp_vs_penalty.reports.plots import (
     COLOURS,
     Curves,
-    envelope,
     friction_figure,
     missing_figure,
     residual_figure,
-    scatter_rows,
     signal_title,
     styled,
     torque_figure,
 )
-from sdp_vs_penalty.robot.arrays import Array
 
 
 def torque_chart(
-    run: Curves,
-    joint: int,
-    units: Sequence[str],
-    span: tuple[float, float] | None = None,
+    run: Curves, joint: int, units: Sequence[str], span: tuple[float, float] | None = None
 ) -> dict[str, Any]:
     """Measured and modelled torque of one joint (from 0), and below it what is left.
 
     span : the seconds to look at; a long run shows more detail there.
     """
-    t, unit, cut = run.t - run.t[0], units[joint], slice(None)
-    ranges = {}
+    t, cut = run.t - run.t[0], slice(None)
     if span is not None:
         edge = 0.25 * (span[1] - span[0])  # so that curves leave the picture
-        cut = slice(*np.searchsorted(t, (span[0] - edge, span[1] + edge)))
-        ranges = {"range": list(span)}
-    measured = run.torque[cut, joint]
-    both = [(m[cut, joint], measured - m[cut, joint]) for m in run.modelled.values()]
-    values = [envelope(t[cut], y) for y in (measured, *(y for pair in both for y in pair))]
-    axes = {"xaxis": ranges, "xaxis2": ranges}
-    axes |= {"yaxis": _title(f"joint {joint + 1} [{unit}]"), "yaxis2": _title(f"left [{unit}]")}
-    return _filled(_torque_frame(tuple(run.modelled)), values, axes)
+        low, high = np.searchsorted(t, (span[0] - edge, span[1] + edge))
+        cut = slice(min(low, len(t) - 1), max(high, low + 1))
+    part = Curves(t[cut], run.torque[cut], {name: m[cut] for name, m in run.modelled.items()})
+    plot = torque_figure([part], joint, units[joint], False, float(t[cut][0]))
+    if span is not None:
+        plot.update_axes("x", range=list(span))
+    return _ready(styled(plot, 420))
 
 
 def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
@@ -85,13 +76,6 @@ def with_shades(made: dict[str, Any], stretches: Sequence[tuple[float, float, st
     return {**made, "layout": {**made["layout"], "shapes": shades(stretches, ("x", "x2"))}}
 
 
-@lru_cache(32)
-def _torque_frame(names: tuple[str, ...]) -> dict[str, Any]:
-    zeros = np.zeros((2, 1))
-    run = Curves(np.zeros(2), zeros, dict.fromkeys(names, zeros))
-    return _ready(styled(torque_figure([run], 0, "", beside=False), 420))
-
-
 def asked_span(event: Any) -> tuple[float, float] | bool | None:
     """What a plotly_relayout event asks for: a stretch of time, everything (None), or neither (False).
 
@@ -112,14 +96,8 @@ def asked_span(event: Any) -> tuple[float, float] | bool | None:
 
 def friction_chart(curve: Mapping[str, Any], joint: int, unit: str) -> dict[str, Any]:
     """Friction of a joint (from 0) over its velocity; curve : velocity, torque, half."""
-    v, torque, half = (np.asarray(curve[name]) for name in ("velocity", "torque", "half"))
-    values = [(v, torque + half), (v, torque - half), (v, torque)]
-    return _filled(_friction_frame(unit), values, {"yaxis": _title(f"joint {joint + 1} [{unit}]")})
-
-
-@lru_cache(8)
-def _friction_frame(unit: str) -> dict[str, Any]:
-    return _ready(styled(friction_figure([0.0], [0.0], [0.0], 0, unit), 300))
+    plot = friction_figure(curve["velocity"], curve["torque"], curve["half"], joint, unit)
+    return _ready(styled(plot, 300))
 
 
 def missing_chart(curve: Curve, units: Sequence[str], read: Mapping[str, Any]) -> dict[str, Any]:
@@ -148,22 +126,10 @@ def residual_chart(
     if len(t[cut]) < 2:
         cut = slice(None)
     x = np.asarray(t if signal == "t" else read[signal][:, joint])[cut]
-    lefts = [_error(r, joint)[cut] for r in reads]
-    keep, turns = scatter_rows(read["dq"][cut, joint])
-    values = [(x[keep], left[keep]) for left in lefts] + [(x[turns], lefts[-1][turns])]
-    title = f"error of joint {joint + 1} [{unit}]"
-    axes = {"xaxis": _title(signal_title(signal, unit)), "yaxis": _title(title)}
-    return _filled(_residual_frame(floor, len(reads) > 1), values, axes)
-
-
-def _error(read: Mapping[str, Any], joint: int) -> Array:
-    return np.asarray(read["torque"][:, joint] - read["modelled"][:, joint])
-
-
-@lru_cache(32)
-def _residual_frame(floor: float | None, two: bool) -> dict[str, Any]:
-    zeros = np.zeros(2)
-    plot = residual_figure(zeros, zeros, zeros, floor, zeros if two else None)
+    *first, last = ((r["torque"][:, joint] - r["modelled"][:, joint])[cut] for r in reads)
+    plot = residual_figure(x, last, read["dq"][cut, joint], floor, *first)
+    plot.update_axes("x", title=signal_title(signal, unit))
+    plot.update_axes("y", title=f"error of joint {joint + 1} [{unit}]")
     return _ready(styled(plot, 320))
 
 
@@ -172,26 +138,15 @@ def merged(first: Curves, last: Curves) -> Curves:
     return Curves(first.t, first.torque, {**first.modelled, **last.modelled})
 
 
-def _title(text: str) -> dict[str, Any]:
-    return {"title": {"text": text}}
+def _ready(plot: Figure) -> dict[str, Any]:
+    """Plain lists; to be zoomed in time only."""
+    plot.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
+    plot.update_axes("y", fixedrange=True)
+    data: dict[str, Any] = json.loads(plot.to_json(_short))
+    return {**data, "config": {"displayModeBar": False, "responsive": True}}
 
 
-def _filled(
-    frame: dict[str, Any], values: Iterable[tuple[Array, Array]], axes: Mapping[str, dict[str, Any]]
-) -> dict[str, Any]:
-    """A chart with other curves and axes: plotly's objects take twenty times as long as its data."""
-    layout = {
-        **frame["layout"],
-        **{name: {**frame["layout"][name], **axis} for name, axis in axes.items()},
-    }
-    data = [
-        {**trace, "x": _short(x), "y": _short(y)}
-        for trace, (x, y) in zip(frame["data"], values, strict=True)
-    ]
-    return {**frame, "layout": layout, "data": data}
-
-
-def _short(values: ArrayLike) -> list[float]:
+def _short(values: ArrayLike) -> Any:
     """Six significant digits of each.
 
     >>> _short([0.12345678, -3e-9, 0.0])
@@ -202,16 +157,3 @@ def _short(values: ArrayLike) -> list[float]:
         size = np.floor(np.log10(np.abs(x)))
     scale = 10.0 ** np.where(np.isfinite(size), 5.0 - size, 0.0).clip(-300.0, 300.0)
     return (np.round(x * scale) / scale).tolist()
-
-
-def _ready(plot: Figure) -> dict[str, Any]:
-    """Plain lists; to be zoomed in time only."""
-    plot.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
-    plot.update_axes("y", fixedrange=True)
-    for made in plot.data:
-        for axis in {"x", "y"} & made.keys():
-            values = made[axis]
-            words = len(values) > 0 and isinstance(values[0], str)
-            made[axis] = list(values) if words else _short(values)
-    data: dict[str, Any] = json.loads(plot.to_json())
-    return {**data, "config": {"displayModeBar": False, "responsive": True}}

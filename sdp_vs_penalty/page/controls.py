@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from html import escape
 from typing import Any
@@ -36,6 +37,13 @@ def button(text: str, do: Handler, key: str, style: str = "", **attributes: Any)
     return made.on("click", lambda _: do(), args=[])
 
 
+def tile(name: str, said: str, do: Handler, key: str, style: str = "", **attributes: Any) -> None:
+    """A large button with a name and what it stands for."""
+    with button("", do, key, f"tile {style}", **attributes):
+        tag("strong", name)
+        tag("span", said)
+
+
 def choice(
     label: str,
     options: Sequence[tuple[str, str]],
@@ -57,25 +65,25 @@ def choice(
 def number(label: str, value: int, do: Callable[[int], Any], key: str) -> None:
     """A labelled field for a whole number from 0."""
 
-    def take(event: Any) -> None:
-        try:
-            do(max(0, int(str(event.args))))
-        except ValueError:
-            return  # the browser shows that it is no number
+    def take(text: str) -> None:
+        with suppress(ValueError):  # the browser shows that it is no number
+            do(max(0, int(text)))
 
-    with tag("label", style="field short"):
-        tag("span", label)
-        field = tag("input", type="number", min="0", step="1", value=str(value), data_key=key)
-        field.on("change", take, js_handler="(e) => emit(e.target.value)")
+    _line(label, "field short", take, key, type="number", min="0", step="1", value=str(value))
 
 
 def text_field(
     label: str, value: str, do: Callable[[str], Any], key: str, example: str = "", wide: bool = False
 ) -> None:
     """A labelled line of text."""
-    with tag("label", style="field wide-field" if wide else "field"):
+    style = "field wide-field" if wide else "field"
+    _line(label, style, do, key, type="text", value=value, placeholder=example)
+
+
+def _line(label: str, style: str, do: Callable[[str], Any], key: str, **attributes: Any) -> None:
+    with tag("label", style=style):
         tag("span", label)
-        field = tag("input", type="text", value=value, placeholder=example, data_key=key)
+        field = tag("input", data_key=key, **attributes)
         field.on("change", lambda e: do(str(e.args)), js_handler="(e) => emit(e.target.value)")
 
 
@@ -109,15 +117,8 @@ def drop(text: str, hint: str, kind: str, accept: Sequence[str], several: bool) 
     """A zone to drop files on, which is also a file chooser; workbench.js sends them."""
     with tag("label", style="drop", data_drop=kind):
         extra: dict[str, Any] = {"multiple": True} if several else {}
-        tag(
-            "input",
-            type="file",
-            accept=",".join(accept),
-            data_key=f"drop-{kind}",
-            data_send=kind,
-            aria_label=text,
-            **extra,
-        )
+        extra |= {"type": "file", "accept": ",".join(accept), "data_send": kind}
+        tag("input", data_key=f"drop-{kind}", aria_label=text, **extra)
         tag("strong", text)
         tag("span", hint)
 

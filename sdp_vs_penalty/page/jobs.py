@@ -16,10 +16,12 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.checks import urdf
 from sdp_vs_penalty.data.cli_parsing import numbers, time_windows
 from sdp_vs_penalty.data.datasets import DATASETS
 from sdp_vs_penalty.data.files import load_measurements, save, windowed
 from sdp_vs_penalty.diagnosis.adding import add
+from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_types
@@ -29,10 +31,13 @@ from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.excitation import save_trajectory
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.known_load import parsed_known_load
+from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.estimation.separation import separate as separation
+from sdp_vs_penalty.estimation.verify import verify_proof_file
 from sdp_vs_penalty.estimators import estimator_types, with_solver
+from sdp_vs_penalty.exporters import sdp
+from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.files import write_bytes, write_text
-from sdp_vs_penalty.page.model_jobs import check_urdf, forward, pose, prove, verify
 from sdp_vs_penalty.page.options import number
 from sdp_vs_penalty.page.run_jobs import (
     Answer,
@@ -47,13 +52,14 @@ from sdp_vs_penalty.page.run_jobs import (
     runs_of,
     simulate,
 )
-from sdp_vs_penalty.page.summary import drawn_arm, summary, violation
+from sdp_vs_penalty.page.summary import drawn_arm, placed, save_arrays, summary, violation
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.fields import entries
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.reports import report as write_report
 from sdp_vs_penalty.robot.geometry import link_hulls
+from sdp_vs_penalty.simulation.follow import follow
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
@@ -225,8 +231,6 @@ def separate(request: Request, progress: Progress) -> Answer:
 
 def methods(request: Request, progress: Progress) -> Answer:
     """The same effects by other methods, judged alike."""
-    from sdp_vs_penalty.diagnosis.comparison import compare
-
     runs, current = runs_of(request), load_estimate(request["model"])
     if not request["methods"]:
         raise InputError("No method is chosen", "choose at least one to compare")
@@ -264,45 +268,119 @@ def methods(request: Request, progress: Progress) -> Answer:
 
 
 def take(request: Request, progress: Progress) -> Answer:
-    """Export a model to the format of a name's suffix; says which effects have no place in it."""
-    from sdp_vs_penalty.exporters.export import export
-
-    name, out = request["name"], Path(request["folder"]) / request["name"]
-    if name == "model.json":
-        write_bytes(out, Path(request["model"]).read_bytes())
-        return {"files": [name]}
-    if name == "findings.json":
-        write_text(out, json.dumps(request["findings"], indent=1, allow_nan=False) + "\n")
-        return {"files": [name]}
-    urdf = request.get("urdf") if name == "robot.urdf" else None
+    """A file to take away: a run as it was used, the diagnosis, the report, or the model in the format
+    of the name's suffix; says which effects have no place in it."""
+    name, folder, found = request["name"], Path(request["folder"]), request.get("findings")
     progress(f"writing {name}")
-    x, y, z = numbers("flange", request.get("flange") or "0,0,0", 3)
-    lost = export(load_estimate(request["model"]), out, urdf, flange=(x, y, z))
-    said = f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."
+    lost: list[str] = []
+    if name.startswith("run-"):
+        run = request["runs"][int(name[4:-4]) - 1]
+        save(load_measurements(folder / run["file"]), folder / name)
+    elif name == "findings.json":
+        write_text(folder / name, json.dumps(found, indent=1, allow_nan=False) + "\n")
+    elif name == "model.json":
+        write_bytes(folder / name, Path(request["model"]).read_bytes())
+    elif name == "report.html":
+        runs = runs_of(request)
+        write_report(
+            {m["label"]: load_estimate(m["file"]) for m in request["models"]},
+            runs.judge,
+            folder / name,
+            commands=request["commands"],
+            noise_from=runs.whole,
+            findings=found and Diagnosis.from_dict(found),
+            progress=progress,
+        )
+    else:
+        given = request.get("urdf") if name == "robot.urdf" else None
+        x, y, z = numbers("flange", request.get("flange") or "0,0,0", 3)
+        lost = export(load_estimate(request["model"]), folder / name, given, flange=(x, y, z))
+    said = f"{Path(name).suffix} files cannot hold {', '.join(lost)}; model.json can."
     return {"files": [name], "notice": [said] if lost else []}
 
 
-def take_run(request: Request, progress: Progress) -> Answer:
-    """A run as the page keeps it, mended and checked, as CSV."""
-    name, folder = request["name"], Path(request["folder"])
-    progress(f"writing {name}")
-    save(load_measurements(folder / request["runs"][request["index"]]["file"]), folder / name)
-    return {"files": [name]}
+def forward(request: Request, progress: Progress) -> Answer:
+    """A model run along the judged runs: what `sdp-vs-penalty simulate --follow` does.
 
-
-def report(request: Request, progress: Progress) -> Answer:
-    """The self-contained report about the history of models."""
-    runs = runs_of(request)
-    write_report(
-        {m["label"]: load_estimate(m["file"]) for m in request["models"]},
-        runs.judge,
-        Path(request["folder"]) / "report.html",
-        commands=request["commands"],
-        noise_from=runs.whole,
-        findings=None if request["findings"] is None else Diagnosis.from_dict(request["findings"]),
+    Its arrays, as .npz : t0, measured0, simulated0 of the first free run, t1, ...; and of some instants
+    tf0 (F,), poses0 (F, 2 joints, 4, 4), the measured arm before the simulated one.
+    """
+    estimate = load_estimate(request["model"])
+    made = follow(
+        estimate,
+        runs_of(request).judge,
+        drive=request["drive"],
+        seed=int(request["seed"]),
         progress=progress,
     )
-    return {"files": ["report.html"]}
+    arrays: dict[str, Any] = {}
+    for k, free in enumerate(made.free):
+        both = free.measured, free.simulated.q
+        arrays |= {f"t{k}": free.simulated.t, f"measured{k}": both[0], f"simulated{k}": both[1]}
+        arms = [placed(estimate.robot, free.simulated.t, q) for q in both]
+        arrays |= {f"tf{k}": arms[0][0], f"poses{k}": np.concatenate([a[1] for a in arms], axis=1)}
+    file = Path(request["folder"]) / f"forward-{made.drive}.npz"
+    save_arrays(file, arrays)
+    heads, rows = made.table()
+    return {
+        "file": str(file),
+        "runs": [f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s" for f in made.free],
+        "verdict": made.verdict,
+        "explained": made.explained,
+        "units": list(made.units),
+        "heads": heads,
+        "rows": rows,
+        "left_out": list(made.left_out),
+    }
+
+
+def prove(request: Request, progress: Progress) -> Answer:
+    """The model identified again with a proof, as `identify --proof` does, and that verified."""
+    model, out = load_estimate(request["model"]), Path(request["folder"]) / "proof.json"
+    runs = windowed(runs_of(request).train, time_windows(request["window"]))
+    identify(
+        model.problem,
+        runs,
+        model.method,
+        effects=model.model.effects,
+        weighting=model.weighting,
+        seed=int(request["seed"]),
+        progress=progress,
+        proof=out,
+    )
+    progress("checking the proof")
+    return {**verify({"proof": str(out)}, progress), "files": [out.name]}
+
+
+def verify(request: Request, progress: Progress) -> Answer:
+    """What `sdp-vs-penalty verify` says of a proof."""
+    holds, said = verify_proof_file(request["proof"])
+    return {"holds": holds, "said": said}
+
+
+def pose(request: Request, progress: Progress) -> Answer:
+    """The SDP behind a model as a file, and what it means: what `sdp-vs-penalty export-sdp` does."""
+    model, out = load_estimate(request["model"]), Path(request["folder"]) / request["name"]
+    runs = windowed(runs_of(request).train, time_windows(request["window"]))
+    options = PoseOptions(model.model.effects, weighting=model.weighting, seed=int(request["seed"]))
+    sdp.write_posed(model.problem, runs, out, model.method, options, progress)
+    return {"files": [out.name, f"{out.name}.json"]}
+
+
+def check_urdf(request: Request, progress: Progress) -> Answer:
+    """What `sdp-vs-penalty check-urdf` says, and its mended copy."""
+    path, out = request["robot"]["source"], Path(request["folder"]) / "fixed.urdf"
+    checks = urdf.check_urdf(path)
+    broken = [c for c in checks if not c.consistent]
+    if broken:
+        urdf.write_nearest(path, checks, out)
+    return {
+        "urdf": path,
+        "possible": not broken,
+        "said": urdf.sentences(checks, urdf.massless_links(path)),
+        "rows": urdf.table(checks),
+        "files": [out.name] if broken else [],
+    }
 
 
 #: By the name in a request.
@@ -310,7 +388,7 @@ JOBS: dict[str, Callable[[Request, Progress], Answer]] = {
     job.__name__: job
     for job in (
         *(catalogue, robot, read, look_again, real, simulate, mend, fit, open_model, separate),
-        *(extend, find, methods, take, take_run, report),
+        *(extend, find, methods, take),
         *(forward, prove, verify, pose, check_urdf),
     )
 }

@@ -10,14 +10,13 @@ from sdp_vs_penalty.page.wording import spoken
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.session import Session
-    from sdp_vs_penalty.page.summary import ModelStep
     from sdp_vs_penalty.page.view import View
 
 
 @dataclass(frozen=True)
 class Verdict:
     """What a stage has come to, in a sentence; level : its colour, "" for none; word : what it begins
-    with. Only estimation/verdict.py grades a model (:func:`model_verdict`)."""
+    with. Only estimation/verdict.py grades a model (:func:`identified`)."""
 
     level: Literal["good", "usable", "bad", ""]
     text: str
@@ -30,11 +29,12 @@ _COLOURS: dict[str, Literal["good", "usable", "bad"]] = {
 }  # fmt: skip
 
 
-def model_verdict(model: ModelStep) -> Verdict:
-    """What estimation/verdict.py says of a model."""
-    said = model.comparison["verdict"]
-    grade = said["grade"]
-    return Verdict(_COLOURS[grade], spoken(said["lines"][0]["text"]), grade.capitalize())
+def identified(session: Session) -> Verdict | None:
+    """What estimation/verdict.py says of the current model."""
+    if session.model is None:
+        return None
+    said = session.model.comparison["verdict"]
+    return Verdict(_COLOURS[said["grade"]], spoken(said["lines"][0]["text"]), said["grade"].capitalize())
 
 
 def _nothing(session: Session) -> None:

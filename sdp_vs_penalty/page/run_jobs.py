@@ -22,7 +22,7 @@ from sdp_vs_penalty.page.summary import placed, save_arrays
 from sdp_vs_penalty.problem.convert import convert
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.real_data import real_data_folder
+from sdp_vs_penalty.problem.published import real_data_folder
 from sdp_vs_penalty.signals.phases import filter_reach, motion_clocks, phase_windows, tracks_of
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, hidden_runs
 

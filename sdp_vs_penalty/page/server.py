@@ -17,10 +17,10 @@ import tomllib
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import uvicorn
-from fastapi import FastAPI, Request, Response
+from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, PlainTextResponse, RedirectResponse
 from nicegui import app as nicegui_app
 from nicegui import ui
@@ -30,14 +30,14 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.auth_middleware import KEY, LOOPBACK, guarded
-from sdp_vs_penalty.page.parts.take_away import FILES, LOAD, MADE, MORE
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.stages import STAGES
+from sdp_vs_penalty.page.stages.use import FILES, LOAD, MADE, MORE
 from sdp_vs_penalty.page.state import internal_error
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
-from sdp_vs_penalty.page.worker_pool import JobProcess, WorkerPool
+from sdp_vs_penalty.page.worker_pool import Cancelled, WorkerPool, Working
 from sdp_vs_penalty.reports.pictures import LOOK as PICTURES
 
 #: Tried first, so that the page can be bookmarked.
@@ -56,21 +56,26 @@ class Page:
         self.folder, self.forms = folder, forms
         self.pool = WorkerPool()
         self.sessions = Sessions(self.pool)
+        self._loading = Working("Loading")
         #: What there is to choose from: the robots at once, the rest when a worker has loaded it.
         self.catalogue: dict[str, Any] = {"problems": _problems()}
 
     def start(self) -> None:
-        """Ask a first worker what there is to choose from; the next one warms up meanwhile."""
-        self._asking = asyncio.get_running_loop().create_task(self._ask(self.pool.worker()))
+        """Ask a first worker what there is to choose from."""
+        self._asking = asyncio.get_running_loop().create_task(self._ask())
 
-    async def _ask(self, work: JobProcess) -> None:
+    async def _ask(self) -> None:
         try:
-            self.catalogue |= await work.do({"job": "catalogue"}, lambda _: None)
+            request = {"job": "catalogue"}
+            self.catalogue |= await self.pool.run(self._loading, request, lambda _: None)
             self.sessions.changed()
         except InputError as error:
             self.sessions.say(str(error))
+        except Cancelled:  # the server ends
+            return
 
     def close(self) -> None:
+        self._loading.cancel()
         self.sessions.close()
         self.pool.close()
 
@@ -170,15 +175,10 @@ def serve(
 def _listen(host: str, port: int | None) -> socket.socket:
     """A listening socket; the browser may knock before the server answers."""
     for wanted in (PORT, 0) if port is None else (port,):
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        listener = socket.socket(family, socket.SOCK_STREAM)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            listener.bind((host, wanted))
-            listener.listen(128)
-            return listener
+            family = socket.AF_INET6 if ":" in host else socket.AF_INET
+            return socket.create_server((host, wanted), family=family, backlog=128)
         except OSError as error:
-            listener.close()
             if error.errno not in (errno.EADDRINUSE, errno.EACCES):
                 reason = error.strerror or str(error)
                 raise InputError(
@@ -190,9 +190,21 @@ def _listen(host: str, port: int | None) -> socket.socket:
     raise InputError("No port is free", "end another program, or choose one with --port")
 
 
+async def _session_of(token: str, request: Request) -> Session:
+    session: Session | None = request.app.state.page.sessions.get(token)
+    if session is None:
+        raise HTTPException(404, "This page has ended: open a new one.")
+    return session
+
+
+#: The session that an address names; 404 where there is none.
+Named = Annotated[Session, Depends(_session_of)]
+
+
 def make_app(page: Page) -> FastAPI:
     """The addresses: / finds or makes a session, /s/<its secret name> shows it."""
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
+    app.state.page = page
 
     @app.get("/")
     async def _enter(request: Request) -> Response:
@@ -204,35 +216,21 @@ def make_app(page: Page) -> FastAPI:
         return _new_session(page)
 
     @app.put("/s/{token}/files")
-    async def _receive(token: str, request: Request, name: str, kind: str) -> Response:
-        session = page.sessions.get(token)
-        return await _keep(session, request, name, kind) if session is not None else _gone()
+    async def _receive(session: Named, request: Request, name: str, kind: str) -> Response:
+        return await _keep(session, request, name, kind)
 
     @app.post("/s/{token}/sent")
-    async def _sent(token: str) -> Response:
-        session = page.sessions.get(token)
-        if session is None:
-            return _gone()
+    async def _sent(session: Named) -> None:
         session.read_arrived()
-        return JSONResponse({})
 
     @app.post("/s/{token}/too-large")
-    async def _too_large(token: str, name: str, size: int) -> Response:
-        session = page.sessions.get(token)
-        if session is None:
-            return _gone()
+    async def _too_large(session: Named, name: str, size: int) -> None:
         session.say(str(uploads.too_large(uploads.shown_name(name), size)))
-        return JSONResponse({})
 
     @app.get("/s/{token}/take/{name}")
-    async def _take(token: str, name: str) -> Response:
-        session = page.sessions.get(token)
-        if (
-            session is None
-            or name not in (*FILES, *MORE, *LOAD, *MADE)
-            or not (session.folder / name).is_file()
-        ):
-            return _gone()
+    async def _take(session: Named, name: str) -> Response:
+        if name not in (*FILES, *MORE, *LOAD, *MADE) or not (session.folder / name).is_file():
+            raise HTTPException(404, "There is no such file.")
         return FileResponse(session.folder / name, filename=name, headers={"cache-control": "no-store"})
 
     @ui.page("/s/{token}", title="sdp-vs-penalty workbench")
@@ -315,7 +313,3 @@ def _new_session(page: Page) -> Response:
         return _to(page.sessions.new())
     except InputError as error:
         return PlainTextResponse(f"{error}\n", 503)
-
-
-def _gone() -> Response:
-    return JSONResponse({"error": "This page has ended: open a new one."}, 404)

@@ -249,25 +249,22 @@ class Session(TabState):
 
         self._start("Showing the whole job on a simulated arm", do())
 
-    def take(self, name: str, ready: Callable[[str], None], options: Mapping[str, str]) -> None:
+    def take(
+        self, name: str, ready: Callable[[str], None], options: Mapping[str, str] | None = None
+    ) -> None:
         """Make a file to take away; ``ready`` hears its name. options : the flange, for a payload."""
-        if name == "report.html":
-            history = enumerate(self.history, start=1)
-            models = [{"label": f"{k}: {m.label}", "file": m.file} for k, m in history]
-            found = None if self.findings is None else self.findings.to_dict()
-            details = {"models": models, "commands": self.commands(), "findings": found}
-            self.ask("report", f"Making {name}", ready, **details)
-        elif name == "findings.json":
-            assert self.findings is not None
-            self.ask("take", f"Making {name}", ready, name=name, findings=self.findings.to_dict())
-        else:
-            urdf = self.robot["source"] if self.robot and self.robot["file"] else None
-            self.ask("take", f"Making {name}", ready, name=name, urdf=urdf, **options)
-
-    def take_run(self, index: int, ready: Callable[[str], None]) -> None:
-        """Make a CSV file of a run; ``ready`` hears its name."""
-        name = f"run-{index + 1}.csv"
-        self.ask("take_run", f"Making {name}", ready, name=name, index=index)
+        steps = enumerate(self.history, start=1)
+        self.ask(
+            "take",
+            f"Making {name}",
+            ready,
+            name=name,
+            models=[{"label": f"{k}: {m.label}", "file": m.file} for k, m in steps],
+            commands=self.commands(),
+            findings=self.findings and self.findings.to_dict(),
+            urdf=self.robot["source"] if self.robot and self.robot["file"] else None,
+            **(options or {}),
+        )
 
     def take_up(self, model: ModelStep) -> None:
         """Go on from a model of this session that was left."""

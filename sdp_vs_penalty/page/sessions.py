@@ -8,7 +8,6 @@ import secrets
 import shutil
 import tempfile
 import time
-from multiprocessing.util import get_temp_dir
 from pathlib import Path
 
 from sdp_vs_penalty.errors import InputError
@@ -26,8 +25,6 @@ _CONNECTS = 60.0
 
 #: Begin of the names of servers' folders; the number of the server's process follows.
 _PREFIX = "sdp-vs-penalty-page-"
-#: A link in it to the folder of Python's own that processes are started through.
-_OF_PYTHON = "processes"
 
 
 def _remove_leftovers(home: Path) -> None:
@@ -36,8 +33,7 @@ def _remove_leftovers(home: Path) -> None:
         number = left.name.removeprefix(_PREFIX).split("-")[0]
         with contextlib.suppress(OSError, AttributeError):
             if number.isdigit() and not lives(int(number)) and left.lstat().st_uid == os.getuid():
-                for folder in ((left / _OF_PYTHON).resolve(), left):
-                    shutil.rmtree(folder, ignore_errors=True)
+                shutil.rmtree(left, ignore_errors=True)
 
 
 class Sessions:
@@ -47,7 +43,7 @@ class Sessions:
         self.pool = pool
         _remove_leftovers(Path(tempfile.gettempdir()))
         self.root = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
-        (self.root / _OF_PYTHON).symlink_to(get_temp_dir())
+        pool.temporary = self.root
         self._all: dict[str, Session] = {}
 
     def new(self) -> Session:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Coroutine, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.options import FormField, words
 from sdp_vs_penalty.page.summary import ModelStep
-from sdp_vs_penalty.page.worker_pool import Cancelled, JobProcess, WorkerPool
+from sdp_vs_penalty.page.worker_pool import Cancelled, WorkerPool, Working
 from sdp_vs_penalty.reports.plots import Curves
 
 #: Before the first identification of a robot.
@@ -29,16 +29,6 @@ def internal_error(error: Exception) -> str:
     return f"Internal error ({name}): nothing was changed; try again, and report it."
 
 
-@dataclass
-class Working:
-    """The job that is being done: what it is, where it stands, since when (monotonic seconds)."""
-
-    title: str
-    work: JobProcess
-    status: str = ""
-    since: float = field(default_factory=time.monotonic)
-
-
 @dataclass(frozen=True)
 class Notice:
     """One or more sentences for the person: an error, or something worth knowing; undo : whether the
@@ -47,17 +37,6 @@ class Notice:
     texts: tuple[str, ...]
     error: bool = True
     undo: bool = False
-
-
-class Watcher(Protocol):
-    """A tab that shows a session."""
-
-    @property
-    def present(self) -> bool:
-        """Whether it is there: loading or connected."""
-
-    def redraw(self) -> None:
-        """The session has changed."""
 
 
 @dataclass
@@ -98,7 +77,8 @@ class TabState:
     notice: Notice | None = None
     working: Working | None = None
     task: asyncio.Task[None] | None = None
-    watchers: list[Watcher] = field(default_factory=list)
+    #: The tabs that show it (workbench.py).
+    watchers: list[Any] = field(default_factory=list)
     arrived: dict[str, Path] = field(default_factory=dict)
     #: The arguments of the command that makes the simulated runs.
     made_by: list[str] | None = None
@@ -225,7 +205,7 @@ class TabState:
     def cancel(self) -> None:
         """End the job that is being done, at once; nothing that was there before changes."""
         if self.working is not None:
-            self.working.work.cancel()
+            self.working.cancel()
 
     @property
     def busy(self) -> bool:
@@ -241,7 +221,7 @@ class TabState:
             return
         self.names |= names or {}
         self.notice = None
-        self.working = Working(title, self.pool.worker())
+        self.working = Working(title)
         self.task = asyncio.get_running_loop().create_task(self._watch(doing))
         self.changed()
 
@@ -255,16 +235,12 @@ class TabState:
         except Exception as error:
             self.notice = Notice((internal_error(error),))
         finally:
-            if self.working is not None:
-                self.working.work.kill()
             self.working, self.task = None, None
             self.changed()
             self.read_arrived()
 
     async def _job(self, job: str, **details: Any) -> dict[str, Any]:
         assert self.working is not None
-        if self.working.work.killed and not self.working.work.cancelled:  # it has done a job
-            self.working.work = self.pool.worker()
         request = {
             "job": job,
             "folder": str(self.folder),
@@ -273,7 +249,7 @@ class TabState:
             "seed": self.seed,
             **details,
         }
-        return await self.pool.run(self.working.work, request, self._progress)
+        return await self.pool.run(self.working, request, self._progress)
 
     def _progress(self, text: str) -> None:
         if self.working is not None:

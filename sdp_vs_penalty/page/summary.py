@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.constraints.constraint import BarycentricBound
 from sdp_vs_penalty.data.measurements import Measurements, Runs
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
@@ -23,14 +22,15 @@ from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.reports.evidence import certificate_rows
 from sdp_vs_penalty.reports.parameters import (
     half_axes,
     link_rows,
     plausibility,
     standard_rows,
 )
+from sdp_vs_penalty.reports.sections import certificate_rows
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,18 +15,6 @@ from sdp_vs_penalty.page.session import Session
 
 #: Options of the command line by the step that offers them.
 Forms = Mapping[str, tuple[FormField, ...]]
-#: What is not what a click was about follows so many seconds later.
-_BEHIND = 0.05
-
-
-@dataclass
-class Hiding:
-    """What to hide in simulated runs."""
-
-    effect: str = "presliding_hysteresis"
-    joint: int = 0
-    level: str = "strong"
-    seed: int = 7
 
 
 @dataclass
@@ -35,9 +22,8 @@ class View:
     """The view state of one tab.
 
     joint, run, span : what every part shows (span : seconds of the run, None for all of it); signal :
-    what the error is drawn against; followers : by part, what to call when they change; behind :
-    likewise, once the browser has drawn what those changed; methods : ticked for comparison; hiding :
-    what the form for simulated runs holds.
+    what the error is drawn against; followers : by part, what to call when they change; methods :
+    ticked for comparison; hiding : what the form for simulated runs holds.
     """
 
     session: Session
@@ -50,12 +36,18 @@ class View:
     span: tuple[float, float] | None = None
     signal: str = "dq"
     followers: dict[str, Callable[[], None]] = field(default_factory=dict)
-    behind: dict[str, Callable[[], None]] = field(default_factory=dict)
     methods: set[str] = field(default_factory=lambda: {"lmi-sdp", "ols", "penalty"})
     folds: bool = False
     drive: str = ""
     separating: dict[str, str] = field(default_factory=dict)
-    hiding: Hiding = field(default_factory=Hiding)
+    hiding: dict[str, Any] = field(
+        default_factory=lambda: {
+            "effect": "presliding_hysteresis",
+            "joint": 0,
+            "level": "strong",
+            "seed": 7,
+        }
+    )
 
     def look(self, **at: Any) -> None:
         """Look at another joint, run, span or signals, in every step at once."""
@@ -65,16 +57,10 @@ class View:
             setattr(self, name, value)
         for follow in list(self.followers.values()):
             follow()
-        asyncio.get_running_loop().call_later(_BEHIND, self._follow_behind)
-
-    def _follow_behind(self) -> None:
-        for follow in [] if self.client.is_deleted else list(self.behind.values()):
-            follow()
 
     def forget(self, step: str) -> None:
         """Nothing of a step is shown any more."""
         self.followers.pop(step, None)
-        self.behind.pop(step, None)
 
     def download(self, name: str) -> None:
         """Hand a file of the session to the browser."""

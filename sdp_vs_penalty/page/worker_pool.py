@@ -1,19 +1,18 @@
-"""Workers, one per job: the next one is always started in advance; cancelling a job kills its worker."""
+"""Workers, one a job at a time: one is always started in advance; cancelling a job kills its worker."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import json
-import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Callable, Mapping
-from multiprocessing import forkserver
-from multiprocessing.connection import Connection
-from multiprocessing.context import BaseContext
-from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError
@@ -31,143 +30,114 @@ class Cancelled(Exception):  # noqa: N818  (it is no error)
 
 
 class JobProcess:
-    """One worker and the job that it does; its process starts meanwhile, which can take seconds."""
+    """A worker: a process that does one job after another; temporary : where it keeps what it needs."""
 
-    def __init__(self, context: BaseContext) -> None:
-        self.connection, theirs = context.Pipe()
-        self.process = self._of(context, theirs)
-        self.cancelled = self.killed = self._started = False
-        self._lock = threading.Lock()
-        self._starting = threading.Thread(target=self._start, args=(theirs,), daemon=True)
-        self._starting.start()
+    def __init__(self, temporary: Path | None = None) -> None:
+        paths = os.pathsep.join(path for path in sys.path if path)
+        own = {"TMPDIR": str(temporary)} if temporary else {}
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", "from sdp_vs_penalty.page.worker import main; main()"],
+            env={**os.environ, **own, "PYTHONPATH": paths},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is the server's; a kill reaches what a job starts
+        )
 
-    @staticmethod
-    def _of(context: BaseContext, theirs: Connection) -> BaseProcess:
-        return context.Process(target=_run, args=(theirs,), daemon=True)  # type: ignore[attr-defined, no-any-return]
+    async def do(self, request: Mapping[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
+        """The answer to a request; raises InputError: the worker's sentence, or that it was killed."""
+        asked = json.dumps(request).encode() + b"\n"
+        while line := await asyncio.to_thread(self._next, asked):
+            message, asked = json.loads(line), b""
+            if "progress" in message:
+                progress(message["progress"])
+            elif "error" in message:
+                raise InputError(message["error"])
+            else:
+                return dict(message["result"])
+        raise _DIED
 
-    def _start(self, theirs: Connection) -> None:
-        try:
-            self.process.start()
-        except OSError:  # the name of a temporary folder can be too long for a forking server
-            self.process = self._of(multiprocessing.get_context("spawn"), theirs)
-            self.process.start()
-        theirs.close()
-        with self._lock:
-            self._started = True
-            if self.killed:
-                self._kill()
+    def _next(self, asked: bytes) -> bytes:
+        """Ask, if there is something to ask, and wait for a line; nothing at the process's end."""
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        with contextlib.suppress(OSError, ValueError):  # killed: nothing more comes
+            self.process.stdin.write(asked)
+            self.process.stdin.flush()
+            return self.process.stdout.readline()
+        return b""
 
     @property
     def ended(self) -> bool:
-        return self._started and not self.process.is_alive()
-
-    async def do(self, request: Mapping[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
-        """The answer to a request; raises InputError with the worker's sentence, or Cancelled."""
-        loop, messages = asyncio.get_running_loop(), asyncio.Queue[Any]()
-        talk = (json.dumps(request).encode(), loop, messages)
-        threading.Thread(target=self._talk, args=talk, daemon=True).start()
-        try:
-            while (message := await messages.get()) is not None:
-                if "progress" in message:
-                    progress(message["progress"])
-                elif "error" in message:
-                    raise InputError(message["error"])
-                else:
-                    return dict(message["result"])
-            raise Cancelled if self.cancelled else _DIED
-        finally:
-            self.kill()
-
-    def _talk(self, request: bytes, loop: asyncio.AbstractEventLoop, messages: Any) -> None:
-        """Ask, and hand every message to the event loop; None at the end of the pipe."""
-        self._starting.join()
-        with contextlib.suppress(OSError):  # killed already: reading says so
-            self.connection.send_bytes(request)
-        message: Any = {}
-        while message is not None:
-            try:
-                message = json.loads(self.connection.recv_bytes())
-            except (EOFError, OSError):
-                message = None
-            with contextlib.suppress(RuntimeError):  # the loop is closed: the server is ending
-                loop.call_soon_threadsafe(messages.put_nowait, message)
-        self.connection.close()
-
-    def cancel(self) -> None:
-        self.cancelled = True
-        self.kill()
+        return self.process.poll() is not None
 
     def kill(self) -> None:
-        """End the worker and whatever it has started, at once; its number may be another's later."""
-        with self._lock:
-            if self._started and not self.killed:
-                self._kill()
-            self.killed = True
-
-    def _kill(self) -> None:
-        pid = self.process.pid
-        assert pid is not None
-        with contextlib.suppress(OSError, AttributeError):
-            if os.getpgid(pid) == pid:
-                os.killpg(pid, signal.SIGKILL)
-        self.process.kill()
-        threading.Thread(target=self.process.join, daemon=True).start()  # leaves no zombie behind
+        """End the worker and whatever it has started, at once."""
+        if not self.ended:
+            with contextlib.suppress(OSError, AttributeError):
+                os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.kill()
+            threading.Thread(target=self.process.wait, daemon=True).start()  # leaves no zombie behind
 
 
-def _run(connection: Connection) -> None:
-    from sdp_vs_penalty.page.worker import main
+class Working:
+    """A piece of work of a tab, of one or more jobs: what it is, where it stands, its worker."""
 
-    main(connection)
+    def __init__(self, title: str) -> None:
+        self.title, self.since, self.status = title, time.monotonic(), ""
+        self.cancelled = False
+        self.work: JobProcess | None = None
+
+    def cancel(self) -> None:
+        """End the job that is being done, at once."""
+        self.cancelled = True
+        if self.work is not None:
+            self.work.kill()
 
 
 class WorkerPool:
-    """Where workers come from: forked from a process that has loaded everything, where that exists."""
+    """Where workers come from; temporary : the folder for what they keep while they work."""
 
     def __init__(self) -> None:
-        self._forks = "forkserver" in multiprocessing.get_all_start_methods()
-        self._context: BaseContext = multiprocessing.get_context(
-            "forkserver" if self._forks else "spawn"
-        )
-        if self._forks:
-            here = "sdp_vs_penalty.page"
-            self._context.set_forkserver_preload([f"{here}.forked", f"{here}.worker"])
+        self.temporary: Path | None = None
         self._spare: JobProcess | None = None
-        self._running = 0
+        self._running, self._closed = 0, False
 
     async def run(
-        self, work: JobProcess, request: Mapping[str, Any], progress: Callable[[str], None]
+        self, working: Working, request: Mapping[str, Any], progress: Callable[[str], None]
     ) -> dict[str, Any]:
-        """What ``work.do`` returns, once fewer than AT_ONCE jobs are running."""
-        waited = False
-        while self._running >= AT_ONCE:
-            if work.cancelled:
-                raise Cancelled
-            if not waited:
-                progress("waiting for the jobs of other tabs")
-            waited = True
+        """The answer to a request, once fewer than AT_ONCE jobs are running; raises InputError with the
+        worker's sentence, or Cancelled."""
+        if self._running >= AT_ONCE:
+            progress("waiting for the jobs of other tabs")
+        while self._running >= AT_ONCE and not working.cancelled:
             await asyncio.sleep(0.1)
+        if working.cancelled:
+            raise Cancelled
         self._running += 1
+        working.work = work = self.worker()
+        done = False
         try:
-            return await work.do({**request, "jobs": AT_ONCE}, progress)
+            answer = await work.do({**request, "at_once": AT_ONCE}, progress)
+            done = True
+            return answer
+        except InputError:
+            if working.cancelled:
+                raise Cancelled from None
+            raise
         finally:
             self._running -= 1
-
-    def warm(self) -> None:
-        """Start the next worker."""
-        if self._spare is None or self._spare.ended:
-            if self._forks:  # by this thread, with which it ends
-                with contextlib.suppress(OSError):
-                    forkserver.ensure_running()
-            self._spare = JobProcess(self._context)
+            working.work = None
+            if not done or self._closed or self._spare is not None:
+                work.kill()
+            if self._spare is None and not self._closed:
+                self._spare = work if done else JobProcess(self.temporary)
 
     def worker(self) -> JobProcess:
-        """A started worker; the next one starts meanwhile."""
-        self.warm()
-        work, self._spare = self._spare, None
-        assert work is not None
-        self.warm()
-        return work
+        """A worker that does nothing yet."""
+        spare, self._spare = self._spare, None
+        return JobProcess(self.temporary) if spare is None or spare.ended else spare
 
     def close(self) -> None:
+        self._closed = True
         if self._spare is not None:
             self._spare.kill()

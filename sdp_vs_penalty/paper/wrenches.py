@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.solvers.extremes import Slice
 

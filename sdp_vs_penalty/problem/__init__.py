@@ -8,7 +8,7 @@ __getattr__ = surface(
     __name__,
     {
         "as_problem": "load",
-        "plausible_links": "nominal",
+        "plausible_links": "bodies",
         "published_links": "published",
         "with_bounds": "load",
     },

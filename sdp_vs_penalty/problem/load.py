@@ -14,17 +14,15 @@ from sdp_vs_penalty.data.cli_parsing import numbers, pairs
 from sdp_vs_penalty.errors import InputError, given
 from sdp_vs_penalty.files import problems_folder, read_table, read_toml
 from sdp_vs_penalty.files.inputs import nameable
-from sdp_vs_penalty.problem.bodies import link_bodies
-from sdp_vs_penalty.problem.cone import CentreOfMassCone
+from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
 from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS
 from sdp_vs_penalty.problem.fields import check_fields, entries
-from sdp_vs_penalty.problem.nominal import ellipsoids_in_the_box, plausible_links
-from sdp_vs_penalty.problem.problem import Problem, default_mass
+from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, default_mass
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
-from sdp_vs_penalty.robot.mechanism import parse_mechanism
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.structure import STANDARD_GRAVITY
+from sdp_vs_penalty.robot.joint import parse_mechanism
+from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.transmission import parse_transmission
 from sdp_vs_penalty.robot.urdf import load_urdf
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -39,7 +37,7 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
         robot, given = load_urdf(folder / kinematics["urdf"])
         geometry = link_geometry(folder / kinematics["urdf"])
         gravity = kinematics.get("gravity", STANDARD_GRAVITY)
-        robot = replace(robot, gravity=(float(gravity[0]), float(gravity[1]), float(gravity[2])))
+        robot = replace(robot, gravity=tuple(map(float, gravity)))
     else:
         n = len(kinematics["a"])
         keys = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
@@ -95,11 +93,43 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     known = np.zeros((robot.links, 10)) if given is None else given
     bodies = link_bodies(robot, problem.centre_boxes, known, geometry)
     in_the_box = given is None
-    given = ellipsoids_in_the_box(problem) if given is None else given
+    given = _ellipsoids_in_the_box(problem) if given is None else given
     nominal, sources = plausible_links(robot, given, bodies)
     if in_the_box:
         sources = tuple("bounds" if source == "inertial" else source for source in sources)
     return replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
+
+
+def _ellipsoids_in_the_box(problem: Problem) -> Array:
+    """Uniform solid ellipsoids that fill the centre-of-mass boxes.
+
+    Masses share the middle of the total-mass range in proportion to the boxes' surface; half axes
+    are those of the box, at least 6 cm. Links without a finite box stay zero (see plausible_links).
+    """
+    size = np.zeros((problem.robot.links, 3))
+    centre = np.zeros_like(size)
+    for link in range(problem.robot.links):
+        com = np.minimum(problem.link_size(link)[1], problem.robot.link_reach()[link])
+        box = problem.box[link, 1:4]
+        box = np.where(np.isfinite(box), box, np.column_stack([-com, com]))
+        size[link] = np.maximum(0.5 * (box[:, 1] - box[:, 0]), 0.06)
+        centre[link] = box.mean(axis=1)
+        for cone in problem.cones:
+            # A centre inside every cone of the link: half way into the box, on the axis.
+            if cone.link == link:
+                centre[link, [a for a in range(3) if a != cone.axis]] = 0.0
+    surface = np.sum(size * np.roll(size, 1, axis=1), axis=1)
+    total = problem.total_mass
+    if not np.isfinite(total[1]):
+        return np.zeros((problem.robot.links, 10))
+    mass = np.mean(total) * surface / surface.sum()
+    mass = np.clip(mass, problem.box[:, 0, 0] + 1e-3, 0.9 * problem.box[:, 0, 1])
+    out = []
+    for m, c, half in zip(mass, centre, size, strict=True):
+        second = m * half**2 / 5.0
+        moments = second.sum() - second
+        out.append([m, *c, moments[0], 0.0, moments[1], 0.0, 0.0, moments[2]])
+    return inertia.standard_from_barycentric(out)
 
 
 def _fill_box(box: Array, path: Path) -> None:
@@ -166,8 +196,6 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
             f"name a folder with a problem.toml, a URDF file, or one of {', '.join(problem_names())}",
         )
     if gravity is not None:
-        if len(gravity) != 3 or not np.all(np.isfinite(gravity)):
-            raise InputError(f"gravity {gravity!r} is not three finite numbers", "write x,y,z in m/s^2")
         problem = problem.with_gravity(gravity)
     return problem
 

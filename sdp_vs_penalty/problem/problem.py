@@ -7,30 +7,65 @@ estimators read the same :class:`Problem`; what each can take of it is decided i
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints import constraint as build
-from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint, ConstraintSet
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.files import read_table
 from sdp_vs_penalty.problem.bodies import link_bodies
-from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS, DEFAULT_RADIUS, DEFAULT_REACH_FACTOR
+from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
+from sdp_vs_penalty.robot.constraint import BarycentricBound, Constraint, ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+
+@dataclass(frozen=True)
+class CentreOfMassCone:
+    """|c perpendicular to axis| <= radius + slope (c along axis), in the link frame [m]."""
+
+    link: int  # from 0
+    axis: int
+    radius: float
+    slope: float
+
+    def __post_init__(self) -> None:
+        if self.axis not in (0, 1, 2) or not np.all(np.isfinite([self.radius, self.slope])):
+            raise InputError(f"the centre_of_mass_cone of link {self.link + 1}", "correct its numbers")
+
+    def constraint(self, indices: NDArray[np.intp]) -> Constraint:
+        """The demand on the link's ten parameters, which sit at ``indices`` of theta."""
+        across = [a for a in range(3) if a != self.axis]
+        coefficients = np.zeros((4, 3))
+        coefficients[0, 0], coefficients[1 + self.axis, 0] = self.radius, self.slope
+        coefficients[1 + across[0], 1] = coefficients[1 + across[1], 2] = 1.0
+        return build.second_order(
+            "centre of mass cone", f"link {self.link + 1}", indices[:4], coefficients, np.zeros(3)
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON, as :meth:`from_dict` reads it: link from 1, axis by its letter."""
+        return {**asdict(self), "link": self.link + 1, "axis": "xyz"[self.axis]}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """As in problem.toml and model.json: link from 1, axis "x", "y" or "z", radius [m], slope."""
+        axis, link = data["axis"], int(data["link"]) - 1
+        if axis not in ("x", "y", "z"):
+            raise unknown("centre_of_mass_cone axis", axis, ("x", "y", "z"))
+        return cls(link, "xyz".index(axis), float(data["radius"]), float(data["slope"]))
 
 
 @dataclass(frozen=True, repr=False)
@@ -167,10 +202,10 @@ class Problem(Shown):
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
         """Same robot, other mounting; drops the named base parameters if gravity's direction changed."""
-        x, y, z = (float(v) for v in gravity)
-        turned = not np.allclose(np.cross(gravity, self.robot.gravity), 0.0)
+        robot = replace(self.robot, gravity=tuple(map(float, gravity)))
+        turned = not np.allclose(np.cross(robot.gravity, self.robot.gravity), 0.0)
         independent = None if turned else self.independent
-        return replace(self, robot=replace(self.robot, gravity=(x, y, z)), independent=independent)
+        return replace(self, robot=robot, independent=independent)
 
     def constraints(self, model: Model) -> ConstraintSet:
         """Every demand on the parameters of a model of this robot."""

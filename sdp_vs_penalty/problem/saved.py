@@ -14,9 +14,8 @@ import numpy as np
 
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.problem.fields import entries
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot

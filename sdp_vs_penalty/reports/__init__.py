@@ -14,12 +14,10 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis, load_diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.sources import Models, as_estimates
+from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.reports import evidence, parameters, sections
-from sdp_vs_penalty.reports import findings as findings_of
+from sdp_vs_penalty.reports import parameters, sections
 from sdp_vs_penalty.reports.section import Material, page
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
@@ -30,15 +28,15 @@ _SECTIONS = (
     sections.verdict,
     sections.torques,
     sections.failures,
-    findings_of.findings,
+    sections.findings,
     sections.history,
     sections.forward,
     parameters.parameters,
     parameters.arm,
     parameters.friction,
-    evidence.certificate,
-    evidence.data_check,
-    evidence.provenance,
+    sections.certificate,
+    sections.data_check,
+    sections.provenance,
 )
 
 

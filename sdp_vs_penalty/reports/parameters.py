@@ -9,7 +9,7 @@ import numpy as np
 from sdp_vs_penalty import show
 from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.intervals import Interval, counts
+from sdp_vs_penalty.estimation.uncertainty import Interval, counts
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, friction_figure
@@ -184,37 +184,19 @@ def _picture(robot: Robot, links: Array, poses: Array) -> Figure:
     for i, joint in enumerate(robot.tree):
         begin = np.zeros(3) if joint.parent < 0 else poses[joint.parent][:3, 3]
         x, y, z = np.stack([begin, poses[i][:3, 3]]).T
-        plot.add(
-            trace(
-                "scatter3d",
-                x=x,
-                y=y,
-                z=z,
-                mode="lines+markers",
-                line={"color": MEASURED, "width": 6},
-                marker={"size": 3, "color": MEASURED},
-                showlegend=False,
-                hoverinfo="skip",
-            )
-        )
+        bone: dict[str, Any] = {
+            "line": {"color": MEASURED, "width": 6},
+            "marker": {"size": 3, "color": MEASURED},
+        }
+        bone |= {"mode": "lines+markers", "showlegend": False, "hoverinfo": "skip"}
+        plot.add(trace("scatter3d", x=x, y=y, z=z, **bone))
         shape = ellipsoid(links[link[i]]) if i in link else None
         if shape is None:
             continue
         frame = poses[i] @ joint.link_frame
         x, y, z = frame[:3, :3] @ shape + frame[:3, 3:]
-        plot.add(
-            trace(
-                "mesh3d",
-                x=x,
-                y=y,
-                z=z,
-                alphahull=0,
-                color=COLOURS[i % len(COLOURS)],
-                opacity=0.5,
-                name=f"link {link[i] + 1}",
-                showlegend=True,
-            )
-        )
+        look = {"alphahull": 0, "color": COLOURS[i % len(COLOURS)], "opacity": 0.5, "showlegend": True}
+        plot.add(trace("mesh3d", x=x, y=y, z=z, name=f"link {link[i] + 1}", **look))
     axis = {"title": "", "gridcolor": "rgba(128,128,128,0.3)", "backgroundcolor": "rgba(0,0,0,0)"}
     # The picture is as large as the arm: an ellipsoid that leaves it belongs to a link whose mass
     # and inertia are not those of one body of that size.

@@ -34,12 +34,14 @@ def bars(
     after: Sequence[float] | None,
     floor: Sequence[float] | None,
     units: Sequence[str],
+    joints: Sequence[int] = (),
 ) -> str:
     """A bar a joint, cut at the noise floor: the error over it, before in grey and after in colour.
 
     before, after, floor (n,) [N m or N] : RMS errors, after None where there is one model alone; floor
-    None where it is not known: errors stand in their units then, each joint's against the largest.
-    """  # fmt: skip
+    None where it is not known: errors stand in their units then, each joint's against the largest;
+    joints : their numbers, by default 1, 2, ...
+    """
     known = floor is not None and all(floor)
     scale = list(floor) if known and floor is not None else [1.0] * len(before)
     olds = [x / s for x, s in zip(before, scale, strict=True)]
@@ -59,8 +61,9 @@ def bars(
             shapes += f'<rect class="noise" x="0" y="0" width="{at:.1f}" height="24"/>'
             shapes += f'<line class="floor" x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="24"/>'
         drawn = f'<svg viewBox="0 0 {_WIDTH:g} 24" preserveAspectRatio="none" aria-hidden="true">'
+        name = f"joint {joints[j] if joints else j + 1}"
         rows.append(
-            f'<tr><th scope="row">joint {j + 1}</th><td class="drawn">{drawn}{shapes}</svg></td>'
+            f'<tr><th scope="row">{name}</th><td class="drawn">{drawn}{shapes}</svg></td>'
             f'<td class="number">{said}</td>{note}</tr>'
         )
     caption = "Error over the noise floor of each joint" if known else "RMS error of each joint"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
@@ -54,10 +54,13 @@ def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, A
     return x[keep], y[keep]
 
 
-def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = True) -> Figure:
+def torque_figure(
+    runs: Sequence[Curves], joint: int, unit: str, beside: bool = True, start: float = 0.0
+) -> Figure:
     """Measured and modelled torque of a joint (from 0) and what is left, run after run.
 
-    beside : what is left stands at the right of the torques, else below them.
+    beside : what is left stands at the right of the torques, else below them; start [s] : of
+    the first run on the figure.
     """
     plot = Figure(columns=(0.62, 0.38)) if beside else Figure(rows=2, gap=0.12)
 
@@ -68,7 +71,6 @@ def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = 
         line = {"color": colour, "width": width}
         return trace("scatter", x=x, y=y, name=name, legendgroup=name, showlegend=shown, line=line)
 
-    start = 0.0
     for index, run in enumerate(runs):
         t, measured = run.t - run.t[0] + start, run.torque[:, joint]
         start = float(t[-1]) + 1.0
@@ -107,27 +109,13 @@ def signal_title(signal: str, unit: str) -> str:
     return f"{SIGNALS[signal]} [{units[signal]}]"
 
 
-def scatter_rows(dq: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows that a scatter shows of a joint's velocity (N,): evenly spaced ones, and those before a
-    reversal, which are shown whatever else is left out."""
-    keep = np.unique(np.linspace(0, len(dq) - 1, _SCATTER).astype(int))
-    turns = np.flatnonzero(np.sign(dq[1:]) != np.sign(dq[:-1]))[:_TURNS]
-    return keep, turns
-
-
-def noise_band(half: float, axis: str = "y") -> list[dict[str, Any]]:
-    """A grey band (plotly shapes) from -half to half of an axis."""
-    place = {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "yref": axis, "y0": -half, "y1": half}
-    look = {"layer": "below", "fillcolor": "rgba(128,128,128,0.15)", "line": {"width": 0}}
-    return [{**place, **look}]
-
-
 def residual_figure(
     x: Array, left: Array, dq: Array, floor: float | None, first: Array | None = None
-) -> Any:
+) -> Figure:
     """What is left of a joint's torque (N,) against a signal x (N,), its reversals (of dq) ringed; the
     band is 1.96 noise floors wide to either side. first (N,) : what the first model left."""
-    keep, turns = scatter_rows(dq)
+    keep = np.unique(np.linspace(0, len(dq) - 1, _SCATTER).astype(int))
+    turns = np.flatnonzero(np.sign(dq[1:]) != np.sign(dq[:-1]))[:_TURNS]
     own = COLOURS[0 if first is None else 1]  # as in the torque's figure
     looks = [
         (keep, left, "error", {"size": 3, "color": own}),
@@ -139,7 +127,9 @@ def residual_figure(
     for rows, y, name, marker in looks:
         plot.add(trace("scatter", x=x[rows], y=y[rows], mode="markers", name=name, marker=marker))
     if floor is not None:
-        plot.update_layout(shapes=noise_band(1.96 * floor))
+        place = {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "yref": "y"}
+        look = {"layer": "below", "fillcolor": "rgba(128,128,128,0.15)", "line": {"width": 0}}
+        plot.update_layout(shapes=[{**place, **look, "y0": -1.96 * floor, "y1": 1.96 * floor}])
     return plot
 
 

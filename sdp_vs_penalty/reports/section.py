@@ -123,7 +123,7 @@ def figure(plot: Figure, caption: str, height: int, group: str = "") -> str:
 
 def packed(text: str) -> str:
     """Compressed, as text that cannot end a script element; draw.js unpacks it."""
-    return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
+    return base64.b64encode(gzip.compress(text.encode(), 4, mtime=0)).decode()
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -150,14 +150,6 @@ def page(title: str, sections: Sequence[Section], script: str) -> str:
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head>"
         f"<body><main><h1>{escape(title)}</h1><nav>{links}</nav>{bodies}</main>"
         # Last, so that text and tables are there before the script is unpacked and read.
-        f'<script type="application/gzip" id="plotly">{packed(_unwrapped(script))}</script>'
+        f'<script type="application/gzip" id="plotly">{packed(script)}</script>'
         f"<script>{_DRAW}</script></body></html>\n"
     )
-
-
-def _unwrapped(script: str) -> str:
-    """Plotly's script without the function around it, which a browser would read twice."""
-    head, begins, rest = script.partition("() => {\n")
-    body, ends, _ = rest.rpartition("return Plotly;")
-    known = begins and ends and body.startswith('"use strict";var Plotly=')
-    return f"{head[: head.find('*/') + 2]}\n{body}" if known else script

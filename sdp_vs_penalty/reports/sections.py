@@ -1,18 +1,24 @@
-"""The sections of the report about how well the models predict."""
+"""The sections of the report, but for those about the parameters."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from html import escape
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.diagnosis.comparison import predicted
+from sdp_vs_penalty.diagnosis.comparison import predicted, still_missing
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.show import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
+from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.model import JointColumns
+from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import NORMAL_95
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.reports.figure import trace
 from sdp_vs_penalty.reports.pictures import (
@@ -24,7 +30,7 @@ from sdp_vs_penalty.reports.pictures import (
     legend,
     shades,
 )
-from sdp_vs_penalty.reports.plots import POINTS, Curves, torque_figure
+from sdp_vs_penalty.reports.plots import POINTS, Curves, missing_figure, torque_figure
 from sdp_vs_penalty.reports.section import (
     JOINT_HEIGHT,
     Material,
@@ -36,6 +42,7 @@ from sdp_vs_penalty.reports.section import (
     text,
 )
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.show import plain_unit
 
 
 def verdict(material: Material) -> Section:
@@ -220,3 +227,155 @@ def failures(material: Material) -> Section:
     ]
     heads = ("joint", f"where {material.last_name} errs", "RMS error", "noise floor")
     return Section("failures", "Why", body + table(heads, said, numbers_from=2))
+
+
+def findings(material: Material) -> Section:
+    """What a diagnosis says: verdict, what the last model still lacks, a row a finding, each curve."""
+    found = material.diagnosis
+    if found is None:
+        note = "No diagnosis was given. Name one with `--findings findings.json`."
+        return Section("findings", "What is missing", text(note))
+    title = "What was found"
+    rows = []
+    for f in found.effects:
+        joint = f.joints[0] - 1 if f.joints else 0
+        fall = (f.held_out_rmse_before[joint], f.held_out_rmse_after[joint])
+        rows.append(
+            (
+                f.effect,
+                ", ".join(map(str, f.joints)) or "all",
+                f.confidence,
+                f"{number(f.size)} ± {number(f.std, 2)} {plain_unit(f.unit)}",
+                ", ".join(f.indistinguishable_from) or "-",
+                *(number(x, 3) for x in fall),
+                number(found.noise_floor[joint], 3),
+            )
+        )
+    heads = (
+        "effect",
+        "joint",
+        "confidence",
+        "size",
+        "not told from",
+        "held-out RMSE",
+        "with it",
+        "noise floor",
+    )
+    told = f": {found.headline}" if found.effects else ""
+    body = text(f"In the model that was diagnosed{told}" if told else found.headline)
+    body += text(f"In {material.last_name}: {still_missing(found, material.last)}") if told else ""
+    if rows:
+        first, last = found.effects[0].held_out_rmse_before, found.effects[-1].held_out_rmse_after
+        floor = found.noise_floor.tolist() if found.noise_known else None
+        body += text("Held-out error of each joint before all findings and with all of them:")
+        body += bars(list(first), list(last), floor, material.last.robot.torque_units)
+        body += table(heads, rows, numbers_from=5)
+    body += "".join(text(remark) for remark in (found.beside, *found.remarks) if remark)
+    units = material.last.robot.torque_units
+    for curve in found.curves:
+        said = curve.sentence(units)
+        plot = missing_figure(curve, units, _along(curve, material))
+        body += figure(plot, f"{said[0].upper()}{said[1:]}", 360)
+    return Section("findings", title, body)
+
+
+def _along(curve: Curve, material: Material) -> list[Array]:
+    """Each variable of a curve along the judged runs."""
+    parts = []
+    for rows in material.rows[material.last_name]:
+        theta = material.plants[material.last_name].theta
+        motion = replace(rows.motion, torque=predicted(rows, theta))
+        parts.append([Variable.parse(v).along(motion) for v in curve.of])
+    return [np.concatenate(values) for values in zip(*parts, strict=True)]
+
+
+def certificate_rows(estimates: Sequence[Estimate]) -> list[list[str]]:
+    """What is certified of each: violations of every family of constraints, loss, objective, its bound
+    and their gap, mass matrices; the name first."""
+    found = [e.certificate for e in estimates]
+    families = sorted({f for c in found for f in c.violations})
+    rows = [
+        [f"worst violation: {f}", *(_violation(c.violations.get(f)) for c in found)] for f in families
+    ]
+    figures: tuple[tuple[str, Callable[[Certificate], str]], ...] = (
+        ("loss (sum of squared weighted errors)", lambda c: number(c.loss, 6)),
+        (
+            "objective (the loss and, where the method has one, its regulariser)",
+            lambda c: number(c.upper, 6),
+        ),
+        ("certified lower bound of the objective", lambda c: number(c.lower, 6)),
+        ("objective above its bound, relative to the loss", lambda c: number(c.gap, 2)),
+        ("poses with positive definite M(q)", _poses),
+    )
+    return rows + [[name, *map(said, found)] for name, said in figures]
+
+
+def _poses(c: Certificate) -> str:
+    share = c.positive_mass_matrices
+    if share is None:
+        return "-"
+    return "all (follows from the links)" if c.at_every_pose else f"{100.0 * share:.4g} %"
+
+
+#: What the certificate says, and who computed it.
+CERTIFICATE = (
+    "Violations of every family of constraints, including those that a method did not receive. The "
+    "lower bound is computed here from dual multipliers, independently of what a solver claims."
+)
+
+
+def certificate(material: Material) -> Section:
+    """Computed by this program, whoever solved the problem."""
+    body = text(CERTIFICATE)
+    body += table(["figure", *material.models], certificate_rows(list(material.models.values())))
+    for name, e in material.models.items():
+        if e.certificate.held:
+            held = ", ".join(e.certificate.held)
+            body += text(f"{name}: objective and gap are of the added effects, with {held} held fixed.")
+    return Section("certificate", "Certificate", body)
+
+
+def _violation(value: float | None) -> str:
+    return "-" if value is None else ("0" if value == 0.0 else f"{value:.2g}")
+
+
+def data_check(material: Material) -> Section:
+    """What `sdp-vs-penalty check` says of the runs."""
+    parts = []
+    for report in material.checks:
+        problems = report.problems
+        parts.append(f"<h3>{escape(report.run)}</h3>")
+        if not problems:
+            parts.append(text("No problems found."))
+        for f in report.issues:
+            parts.append(
+                f'<div class="finding {escape(f.severity)}"><b>{escape(f.kind)}</b> '
+                f"({escape(f.where)}): {escape(f.what)} <span>How sure: {escape(f.certainty)}. "
+                f"What to do: {escape(f.remedy)}.</span></div>"
+            )
+    return Section("data", "Data check", "".join(parts))
+
+
+def provenance(material: Material) -> Section:
+    """Versions, settings, hashes, and the commands."""
+    rows = []
+    for name, e in material.models.items():
+        versions = ", ".join(f"{k} {v}" for k, v in e.provenance.get("versions", {}).items())
+        settings = ", ".join(f"{k}={v}" for k, v in e.settings.items())
+        effects = ", ".join(effect.brief for effect in e.model.effects)
+        p = e.preprocessing
+        filters = f"states {number(p.state_cutoff)} Hz, torque {number(p.torque_cutoff)} Hz"
+        for what, value in (
+            ("method", f"{e.method} ({settings})"),
+            ("effects", effects),
+            ("filters", filters),
+            ("runs", ", ".join(map(str, e.provenance.get("runs", [])))),
+            ("data hash", e.provenance.get("data_hash", "")),
+            ("seed", e.provenance.get("seed", "")),
+            ("versions", versions),
+        ):
+            rows.append((name, what, value))
+    body = table(("model", "what", "which"), rows, numbers_from=3)
+    if material.commands:
+        body += f"<pre tabindex=0>{escape(chr(10).join(material.commands))}</pre>"
+    return Section("provenance", "Provenance", body)

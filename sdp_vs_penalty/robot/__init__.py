@@ -1,4 +1,4 @@
-"""The arm itself: kinematics, inertia (the parameter order), URDF files, trajectories."""
+"""The arm itself: kinematics, inertia (the parameter order), constraints, URDF files, trajectories."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ __getattr__ = surface(
     __name__,
     {
         "Body": "body",
+        "Constraint": "constraint",
+        "ConstraintSet": "constraint",
         "FourierTrajectory": "trajectory",
         "Joint": "joint",
         "Robot": "robot",
+        "cone_margin": "constraint",
         "joint_limits": "trajectory",
         "load_urdf": "urdf",
         "parse_transmission": "transmission",
+        "project": "constraint",
         "random_trajectory": "trajectory",
     },
 )

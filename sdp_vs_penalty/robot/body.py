@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 
 #: What a body can be known from, the best first.
@@ -21,7 +20,7 @@ _EXCESS, _STEPS = 1e-2, 2000
 
 
 @dataclass(frozen=True)
-class Body:
+class Body(Plain):
     """{x : sum_k (axes[:, k] . (x - centre))^2 / half_axes[k]^2 <= 1} in the link frame [m].
 
     centre (3,), half_axes (3,), axes (3, 3) : orthonormal columns; source : one of :data:`SOURCES`;
@@ -61,23 +60,6 @@ class Body:
     def reach(self) -> float:
         """The largest radius of gyration that a mass inside can have [m]: its largest half axis."""
         return float(self.half_axes.max())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON, lengths in m."""
-        return {
-            "centre": self.centre.tolist(),
-            "half_axes": self.half_axes.tolist(),
-            "axes": self.axes.tolist(),
-            "source": self.source,
-            "volume": self.volume,
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Body:
-        """What :meth:`to_dict` wrote."""
-        centre, half_axes, axes = (np.array(data[k], float) for k in ("centre", "half_axes", "axes"))
-        volume = None if data["volume"] is None else float(data["volume"])
-        return cls(centre, half_axes, axes, data["source"], volume)
 
 
 def around(

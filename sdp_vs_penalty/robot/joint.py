@@ -1,19 +1,21 @@
-"""A moving joint with its link, and joints that follow others."""
+"""A moving joint with its link, and joints that follow others (mimic joints, closed chains)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.transmission import parse_formula
 
 
 @dataclass(frozen=True)
-class Joint:
+class Joint(Plain):
     """One moving joint and the link that it carries.
 
     placement : (4, 4) pose of the joint frame in the parent's joint frame (the base: -1) at q = 0.
@@ -58,21 +60,11 @@ class Joint:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; infinite limits are left out."""
-        return {
-            key: value.tolist() if isinstance(value, np.ndarray) else value
-            for key, value in asdict(self).items()
-            if not (isinstance(value, float) and np.isinf(value))
-        }
-
-    @classmethod
-    def from_dict(cls, given: Mapping[str, Any]) -> Joint:
-        """What :meth:`to_dict` wrote."""
-        arrays = ("placement", "axis", "link_frame")
-        return cls(**{**given, **{key: np.array(given[key], float) for key in arrays}})
+        return {k: x for k, x in super().to_dict().items() if x not in (np.inf, -np.inf)}
 
 
 @dataclass(frozen=True)
-class Mechanism:
+class Mechanism(Plain):
     """Joints that follow others: q_tree = matrix q + offset, so that tau = matrix^T tau_tree.
 
     tree : every moving joint (L), depth first; matrix (L, n), offset (L,) : of mimic joints and of
@@ -98,3 +90,82 @@ class Mechanism:
             raise InputError(
                 "every link is declared massless", "leave those with a mass out of massless"
             )
+
+
+#: A joint that follows: the joint that it follows, by name, multiplier and offset.
+Follower = tuple[str, float, float]
+
+
+def following(
+    tree: Sequence[Joint], followers: dict[str, Follower], massless: Sequence[int]
+) -> tuple[tuple[Joint, ...], Mechanism | None]:
+    """The joints that move by themselves, and how the tree follows them; None where nothing does.
+
+    Raises InputError for a joint that follows itself, through others or not, or none of the tree.
+    """
+    names = [joint.name for joint in tree]
+    free = [k for k, name in enumerate(names) if name not in followers]
+    if not followers and not massless:
+        return tuple(tree), None
+    matrix, offset = np.zeros((len(tree), len(free))), np.zeros(len(tree))
+    for k, name in enumerate(names):
+        at, ratio, shift, seen = name, 1.0, 0.0, {name}
+        while at in followers:
+            leader, multiplier, constant = followers[at]
+            shift += ratio * constant
+            ratio *= multiplier
+            if leader in seen:
+                raise InputError(f"joint {name!r} mimics itself through others", "correct its <mimic>")
+            if leader not in names:
+                raise InputError(
+                    f"joint {at!r} mimics {leader!r}, which is no moving joint of the robot",
+                    "correct its <mimic>",
+                )
+            seen.add(leader)
+            at = leader
+        matrix[k, free.index(names.index(at))], offset[k] = ratio, shift
+    return tuple(tree[k] for k in free), Mechanism(tuple(tree), matrix, offset, tuple(massless))
+
+
+def mimics(
+    elements: Sequence[Any], numbers: Callable[[Any, str, Sequence[float]], list[float]]
+) -> dict[str, Follower]:
+    """The <mimic> of each <joint> element that has one; numbers : reads an attribute's numbers."""
+    out = {}
+    for joint in elements:
+        element = joint.find("mimic")
+        if element is not None:
+            (multiplier,), (offset,) = (
+                numbers(element, name, (default,))
+                for name, default in (("multiplier", 1.0), ("offset", 0.0))
+            )
+            out[joint.get("name")] = (str(element.get("joint")), multiplier, offset)
+    return out
+
+
+def parse_mechanism(
+    tree: Sequence[Joint], formulas: Sequence[str], massless: Sequence[int] = ()
+) -> tuple[tuple[Joint, ...], Mechanism]:
+    """Each tree joint's position as a formula of those that move by themselves: "q1", "-q2 + 0.1".
+
+    massless : links without mass, by their number in the tree from 1. Raises InputError.
+    """
+    if len(formulas) != len(tree):
+        raise InputError(
+            f"mechanism: {len(formulas)} formulas, the tree has {len(tree)} joints", "write one a joint"
+        )
+    rows = np.array([parse_formula(text, len(tree)) for text in formulas])
+    used = np.flatnonzero(rows[:, :-1].any(axis=0))
+    n = int(used.max(initial=-1)) + 1
+    own = []
+    for k in range(n):
+        same = [i for i, row in enumerate(rows) if np.array_equal(row, np.eye(len(rows) + 1)[k])]
+        if not same:
+            raise InputError(f"mechanism: no joint is q{k + 1} itself", f'write "q{k + 1}" for one')
+        own.append(same[0])
+    if not all(1 <= k <= len(tree) for k in massless):
+        raise InputError(
+            "mechanism: massless names a link that is not there", f"choose from 1 to {len(tree)}"
+        )
+    places = tuple(sorted({k - 1 for k in massless}))
+    return tuple(tree[k] for k in own), Mechanism(tuple(tree), rows[:, :n], rows[:, -1], places)

@@ -8,14 +8,14 @@ through the gears of other joints: a coupled wrist, a differential, a parallelog
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 
 #: The sides on which a channel can be logged.
@@ -24,7 +24,7 @@ _TERM = re.compile(r"\s*([+-])?\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)?\s*\*?\s*(?
 
 
 @dataclass(frozen=True)
-class Transmission:
+class Transmission(Plain):
     """q_m = matrix q + offset, tau = matrix^T tau_m.
 
     matrix : (n, n), a row a motor, in motor units per joint unit; offset : (n,) [rad, m]; positions,
@@ -85,25 +85,6 @@ class Transmission:
         """(N, n) joint torques from logged channels (N, n)."""
         motors = np.linalg.solve(self._torque_rows, np.asarray(channels, float).T)
         return np.asarray((self.matrix.T @ motors).T)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON, as problem.toml writes it."""
-        return {
-            "matrix": self.matrix.tolist(),
-            "offset": self.offset.tolist(),
-            "positions": list(self.positions),
-            "torques": list(self.torques),
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Transmission:
-        """What :meth:`to_dict` wrote."""
-        return cls(
-            np.array(data["matrix"], float),
-            np.array(data["offset"], float),
-            tuple(data["positions"]),
-            tuple(data["torques"]),
-        )
 
 
 def parse_transmission(

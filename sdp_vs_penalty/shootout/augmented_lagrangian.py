@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.judge import Answer, no_answer
 

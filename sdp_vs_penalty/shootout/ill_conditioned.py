@@ -11,11 +11,11 @@ from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.constraints import constraint as build
-from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.shootout import standard_instances
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.signals.preprocessing import filtered_rows

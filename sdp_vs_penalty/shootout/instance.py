@@ -9,12 +9,12 @@ from functools import cached_property
 
 import numpy as np
 
-from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.sdp_fit import essential, interior_point
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp

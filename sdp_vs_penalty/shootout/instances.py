@@ -13,7 +13,7 @@ from functools import lru_cache, partial
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.real_data import real_data_folder
+from sdp_vs_penalty.problem.published import real_data_folder
 from sdp_vs_penalty.shootout import ill_conditioned
 from sdp_vs_penalty.shootout import standard_instances as standard
 from sdp_vs_penalty.shootout.instance import Instance

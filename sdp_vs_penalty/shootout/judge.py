@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from sdp_vs_penalty.constraints.cones import cone_margin
-from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.reference import Reference
 from sdp_vs_penalty.solvers import verified

@@ -7,7 +7,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.datasets import UR10E_DRIVE_GAINS, clean_stretch, converted
 from sdp_vs_penalty.data.measurements import Measurements
@@ -16,13 +15,13 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
-from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.real_data import measured_run, real_file
+from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
+from sdp_vs_penalty.problem.published import measured_run, real_file
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.simulation.experiments import experiment

@@ -19,10 +19,9 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.forward import Plant, State, advance
 from sdp_vs_penalty.effects.servo_loop import ServoLoop
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.courses import Course, courses_of
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
+from sdp_vs_penalty.estimation.output_error import Course, courses_of
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, Table

@@ -24,10 +24,18 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import lapack
 
-from sdp_vs_penalty.constraints.cones import cone_depths, project, safe_depth
-from sdp_vs_penalty.constraints.constraint import Alike, Constraint, ConstraintSet, Entries, alike
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import (
+    Alike,
+    Constraint,
+    ConstraintSet,
+    Entries,
+    alike,
+    cone_depths,
+    project,
+    safe_depth,
+)
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.objective import Objective
 

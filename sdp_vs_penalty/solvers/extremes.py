@@ -20,10 +20,9 @@ import numpy as np
 import scipy.linalg
 from scipy import sparse
 
-from sdp_vs_penalty.constraints.cones import project
-from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, project
 from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, svec, unsvec

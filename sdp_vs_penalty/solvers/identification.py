@@ -16,8 +16,8 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.constraints.constraint import Alike, Constraint, alike
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Alike, Constraint, alike
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec, unsvec
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from sdp_vs_penalty.constraints.constraint import Constraint, Entries, alike
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint, Entries, alike
 
 
 @dataclass(frozen=True)

@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.certificate import DualEvidence, dual_evidence
 from sdp_vs_penalty.solvers.objective import Entropy, Objective

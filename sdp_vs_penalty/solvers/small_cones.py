@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.constraints.constraint import Alike, Constraint, Entries, alike
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Alike, Constraint, Entries, alike
 from sdp_vs_penalty.solvers.objective import Entropy
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, svec
 from sdp_vs_penalty.solvers.identification import Placed, SdpProblem
 

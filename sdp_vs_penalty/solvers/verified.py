@@ -20,14 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.constraints.constraint import (
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import (
     Constraint,
     ConstraintSet,
     Entries,
     alike,
     margins,
 )
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.enclosure import (
     ROUNDOFF,
     Enclosure,

@@ -19,7 +19,6 @@ from small_runs import small_run, write_run
 from sdp_vs_penalty import InputError, Problem, diagnose, identify, load_estimate, load_problem
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.cli.verbs.list import Kind
-from sdp_vs_penalty.constraints import ConstraintSet
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.diagnosis import Diagnosis, load_diagnosis
@@ -28,6 +27,7 @@ from sdp_vs_penalty.estimation import separation
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.worker_pool import WorkerPool
+from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.simulation import experiment, hidden_runs
 
 PROGRAM = "sdp-vs-penalty"

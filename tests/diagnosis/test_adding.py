@@ -11,11 +11,10 @@ from arms import HEAVY, THREE, write_folder, write_urdf
 from small_runs import small_run
 
 from sdp_vs_penalty import Estimate, Problem, add, compare, identify, load_estimate, load_problem
-from sdp_vs_penalty.constraints import ConstraintSet
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.reports import evidence
-from sdp_vs_penalty.robot import random_trajectory
+from sdp_vs_penalty.reports import sections
+from sdp_vs_penalty.robot import ConstraintSet, random_trajectory
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -86,7 +85,7 @@ def test_a_frozen_addition_is_judged_with_the_model_that_it_extends(tmp_path: Pa
     assert loaded.certificate.violations == problem.constraints(loaded.model).worst(loaded.theta)
     assert loaded.certificate.gap is not None
     assert loaded.certificate.smallest_thickness == estimate.certificate.smallest_thickness
-    section = evidence.certificate(SimpleNamespace(models={"loaded.json": loaded}))  # type: ignore[arg-type]
+    section = sections.certificate(SimpleNamespace(models={"loaded.json": loaded}))  # type: ignore[arg-type]
     assert "loaded.json: objective and gap are of the added effects" in section.body
     text = str(loaded.certificate)
     assert "every constraint holds" not in text

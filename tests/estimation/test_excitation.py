@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.estimation import Limits
-from sdp_vs_penalty.estimation.excitation import excite, save_trajectory
-from sdp_vs_penalty.estimation.motion_regressor import BaseRegressor
+from sdp_vs_penalty.estimation.excitation import BaseRegressor, excite, save_trajectory
 from sdp_vs_penalty.robot import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation import experiment
 

@@ -7,7 +7,7 @@ import pytest
 from random_robots import sines
 
 from sdp_vs_penalty import Measurements, Problem
-from sdp_vs_penalty.estimation.joint_shapes import settled
+from sdp_vs_penalty.estimation.shape_constants import settled
 from sdp_vs_penalty.regression import compress
 
 RIGID = "rigid_body,viscous_friction,torque_offset"

@@ -7,7 +7,7 @@ import pytest
 
 from sdp_vs_penalty import Estimate, InputError, Problem, identify
 from sdp_vs_penalty.estimation import Limits
-from sdp_vs_penalty.estimation.payload_run import PayloadRun, payload_run
+from sdp_vs_penalty.estimation.excitation import PayloadRun, payload_run
 from sdp_vs_penalty.estimation.separation import independent_rate
 from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.simulation import experiment

@@ -13,8 +13,8 @@ from sdp_vs_penalty import Estimate, InputError, identify, load_problem
 from sdp_vs_penalty.estimation import Limits
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.separation import Hypotheses, default_excitation, separate
-from sdp_vs_penalty.robot.point_trajectory import PointTrajectory, joint_trajectory, shortest_moves
 from sdp_vs_penalty.robot.self_collision import SelfCollision
+from sdp_vs_penalty.robot.trajectory import PointTrajectory, joint_trajectory, shortest_moves
 from sdp_vs_penalty.simulation import experiment
 
 PAIR = "torque_ripple:2@k=2,joint_spring:2"

@@ -75,7 +75,7 @@ def test_a_joint_without_a_model_is_named() -> None:
 def test_it_survives_json() -> None:
     found = verdict()
     assert Verdict.from_dict(found.to_dict()) == found
-    with pytest.raises(ValueError, match="grade"):
+    with pytest.raises(ValueError, match="none of good"):
         Verdict.from_dict({**found.to_dict(), "lines": [{"about": "fit", "grade": "fine", "text": ""}]})
 
 

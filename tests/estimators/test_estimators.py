@@ -22,8 +22,8 @@ from sdp_vs_penalty.estimators import (
     make_estimator,
     make_task,
 )
+from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS, LmiSdpPlain
-from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.regression import Regression, compress
 from sdp_vs_penalty.regression.regression import Factor
 from sdp_vs_penalty.robot import inertia

@@ -26,8 +26,7 @@ from sdp_vs_penalty.estimators import (
     make_estimator,
     make_task,
 )
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
-from sdp_vs_penalty.estimators.lmi_sdp_two_step import LmiSdpTwoStep
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, LmiSdpTwoStep
 from sdp_vs_penalty.estimators.sdp_fit import essential
 from sdp_vs_penalty.regression import LeastSquares, compress
 from sdp_vs_penalty.regression.base_parameters import base_parameters

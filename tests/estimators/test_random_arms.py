@@ -11,10 +11,10 @@ import pytest
 from random_arms import random_arm, random_run, scara
 
 from sdp_vs_penalty import load_problem
-from sdp_vs_penalty.constraints import ConstraintSet
 from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimators import make_estimator, make_task, solve_sdp
 from sdp_vs_penalty.regression import compress
+from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 
 METHODS = ("lmi-sdp", "lmi-sdp-thickness", "lmi-sdp-plain", "lmi-sdp-entropic")

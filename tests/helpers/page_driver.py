@@ -165,9 +165,11 @@ def alert(page: Page) -> str:
 
 def busy(server: Server) -> list[Any]:
     """The processes that compute, once there are any."""
+    before = {p: p.cpu_times().user for p in server.workers()}
     end = time.monotonic() + 10.0
     while time.monotonic() < end:
-        if working := [p for p in server.workers() if p.cpu_times().user > 0.3]:
+        now = {p: p.cpu_times().user for p in server.workers()}
+        if working := [p for p, user in now.items() if user > before.get(p, 0.0) + 0.3]:
             return working
         time.sleep(0.05)
     raise AssertionError("nothing computes")

@@ -52,8 +52,7 @@ def simulating(context: BrowserContext, server: Server, robot: str = "panda", pa
 def test_cancel_ends_the_work(context: BrowserContext, server: Server) -> None:
     page = simulating(context, server)
     page.wait_for_selector(".working .status:has-text('simulating')")
-    # The next worker may be waiting already; it has done nothing yet.
-    worker = max(server.workers(), key=lambda p: sum(p.cpu_times()[:2]))
+    (worker,) = busy(server)
     page.click(key("cancel"))
     page.wait_for_selector(".notice[role=status] p:has-text('Cancelled: nothing was changed.')")
     _, alive = psutil.wait_procs([worker], 5.0)

@@ -27,8 +27,8 @@ from sdp_vs_penalty.checks.urdf import check_urdf
 from sdp_vs_penalty.cli.verbs import identify as identify_verb
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, load_diagnosis
+from sdp_vs_penalty.page import jobs, uploads, worker
 from sdp_vs_penalty.page import sessions as sessions_module
-from sdp_vs_penalty.page import uploads, worker
 from sdp_vs_penalty.page.auth_middleware import guarded
 from sdp_vs_penalty.page.charts import (
     data_chart,
@@ -241,10 +241,10 @@ def test_bounds_of_the_page_hold_and_are_on_the_command_line(
 async def taken_and_opened(s: Session, other: Session) -> Session:
     """The model, the findings and the runs that a session hands out are all that another one needs."""
     ready: list[str] = []
-    await finish(s, lambda: s.take("model.json", ready.append, {}))
-    await finish(s, lambda: s.take("findings.json", ready.append, {}))
+    await finish(s, lambda: s.take("model.json", ready.append))
+    await finish(s, lambda: s.take("findings.json", ready.append))
     for k, _ in enumerate(s.runs):
-        await finish(s, lambda k=k: s.take_run(k, ready.append))  # type: ignore[misc]
+        await finish(s, lambda k=k: s.take(f"run-{k + 1}.csv", ready.append))  # type: ignore[misc]
     assert s.findings is not None
     assert load_diagnosis(s.folder / "findings.json").to_dict() == s.findings.to_dict()
     await finish(other, lambda: other.choose_robot("two_link"))
@@ -348,9 +348,10 @@ def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions: Sessions) 
         await finish(s, lambda: s.choose_robot("panda"))
         s.simulate("joint_spring", [3], "strong", 0)
         assert s.working is not None
-        work = s.working.work
         while "simulating" not in (s.working.status if s.working else "simulating"):
             await asyncio.sleep(0.01)
+        work = s.working.work
+        assert work is not None
         begin = time.perf_counter()
         s.cancel()
         assert s.task is not None
@@ -362,8 +363,7 @@ def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions: Sessions) 
     assert s.runs == []
     assert s.notice is not None
     assert s.notice.texts == ("Cancelled: nothing was changed.",)
-    work.process.join(2.0)
-    assert not work.process.is_alive()
+    work.process.wait(2.0)
 
 
 async def put(session: Session, name: str, kind: str, content: bytes = b"x") -> int:
@@ -437,8 +437,6 @@ def test_a_worker_that_the_system_ends_is_a_sentence(pool: WorkerPool) -> None:
     async def story() -> None:
         work = pool.worker()
         doing = asyncio.ensure_future(work.do(LONG, lambda _: None))
-        while not work._started:
-            await asyncio.sleep(0.01)
         work.process.kill()
         await doing
 
@@ -451,7 +449,7 @@ def test_every_error_of_a_job_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> 
         def job(request: Any, progress: Any) -> dict[str, Any]:
             raise error
 
-        monkeypatch.setitem(worker.JOBS, "fails", job)
+        monkeypatch.setitem(jobs.JOBS, "fails", job)
         return worker.do({"job": "fails"}, lambda _: None)
 
     assert fails(InputError("run.csv: row 3 is empty: delete it."))["error"].startswith("run.csv")
@@ -464,11 +462,13 @@ def test_every_error_of_a_job_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> 
 def test_a_worker_ends_with_its_server(pool: WorkerPool) -> None:
     """The server is killed: its end of the pipe closes, and with it the worker."""
     work = pool.worker()
-    work.connection.send_bytes(json.dumps(LONG).encode())
-    assert work.connection.poll(10.0)  # it works
-    work.connection.close()
-    work.process.join(3.0)
-    assert not work.process.is_alive()
+    assert work.process.stdin is not None
+    assert work.process.stdout is not None
+    work.process.stdin.write(json.dumps(LONG).encode() + b"\n")
+    work.process.stdin.flush()
+    assert work.process.stdout.readline()  # it works
+    work.process.stdin.close()
+    work.process.wait(3.0)
 
 
 async def pieces(*chunks: bytes) -> AsyncIterator[bytes]:
@@ -843,26 +843,6 @@ def test_measured_curves_are_drawn_where_the_recording_lies() -> None:
     np.testing.assert_allclose(rows["y"], 2.0 * q[:, 0], rtol=1e-4)
     assert len(missing_chart(replace(one, of=("temp1",)), units, read)["data"]) == 3
     assert json.dumps(missing_chart(pair, units, read))
-
-
-@pytest.mark.slow
-def test_workers_start_where_temporary_names_are_long(tmp_path: Path) -> None:
-    """A forking server listens at a path, which a system limits to a hundred characters or so."""
-    long = tmp_path / ("long" * 30)
-    long.mkdir()
-    code = (
-        "import asyncio\nfrom sdp_vs_penalty.page.worker_pool import WorkerPool\n"
-        "if __name__ == '__main__':\n    shop = WorkerPool()\n"
-        "    doing = shop.worker().do({'job': 'robot', 'source': 'two_link'}, print)\n"
-        "    print(asyncio.run(doing)['n'])\n    shop.close()\n"
-    )
-    (tmp_path / "ask.py").write_text(code)
-    environment = {**os.environ, "TMPDIR": str(long), "PYTHONPATH": str(Path(__file__).parents[2])}
-    done = subprocess.run(
-        [sys.executable, str(tmp_path / "ask.py")],
-        env=environment, capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
-    assert done.stdout.strip().endswith("2"), done.stderr
 
 
 def test_without_the_extra_it_says_what_to_install() -> None:

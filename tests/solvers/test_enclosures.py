@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty.constraints import Constraint, ConstraintSet, cone_margin
-from sdp_vs_penalty.constraints import constraint as build
-from sdp_vs_penalty.constraints.cones import cone_depths, safe_depth
+from sdp_vs_penalty.robot import Constraint, ConstraintSet, cone_margin
+from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot.constraint import cone_depths, safe_depth
 from sdp_vs_penalty.solvers import Entropy, repair, verified
 from sdp_vs_penalty.solvers.enclosure import Enclosure, Long
 

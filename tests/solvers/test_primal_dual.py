@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.constraints import ConstraintSet
-from sdp_vs_penalty.constraints.constraint import second_order
 from sdp_vs_penalty.estimators import Fit, Task, make_estimator, solve_sdp
 from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
+from sdp_vs_penalty.robot import ConstraintSet
+from sdp_vs_penalty.robot.constraint import second_order
 from sdp_vs_penalty.shootout.standard_instances import chain_task, shape_cones
 from sdp_vs_penalty.solvers import Objective
 from sdp_vs_penalty.solvers.verified import certainly_feasible, upper_bound

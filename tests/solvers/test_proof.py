@@ -19,14 +19,14 @@ import pytest
 
 from sdp_vs_penalty import identify, load_problem
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.constraints import ConstraintSet
-from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimators import make_estimator, make_task
 from sdp_vs_penalty.regression import LeastSquares, compress
+from sdp_vs_penalty.robot import ConstraintSet
+from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.solvers import Objective, verify_proof
 from sdp_vs_penalty.solvers.proof import (

@@ -12,11 +12,10 @@ from scipy import sparse
 from sdp_readers import read_cbf, read_sdpa
 
 from sdp_vs_penalty import InputError
-from sdp_vs_penalty.constraints import ConstraintSet
-from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.regression import LeastSquares
-from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot import ConstraintSet, inertia
+from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.solvers import (
     Cone,
     ConicProblem,

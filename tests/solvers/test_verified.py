@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty.constraints import Constraint, ConstraintSet
-from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.regression import LeastSquares
-from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot import Constraint, ConstraintSet, inertia
+from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.solvers import (
     Entropy,
     Objective,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -26,16 +25,8 @@ def verb(
     """
     from sdp_vs_penalty.checks import urdf as inertials
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.files import write_text
 
     checks, massless = inertials.check_urdf(urdf), inertials.massless_links(urdf)
-    if json_file is not None:
-        content = {
-            "urdf": str(urdf),
-            "links": [c.to_dict() for c in checks],
-            "moving_links_without_inertial": massless,
-        }
-        write_text(json_file, json.dumps(content, indent=1, allow_nan=False) + "\n")
     verdict, *remarks = inertials.sentences(checks, massless)
     console.say(verdict, style="bold")
     if checks:
@@ -51,6 +42,9 @@ def verb(
                 console.say(f'  {key}="{value}"')
     for remark in remarks:
         console.explain(remark)
+    links = [c.to_dict() for c in checks]
+    content = {"urdf": str(urdf), "links": links, "moving_links_without_inertial": massless}
+    console.save_json(json_file, content)
     if fix is not None:
         inertials.write_nearest(urdf, checks, fix)
         console.written(fix)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.cli.runs import runs_for, warn_or_refuse
+from sdp_vs_penalty.cli.runs import words as data_words
 
 
 def verb(
@@ -32,7 +32,6 @@ def verb(
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.diagnosis.diagnose import diagnose as run
     from sdp_vs_penalty.estimation.estimate import load_estimate
-    from sdp_vs_penalty.files import write_text
 
     estimate = load_estimate(model)
     with console.progress("reading the measurements") as progress:
@@ -52,8 +51,7 @@ def verb(
             noise_from=given.whole,
             gain_uncertainty=gain_uncertainty,
         )
-    words = ["--data", *map(str, data)]
-    words += [] if window is None else ["--window", window]
+    words = ["--data", *data_words(data, window)]
     words += [] if test is None else ["--test", str(test)]
     words += [] if test_window is None else ["--test-window", test_window]
     words += ["--frozen"] if frozen else []
@@ -69,12 +67,9 @@ def verb(
         add = ["add", str(model), *what, *words, "--out", str(_next_to(model))]
     elif result.curves and json_file is not None:
         add = ["add", str(model), "--from", str(json_file), *words, "--out", str(_next_to(model))]
-    if json_file is not None:
-        write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
     printing.diagnosis(result, estimate.robot.torque_units, add, verbose)
     printing.undecided(result, model)
-    if json_file is not None:
-        console.written(json_file)
+    console.save_json(json_file, result.to_dict())
 
 
 def _next_to(model: Path) -> Path:

@@ -97,8 +97,7 @@ def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> Non
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.errors import InputError
     from sdp_vs_penalty.estimation.estimate import load_estimate
-    from sdp_vs_penalty.estimation.excitation import save_trajectory
-    from sdp_vs_penalty.estimation.payload_run import payload_run
+    from sdp_vs_penalty.estimation.excitation import payload_run, save_trajectory
 
     estimate = load_estimate(model)
     try:
@@ -134,8 +133,8 @@ def _separate(
     from sdp_vs_penalty.estimation.excitation import save_trajectory
     from sdp_vs_penalty.estimation.separation import separate
     from sdp_vs_penalty.files import write_text
-    from sdp_vs_penalty.robot.point_trajectory import joint_trajectory
     from sdp_vs_penalty.robot.self_collision import SelfCollision
+    from sdp_vs_penalty.robot.trajectory import joint_trajectory
 
     estimate = load_estimate(model)
     shapes = None if urdf is None else SelfCollision.of_urdf(urdf, estimate.robot.n)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -48,11 +47,10 @@ def listing(kind: str) -> Listing:
 
 def details(kind: str, name: str) -> tuple[str, ...]:
     """The whole row of one name; InputError where there is none."""
-    _, rows = listing(kind)
-    for row in rows:
-        if row[0] == name:
-            return row
-    raise unknown("", name, (row[0] for row in rows), where=kind)
+    rows = {row[0]: row for row in listing(kind)[1]}
+    if name not in rows:
+        raise unknown("", name, rows, where=kind)
+    return rows[name]
 
 
 def _problems() -> Listing:
@@ -131,13 +129,7 @@ def _exports() -> Listing:
     return ("file ends in", "what it is"), [(ending, home.ABOUT) for ending, home in formats().items()]
 
 
-_KINDS: dict[str, Callable[[], Listing]] = {
-    "problems": _problems,
-    "effects": _effects,
-    "methods": _methods,
-    "solvers": _solvers,
-    "tables": _tables,
-    "datasets": _datasets,
-    "engines": _engines,
-    "exports": _exports,
+_KINDS = {
+    made.__name__[1:]: made
+    for made in (_problems, _effects, _methods, _solvers, _tables, _datasets, _engines, _exports)
 }

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.plain import Plain
 from sdp_vs_penalty.effects.curve_variable import WORDS, Variable
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import plain_unit

@@ -8,11 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.estimators.estimator import Estimator, make_task, with_joint_prior
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, LmiSdpEntropic, LmiSdpPlain
 from sdp_vs_penalty.estimators.ols import Ols
 from sdp_vs_penalty.estimators.penalty import Penalty
-from sdp_vs_penalty.estimators.task import make_task, with_joint_prior
 from sdp_vs_penalty.paper.tables.study import (
     Data,
     PhaseFold,

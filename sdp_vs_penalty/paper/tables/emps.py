@@ -14,7 +14,7 @@ from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import FOLDS, Study, torque_errors
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
-from sdp_vs_penalty.problem.real_data import VARIABLE, real_data_folder
+from sdp_vs_penalty.problem.published import VARIABLE, real_data_folder
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 

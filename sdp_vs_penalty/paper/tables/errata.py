@@ -8,8 +8,7 @@ from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Column, Table
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.published import errata, published_links, published_values
-from sdp_vs_penalty.problem.real_data import real_file
+from sdp_vs_penalty.problem.published import errata, published_links, published_values, real_file
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols, base_parameters
 from sdp_vs_penalty.robot import inertia
 

@@ -17,13 +17,19 @@ from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
+from sdp_vs_penalty.estimators.estimator import (
+    Estimator,
+    Progress,
+    Task,
+    make_task,
+    no_progress,
+    with_joint_prior,
+)
 from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, QUICK_BUDGET, PenaltyPaper
-from sdp_vs_penalty.estimators.task import make_task, with_joint_prior
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.real_data import measured_run, real_file
+from sdp_vs_penalty.problem.published import measured_run, real_file
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox, load_configurations
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells

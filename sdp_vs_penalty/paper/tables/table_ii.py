@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.estimation.excitation import Excitation, Limits, excite
-from sdp_vs_penalty.estimation.motion_regressor import BaseRegressor
+from sdp_vs_penalty.estimation.excitation import BaseRegressor, Excitation, Limits, excite
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
-from sdp_vs_penalty.problem.real_data import commanded_coefficients
+from sdp_vs_penalty.problem.published import commanded_coefficients
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory
 
 NAME = "II"

@@ -1,23 +1,90 @@
-"""The model run forward: how far ahead it says where the arm will be."""
+"""Use: the model's files, and the model run forward."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import torque_chart
-from sdp_vs_penalty.page.controls import button, chart, choice, note, table, tag
-from sdp_vs_penalty.page.part import after_model
+from sdp_vs_penalty.page.controls import (
+    button,
+    chart,
+    choice,
+    details,
+    note,
+    table,
+    tag,
+    text_field,
+    tile,
+)
+from sdp_vs_penalty.page.part import Stage, after_model, identified
+from sdp_vs_penalty.page.stages.advanced import POSED_FILES
+from sdp_vs_penalty.page.uploads import MOST_FILES
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.reports.plots import Curves
+
+#: Files and what they are for.
+FILES = {
+    "model.json": "for this program",
+    "robot.urdf": "for ROS and simulators",
+    "robot.xml": "for MuJoCo",
+    "report.html": "HTML report",
+}
+#: Of a model with a payload, as the makers' controllers take it; likewise what else `export` writes.
+_EXPORTS = {home.FILE: home.ABOUT for home in formats().values() if home.FILE not in FILES}
+LOAD = {name: use for name, use in _EXPORTS.items() if use.startswith("payload")}
+MORE = {name: use for name, use in _EXPORTS.items() if name not in LOAD}
+
+#: What else a job may have made to be fetched.
+MADE = (
+    *("findings.json", "trajectory.csv", "proof.json", "fixed.urdf"),
+    *(f"run-{k}.csv" for k in range(1, MOST_FILES + 1)),
+    *(name for posed in POSED_FILES for name in (posed, f"{posed}.json")),
+)
+
+
+def _draw_take_away(view: View) -> None:
+    session = view.session
+    flange = {"flange": ""}
+
+    def tiles(files: dict[str, str]) -> None:
+        for name, use in files.items():
+            tile(name, use, partial(session.take, name, view.download, flange), f"take-{name}")
+
+    with tag("div", style="tiles", role="group", aria_label="Files to download"):
+        tiles(FILES)
+        if session.findings is not None:
+            tiles({"findings.json": "the diagnosis"})
+    if "payload" in session.history[-1].effects:
+        said = "Flange in the last joint's frame [m]: x,y,z"
+        text_field(said, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107")
+        with tag("div", style="tiles", role="group", aria_label="The payload's files"):
+            tiles(LOAD)
+    more = details("For other simulators and controllers", "more-files")
+    with more, tag("div", style="tiles", role="group", aria_label="More files to download"):
+        tiles(MORE)
+    runs = details("Runs as they were used, repaired where that was asked", "runs-files")
+    with runs, tag("div", style="tiles", role="group", aria_label="Runs to download"):
+        for k, run in enumerate(session.runs):
+            name = f"run-{k + 1}.csv"
+            take = partial(session.take, name, view.download)
+            tile(name, f"from {run['name']}", take, f"take-{name}")
+    with details("The same on the command line", "commands"):
+        tag("pre", "\n".join(session.commands()), tabindex="0")
+
+
+TAKE_AWAY = after_model("take-away", "Download", _draw_take_away, lambda s: (s.findings is None, s.runs))
+
 
 _DRIVES = (("torque", "the measured torque alone"), ("pd", "and a control loop on the measured motion"))
 _SERVO = ("servo", "the commands alone, through the model's servos")
 
 
-def _draw(view: View) -> None:
+def _draw_forward(view: View) -> None:
     session, asked = view.session, {"drive": view.drive}
     drives = [_SERVO] * session.current.servo + list(_DRIVES)
     if view.drive not in dict(drives):
@@ -77,8 +144,11 @@ def _replay(view: View, made: dict[str, Any]) -> None:
         parts["chart"].classes("timed")
         if model.about["bodies"]:
             parts["arm"] = draw_arm(view, model.about, "blue: measured, orange: simulated", arms=2)
-    view.behind["forward"] = follow
+    view.followers["forward"] = follow
     follow()
 
 
-FORWARD = after_model("forward", "Run forward", _draw, lambda s: s.answer("forward"))
+FORWARD = after_model("forward", "Run forward", _draw_forward, lambda s: s.answer("forward"))
+
+
+USE = Stage("use", "Use", "Identify a model first.", (TAKE_AWAY, FORWARD), identified)

@@ -1,26 +1,94 @@
-"""Which effects are missing, ranked, each to be added with a click."""
+"""Diagnose: the error from model to model; which effects are missing, each to be added with a click."""
 
 from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
+from nicegui import ui
+
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import event_lines
+from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.page.charts import missing_chart
-from sdp_vs_penalty.page.controls import button, chart, check, details, draw_form, note, tag, text_field
-from sdp_vs_penalty.page.part import after_model
-from sdp_vs_penalty.page.view import View
-from sdp_vs_penalty.page.wording import (
-    physics,
-    plain_name,
-    where,
-    with_unit,
+from sdp_vs_penalty.page.controls import (
+    button,
+    chart,
+    check,
+    details,
+    draw_form,
+    note,
+    table,
+    tag,
+    text_field,
 )
-from sdp_vs_penalty.reports.pictures import change_of
+from sdp_vs_penalty.page.part import Stage, Verdict, after_model
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.wording import figure, physics, plain_name, where
+from sdp_vs_penalty.reports.pictures import bars, change_of
 
 
-def _draw(view: View) -> None:
+def _draw_model_history(view: View) -> None:
+    session = view.session
+    history, units = session.history, session.arm["units"]
+    with tag("ol", style="history"):
+        for model in history:
+            with tag("li"):
+                tag("strong", model.label)
+                relative = figure(model.comparison["relative_error_percent"])
+                tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
+    _all_models(view)
+    with tag("div", style="row"):
+        if len(history) > 1:
+            button("Undo the last step", session.undo, "undo")
+        if session.undone:
+            button(f"Redo {session.undone[-1].label}", session.redo, "redo")
+    if len(history) == 1:
+        return
+    errors = [model.comparison["rmse"] for model in history]
+    floor = history[-1].comparison["noise_floor"]
+    known = None if None in floor else floor
+    ui.html(bars(errors[0], errors[-1], known, units), sanitize=False)
+    rows = [
+        [
+            f"{j + 1} [{unit}]",
+            *(figure(e[j]) for e in errors),
+            change_of(errors[0][j], errors[-1][j]),
+            figure(floor[j]),
+        ]
+        for j, unit in enumerate(units)
+    ]
+    heads = ["joint", *(str(k) for k in range(1, len(history) + 1)), "change", "noise"]
+    table(heads, rows, "RMS error of each joint, model by model", "numbers history")
+    judged = ", ".join(history[-1].judged_on)
+    note(f"RMS error on {judged}.")
+
+
+def _all_models(view: View) -> None:
+    """Those that have left the history too, each to be gone on from."""
+    session = view.session
+    left = [m for m in session.models if m not in session.history]
+    if not left:
+        return
+    with details(f"Other models of this session ({len(left)})", "other-models"):
+        for k, m in enumerate(left):
+            with tag("div", style="row"):
+                error = f"{figure(m.comparison['relative_error_percent'])} % on {', '.join(m.judged_on)}"
+                note(f"{m.label}, {m.method}, {m.parameters} parameters: {error}")
+                button("Go on from it", partial(session.take_up, m), f"take-up-{k}")
+
+
+HISTORY = after_model(
+    "history",
+    "The model so far",
+    _draw_model_history,
+    lambda s: ([m.file for m in s.models], len(s.undone)),
+)
+
+
+def _draw_findings(view: View) -> None:
     session, found = view.session, view.session.findings
     with tag("div", style="row"):
         again = "Diagnose" if found is None else "Diagnose again"
@@ -83,8 +151,10 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
             if finding.joints
             else min(range(len(before)), key=lambda j: after[j] / before[j] if before[j] else 1.0)
         )
-        known = found.noise_known
-        _fall(before[joint], after[joint], found.noise_floor[joint], known, joint, units[joint])
+        floor = [found.noise_floor[joint]] if found.noise_known else None
+        fall = bars([before[joint]], [after[joint]], floor, [units[joint]], [joint + 1])
+        note("Held-out error, refitted without constraints:")
+        ui.html(fall, sanitize=False)
         if added:
             tag("p", "Added to the model.", "chosen")
         else:
@@ -138,22 +208,6 @@ def _by_hand(view: View) -> None:
         button("Add it", lambda: session.add([written.get("text", "")]), "add-by-hand")
 
 
-def _fall(before: float, after: float, floor: float, known: bool, joint: int, unit: str) -> None:
-    """Held-out error before and after as two bars, the noise as a line across both."""
-    largest = max(before, after, floor, 1e-300)
-    with tag("div", style="fall"):
-        tag("span", f"Held-out error of joint {joint + 1}, refitted without constraints", "what")
-        for name, value in (("before", before), ("after", after)):
-            with tag("div", style="bar"):
-                tag("span", name)
-                with tag("div", style="track"):
-                    tag("div", style=f"fill {name}").style(f"width: {100.0 * value / largest:.1f}%")
-                    tag("div", style="floor").style(f"left: {min(100.0 * floor / largest, 99.5):.1f}%")
-                tag("span", with_unit(value, unit), "value")
-        guess = "" if known else " (at most: the model's own error is in it)"
-        tag("span", f"{change_of(before, after)}; noise {with_unit(floor, unit)}{guess}", "soft")
-
-
 def _rest(found: Diagnosis) -> None:
     """Events, what is left, what can never be seen, and remarks."""
     gist, every = event_lines(found.events), event_lines(found.events, every=True)
@@ -179,6 +233,28 @@ def _rest(found: Diagnosis) -> None:
 FINDINGS = after_model(
     "findings",
     "What is missing",
-    _draw,
+    _draw_findings,
     lambda s: (s.found_for, s.frozen, s.findings and s.findings.to_dict()),
 )
+
+
+def _diagnosed(session: Session) -> Verdict | None:
+    """What became of each joint's error, and what the last diagnosis says, where it is of this model."""
+    found, added = session.findings, session.added
+    said = ""
+    if found is not None and added:
+        left = sum(f.text not in added for f in found.effects)
+        said = f"{show.count(left, 'more finding')} can be added." if left else ""
+        said = said or "Diagnose again to see what is missing now."
+    elif found is not None:
+        said = found.headline
+    if len(session.history) > 1:
+        first, last = (session.history[k].comparison for k in (0, -1))
+        floor = None if None in last["noise_floor"] else np.array(last["noise_floor"], float)
+        told = changes(np.array(first["rmse"]), np.array(last["rmse"]), floor)
+        told = told or "no joint changed its error by more than 5 %."
+        said = f"{told[0].upper()}{told[1:]} {said}".strip()
+    return Verdict("", said) if said else None
+
+
+DIAGNOSE = Stage("diagnose", "Diagnose", "Identify a model first.", (HISTORY, FINDINGS), _diagnosed)

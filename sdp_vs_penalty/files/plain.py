@@ -6,7 +6,7 @@ import collections.abc
 import types
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
-from typing import Any, Self, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -52,6 +52,10 @@ def _restored(kind: Any, value: Any) -> Any:
             raise TypeError(f"{value!r} is no list")
         every = args[:1] * len(value) if args[-1] is Ellipsis else args
         return tuple(_restored(a, x) for a, x in zip(every, value, strict=True))
+    if origin is Literal:
+        if value not in args:
+            raise ValueError(f"{value!r} is none of {', '.join(args)}")
+        return value
     if kind in (str, bool) and not isinstance(value, kind):
         raise TypeError(f"{value!r} is no {kind.__name__}")
     return kind.from_dict(value) if hasattr(kind, "from_dict") else kind(value)

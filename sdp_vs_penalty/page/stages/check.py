@@ -1,4 +1,4 @@
-"""What the measurements look like, and what the check says of them."""
+"""Check: what the measurements look like, and what the check says of them."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, note, tag
-from sdp_vs_penalty.page.part import Part
+from sdp_vs_penalty.page.part import Part, Stage, Verdict
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import View
 
 
-def _depends(session: Session) -> Any:
+def _check_depends(session: Session) -> Any:
     return (session.robot or {}).get("source"), session.runs
 
 
-def _draw(view: View) -> None:
+def _draw_check(view: View) -> None:
     session = view.session
     _findings(session)
     names = [run["name"] for run in session.runs]
@@ -77,10 +78,16 @@ def _findings(session: Session) -> None:
             button(f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary")
 
 
-CHECK = Part(
-    "check",
-    "",
-    lambda session: bool(session.runs),
-    _depends,
-    _draw,
-)
+def _checked(session: Session) -> Verdict | None:
+    if not session.runs:
+        return None
+    if session.meaningless:
+        return Verdict("bad", f"{session.meaningless[0]}.", "Check failed")
+    warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
+    if warned:
+        return Verdict("usable", f"It found {show.words(warned)}.", "Check")
+    return Verdict("good", f"Nothing wrong in {show.count(len(session.runs), 'run')}.", "Check")
+
+
+_PART = Part("check", "", lambda session: bool(session.runs), _check_depends, _draw_check)
+CHECK = Stage("check", "Check", "Add measurements first.", (_PART,), _checked)

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from random_robots import link_parameters
 
 from sdp_vs_penalty import Problem
-from sdp_vs_penalty.constraints import ConstraintSet, cone_margin, project
-from sdp_vs_penalty.constraints import constraint as build
-from sdp_vs_penalty.constraints.cones import smallest_eigenvalue
-from sdp_vs_penalty.robot import Body, inertia
+from sdp_vs_penalty.robot import Body, ConstraintSet, cone_margin, inertia, project
+from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot.constraint import smallest_eigenvalue
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=40, deadline=None, derandomize=True)

@@ -1,0 +1,422 @@
+"""Identify: what makes torque to begin with, how well it fits and where it fails, what was found."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.show import new_motion
+from sdp_vs_penalty.page.arm import draw_arm, torque_errors
+from sdp_vs_penalty.page.charts import (
+    asked_span,
+    friction_chart,
+    merged,
+    residual_chart,
+    torque_chart,
+    with_shades,
+)
+from sdp_vs_penalty.page.controls import (
+    button,
+    chart,
+    check,
+    choice,
+    details,
+    draw_form,
+    drop,
+    figures,
+    framed,
+    note,
+    number,
+    table,
+    tag,
+    text_field,
+)
+from sdp_vs_penalty.page.part import Part, Stage, after_model, identified
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.summary import ModelStep
+from sdp_vs_penalty.page.uploads import SUFFIXES
+from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.wording import figure, held, plain_name, spoken, with_unit
+from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
+from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
+from sdp_vs_penalty.reports.plots import SIGNALS
+
+_USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
+
+
+def _model_depends(session: Session) -> Any:
+    chosen = session.method, session.seed, session.effects, session.anyway
+    bounds = session.options.get("bounds")
+    has_model = session.model is not None
+    return (session.robot or {}).get("source"), *chosen, session.meaningless, bounds, has_model
+
+
+def _draw_model(view: View) -> None:
+    if view.session.model is None:
+        _form(view)
+    else:
+        with details("Effects, method, options: identify again", "model-form"):
+            _form(view)
+
+
+def _form(view: View) -> None:
+    session = view.session
+    session.asked = view.forms.get("identify", ())
+    effects = {e["name"]: e for e in view.catalogue["effects"] if not e["frozen_only"]}
+
+    def tick(name: str, on: bool) -> None:
+        chosen = [e for e in session.effects if _name(e) != name] + [name] * on
+        order = list(effects)
+        session.effects = sorted(
+            chosen, key=lambda e: order.index(_name(e)) if _name(e) in order else 99
+        )
+        session.changed()
+
+    def box(name: str) -> None:
+        check(
+            plain_name(name),
+            name in map(_name, session.effects),
+            lambda on: tick(name, on),
+            f"effect-{name}",
+            effects[name]["explanation"],
+        )
+
+    with tag("fieldset"):
+        tag("legend", "Effects of the first model")
+        with tag("div", style="checks"):
+            for name in _USUAL:
+                box(name)
+        rest = [name for name in effects if name not in _USUAL]
+        chosen = sum(name in map(_name, session.effects) for name in rest)
+        with details(f"More effects ({chosen} of {len(rest)} chosen)", "more-effects") as more:
+            if chosen:
+                more.props["open"] = True
+            note("The stage Diagnose tells which are needed.")
+            with tag("div", style="checks"):
+                for name in rest:
+                    box(name)
+
+    with tag("div", style="fields"):
+        options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
+        choice("Method", options, session.method, partial(setattr, session, "method"), "method")
+        number("Seed", session.seed, partial(setattr, session, "seed"), "seed")
+    _bounds(view)
+    _options(view)
+    if session.meaningless:
+        check(
+            "Identify anyway (data check failed)",
+            session.anyway,
+            partial(setattr, session, "anyway"),
+            "anyway",
+        )
+    button("Identify", session.identify, "identify", "primary")
+    with details("Or continue from a model.json", "open-model"):
+        note(
+            "A model identified earlier, possibly from other runs: kept fixed, it shows what has "
+            "changed since, such as a payload."
+        )
+        drop("Your model.json", "drop a file here, or choose one", "model", SUFFIXES["model"], False)
+
+
+def _bounds(view: View) -> None:
+    """What is known of the links before anything is measured: a row a link, a column a parameter; what
+    is changed has a star."""
+    words = view.session.options.get("bounds", "").split(",")
+    own = {name.strip(): ends for name, equals, ends in (w.partition("=") for w in words) if equals}
+    known = view.session.arm["bounds"]
+
+    def cell(name: str, low: str, high: str) -> str:
+        if name in own:
+            low, _, high = own[name].partition(":")
+        span = f"{low} to {high}" if low and high else f"from {low}" if low else f"to {high}"
+        return (span if low or high else "-") + " *" * (name in own)
+
+    with details(
+        f"Bounds of links ({len(own)} changed)" if own else "Bounds of links", "bounds"
+    ) as shown:
+        if own:
+            shown.props["open"] = True
+        note("c is the centre of mass, I the inertia about it; * is yours, by the field below.")
+        links = [known[k : k + 10] for k in range(0, len(known), 10)]
+        rows = [(f"{k}", *(cell(*x[:3]) for x in link)) for k, link in enumerate(links, start=1)]
+        heads = [f"{name.replace('1', '')} [{unit}]" for name, _, _, unit in links[0]]
+        table(("link", *heads), rows, "Bounds of the links")
+        if "total" in own:
+            note(f"Total mass: {cell('total', '', '')} kg")
+        (field,) = [f for f in view.session.asked if f.name == "bounds"]
+
+        def put(text: str) -> None:
+            view.session.options.pop("bounds", None)
+            view.session.options |= {"bounds": text.strip()} if text.strip() else {}
+            view.session.changed()
+
+        text_field(
+            field.help, ",".join(f"{k}={v}" for k, v in own.items()), put, "bounds-text", field.example
+        )
+
+
+def _options(view: View) -> None:
+    """Effects as they are written on the command line, and its options."""
+    session = view.session
+
+    def write(text: str) -> None:
+        session.effects = [word.strip() for word in text.split(",") if word.strip()]
+        session.changed()
+
+    chosen = len(session.options.keys() - {"bounds"})
+    with details(f"More options ({chosen} set)" if chosen else "More options", "more-options"):
+        said = "Effects as text: name[:joints][@shape=value], such as coulomb_friction@v_s=0.01"
+        text_field(said, ",".join(session.effects), write, "effects-text", wide=True)
+        with tag("div", style="fields"):
+            draw_form([f for f in session.asked if f.name != "bounds"], session.options)
+
+
+def _name(effect: str) -> str:
+    """coulomb_friction of coulomb_friction:7@v_s=0.01."""
+    return effect.partition("@")[0].partition(":")[0]
+
+
+MODEL = Part(
+    "model",
+    "",
+    lambda session: any(run["use"] != "test" for run in session.runs),
+    _model_depends,
+    _draw_model,
+)
+
+
+def _draw_fit(view: View) -> None:
+    session, model, robot = view.session, view.session.current, view.session.arm
+    comparison, units = model.comparison, robot["units"]
+    if view.joint is None:  # whose error is the most times its noise; without noise, the largest
+        both = zip(comparison["rmse"], comparison["noise_floor"], strict=True)
+        scaled = [e / f if f else e for e, f in both]
+        view.joint = scaled.index(max(scaled))
+    view.joint = min(view.joint, robot["n"] - 1)
+    if view.run not in model.runs:
+        view.run, view.span = model.runs[-1], None
+    first = session.history[0].comparison
+    floor = None if None in comparison["noise_floor"] else comparison["noise_floor"]
+    after = comparison["rmse"] if len(session.history) > 1 else None
+    ui.html(bars(first["rmse"], after, floor, units), sanitize=False)
+    _figures(model)
+    chips = _chips(view, model, units)
+    parts: dict[str, Any] = {}
+    with tag("div", style="pick"):
+        names = [(name, name) for name in model.runs]
+        choice("Run", names, view.run, lambda name: view.look(run=name), "shown-run")
+
+    def options() -> dict[str, Any]:
+        curves = session.curves(model, view.run)
+        if len(session.history) > 1:
+            curves = merged(session.curves(session.history[0], view.run), curves)
+        shown = torque_chart(curves, view.joint or 0, units, view.span)
+        return with_shades(shown, _stretches(view, model))
+
+    def reads() -> list[Any]:
+        steps = [session.history[0], model][-len(session.history) :]
+        return [session.recording(step, view.run) for step in steps]
+
+    def against() -> dict[str, Any]:
+        j = view.joint or 0
+        floor = comparison["noise_floor"][j]
+        return residual_chart(reads(), j, view.signal, units[j], floor, view.span)
+
+    def zoom(event: Any) -> None:
+        span = asked_span(event.args)
+        if not isinstance(span, bool):
+            view.look(span=span)
+
+    def follow() -> None:
+        j = view.joint or 0
+        for k in {seen.get("chip", j), j}:
+            chips[k].classes(add="on" if k == j else "", remove="" if k == j else "on")
+            chips[k].props["aria-pressed"] = "true" if k == j else "false"
+        at = j, view.run, view.span
+        if seen["chart"] != at:
+            parts["chart"].update_figure(options())
+        if seen["against"] != (*at, view.signal):
+            parts["against"].update_figure(against())
+        causes = {cause for *_, cause in _stretches(view, model)}
+        parts["legend"].content = legend([cause for cause in SHADES if cause in causes])
+        if seen.get("run") != view.run and "arm" in parts:
+            read = session.recording(model, view.run)
+            parts["arm"](read, torque_errors(model, read))
+        seen.update(chip=j, chart=at, against=(*at, view.signal), run=view.run)
+        parts["words"].text = _words(model, j, units[j])
+
+    with tag("div", style="pair"):
+        parts["chart"] = chart(options(), "Measured and modelled torque, and the residual")
+        parts["chart"].on("plotly_relayout", zoom).classes("timed")
+        if model.about["bodies"]:
+            parts["arm"] = draw_arm(view, model.about, "redder: larger torque error")
+    parts["legend"] = ui.html("", sanitize=False)
+    parts["words"] = tag("p", "", "words")
+    if model.failures:
+        found = session.findings if session.found_for == len(session.history) else None
+        _heat(view, model.failures, found)
+    with tag("div", style="pick"):
+        signals = list(SIGNALS.items())
+        choice("Error against", signals, view.signal, lambda name: view.look(signal=name), "signal")
+    parts["against"] = chart(against(), "Error of the joint against a signal")
+    at = view.joint, view.run, view.span
+    seen: dict[str, Any] = {"chart": at, "against": (*at, view.signal)}
+    view.followers["fit"] = follow
+    follow()
+    if model.on_bounds:
+        note(
+            f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}. "
+            "More options above change bounds."
+        )
+
+
+def _figures(model: ModelStep) -> None:
+    """How well the model does, in a line."""
+    comparison = model.comparison
+    figures(
+        {
+            "relative error": f"{figure(comparison['relative_error_percent'])} %",
+            "judged on": _names(model.judged_on),
+            "new motion": new_motion(comparison["new_motion_share"]),
+            "below": f"{figure(comparison['band_hz'])} Hz",
+            "constraints": held(model.violation),
+            "certified gap" + (" of what was added" if model.frozen else ""): figure(model.gap, 2),
+            "time": f"{model.seconds:.2g} s",
+        }
+    )
+    for line in comparison["verdict"]["lines"][1:]:  # the first one stands above
+        tag("p", f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}", "line")
+
+
+def _chips(view: View, model: ModelStep, units: list[str]) -> list[Any]:
+    """A button a joint with its error and noise, by which it is chosen."""
+    comparison = model.comparison
+    chips: list[Any] = []
+    with tag("div", style="chips", role="group", aria_label="Joint to show"):
+        for j, error in enumerate(comparison["rmse"]):
+            chip = button(
+                "", lambda j=j: view.look(joint=j), f"joint-{j + 1}", "chip", aria_pressed="false"
+            )  # type: ignore[misc]
+            with chip:
+                tag("strong", f"Joint {j + 1}")
+                tag("span", with_unit(error, units[j]), "rmse")
+                floor = comparison["noise_floor"][j]
+                tag("span", "noise unknown" if floor is None else f"noise {figure(floor)}", "soft")
+            chips.append(chip)
+    return chips
+
+
+def _names(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 3 else f"{len(names)} runs"
+
+
+def _words(model: ModelStep, j: int, unit: str) -> str:
+    """What can be said of a joint's error in a sentence or two."""
+    error, floor = model.comparison["rmse"][j], model.comparison["noise_floor"][j]
+    text = f"Joint {j + 1}: the error is {with_unit(error, unit)}"
+    if floor:
+        text += f", {figure(error / floor, 2)} times the noise floor of {with_unit(floor, unit)}"
+    text += "."
+    if not model.failures:
+        return text
+    return " ".join([text, *model.failures[j]["sentences"]])
+
+
+#: The signal that shows what a cause of the table explains.
+_SHOWN_BY = {
+    "position": "q", "velocity": "dq", "acceleration": "ddq", "load": "torque", "time": "t",
+    "high speed": "dq", "reversal": "dq", "standstill": "dq", "waves per turn": "q",
+}  # fmt: skip
+
+
+def _stretches(view: View, model: ModelStep) -> list[tuple[float, float, str]]:
+    """Where the chosen joint fails on the run that is shown, in its seconds."""
+    if not model.failures or view.joint is None:
+        return []
+    start = float(view.session.recording(model, view.run)["t"][0])
+    return [
+        (s["start"] - start, s["stop"] - start, s["cause"])
+        for s in model.failures[view.joint]["stretches"]
+        if s["run"].startswith(view.run.partition(", ")[0])
+    ]
+
+
+def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -> None:
+    """Which cause explains how much of each joint's error: darker is more; findings first."""
+    tag("h4", "Where it fails, and why")
+    note(
+        "Share of each joint's error that a function of a cause explains on held-out data, in per "
+        "cent; causes that explain nothing are left out. Click a cell to see the joint."
+    )
+    rows = heat_rows(failures, found_shares(found, len(failures)))
+    title = "Share of the error explained by each cause, by joint"
+
+    def show(event: Any) -> None:
+        joint, signal = event.args
+        at = {"joint": min(max(int(joint), 1), len(failures)) - 1}
+        view.look(**at, **({"signal": signal} if signal in SIGNALS else {}))
+
+    drawn = heat_map(title, rows, len(failures), _SHOWN_BY)
+    framed(title, drawn).on("click", show, js_handler=_CELL)
+
+
+#: What a click on a cell sends.
+_CELL = """(e) => { const cell = e.target.closest("[data-joint]");
+  if (cell) emit([cell.dataset.joint, cell.dataset.signal]); }"""
+
+
+FIT = after_model("fit", "Measured against modelled", _draw_fit, lambda s: (s.found_for, s.found_in))
+
+
+def _draw_parameters(view: View) -> None:
+    about = view.session.current.about
+    tag("p", _determined(view.session.current), "words")
+    for said in about["words"]:
+        tag("p", said, "words")
+    with details("Links, friction and every parameter", "parameters"):
+        _tables(view)
+
+
+def _tables(view: View) -> None:
+    about, robot = view.session.current.about, view.session.arm
+    if about["links"]:
+        table(LINK_HEADS, about["links"], "Links, identified and nominal", "numbers links")
+    if about["friction"]:
+        tag("h4", "Friction by velocity")
+        view.joint = min(view.joint or 0, robot["n"] - 1)
+
+        def options() -> dict[str, Any]:
+            j = view.joint or 0
+            return friction_chart(about["friction"][j], j, robot["units"][j])
+
+        drawn = chart(options(), "Friction torque over velocity with its 95 % band")
+        note("Of the joint that is chosen above; shaded: 95 %.")
+        view.followers["parameters"] = lambda: drawn.update_figure(options())
+    tag("h4", "Every parameter")
+    note(
+        "Values with 95 % intervals beside the nominal ones. Those marked prior or bounds are not "
+        "measured: the data leave them open."
+    )
+    rows = [cells(row) for row in about["rows"]]
+    with tag("div", style="tall"):
+        table(HEADS, rows, "Parameters with intervals", "numbers parameters", mark=2)
+    button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
+
+
+def _determined(model: ModelStep) -> str:
+    """What decides the parameters."""
+    rows = model.about["rows"]
+    seen = sum(row["source"] == "data" for row in rows)
+    said = f"Constraints: {held(model.violation)}; the data determine {seen} of {len(rows)} parameters"
+    if model.on_bounds:
+        return f"{said}; {len(model.on_bounds)} lie on their bounds."
+    return f"{said}, the prior the others; torques need no more."
+
+
+PARAMETERS = after_model("parameters", "Parameters", _draw_parameters)
+
+
+IDENTIFY = Stage("identify", "Identify", "Add measurements first.", (MODEL, FIT, PARAMETERS), identified)

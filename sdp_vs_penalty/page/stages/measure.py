@@ -1,0 +1,257 @@
+"""Measure: which robot, and which measurements."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from sdp_vs_penalty import show
+from sdp_vs_penalty.checks.urdf import HEADS
+from sdp_vs_penalty.data.catalogue import DATASETS
+from sdp_vs_penalty.page.controls import (
+    button,
+    check,
+    choice,
+    details,
+    draw_form,
+    drop,
+    note,
+    number,
+    table,
+    tag,
+    text_field,
+    tile,
+)
+from sdp_vs_penalty.page.part import Part, Stage, Verdict
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES, RUN_SUFFIXES
+from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.wording import plain_name
+
+
+def _robot_depends(session: Session) -> Any:
+    robot = session.robot
+    found = session.answers.get("check_urdf")
+    return robot and (robot["source"], robot["title"], robot["gravity"], found, bool(session.runs))
+
+
+def _draw_robot(view: View) -> None:
+    session, robot = view.session, view.session.robot
+    if robot is None:
+        _choose(view)
+        return
+    file = f"{robot['file']}: " if robot["file"] else ""
+    tag("p", f"{file}{robot['name']}, {robot['title']}", "chosen")
+    note(f"{_joints(robot)} {robot['known']}")
+    (gravity,) = view.forms.get("robot", [None])
+    if gravity is not None:
+        now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
+        with tag("div", style="pick"):
+            text_field(gravity.help, now, session.mount, "gravity", gravity.example)
+    if robot["source"].lower().endswith(ROBOT_SUFFIXES):
+        _inertials(view)
+    with details("Another robot", "another-robot"):
+        _choose(view)
+
+
+def _choose(view: View) -> None:
+    """The built-in robots, those of the folder, and a place to drop one."""
+    session, robot = view.session, view.session.robot
+    with tag("div", style="row"):
+        button("Show me", session.show_me, "show-me", "primary" if robot is None else "")
+        note("The whole job on a simulated arm with something hidden, in about a minute.")
+    with tag("div", style="tiles", role="group", aria_label="Built-in robots"):
+        for problem in view.catalogue["problems"]:
+            name = problem["name"]
+            _tile(view, name, name, problem["title"])
+        for folder in view.folder_problems():
+            _tile(view, str(folder), folder.name, "with the bounds and filters of its problem.toml")
+        for file in view.folder_files(ROBOT_SUFFIXES):
+            _tile(view, str(file), file.name, "from your folder", file.name)
+    drop("Your robot's URDF", "drop a file here, or choose one", "robot", ROBOT_SUFFIXES, False)
+
+
+def _inertials(view: View) -> None:
+    """Whether the bodies that a URDF writes can exist."""
+    session, found = view.session, view.session.answers.get("check_urdf")
+    ask = partial(session.ask, "check_urdf", "Checking the inertials", view.download)
+    button("Check the file's inertials", ask, "check-urdf")
+    if found is None or session.robot is None or found["urdf"] != session.robot["source"]:
+        return
+    for k, said in enumerate(found["said"]):
+        level = "good" if found["possible"] else "bad"
+        tag("p", said, "finding" if k else f"verdict {level}")
+    with details("Every link: mass and margins (negative: violated)", "inertials"):
+        table(HEADS, found["rows"], "Inertials of the links", "numbers")
+
+
+def _tile(view: View, source: str, name: str, said: str, file: str | None = None) -> None:
+    """A robot to choose by its name or path; file : its shown name where it is a URDF."""
+    on = view.session.robot is not None and view.session.robot["source"] == source
+    choose, pressed = partial(view.session.choose_robot, source, file), "true" if on else "false"
+    tile(name, said, choose, f"robot-{name}", "on" if on else "", aria_pressed=pressed)
+
+
+def _joints(robot: dict[str, Any]) -> str:
+    """Names in order, and the unit of the torque: one for all where it is the same."""
+    if len(set(robot["units"])) == 1:
+        return f"Joints in order: {', '.join(robot['joints'])}; torques in {robot['units'][0]}."
+    both = zip(robot["joints"], robot["units"], strict=True)
+    return f"Joints in order: {', '.join(f'{name} [{unit}]' for name, unit in both)}."
+
+
+ROBOT = Part("robot", "Robot", lambda session: True, _robot_depends, _draw_robot)
+
+
+_USES = (
+    ("train", "identify from it"),
+    ("test", "test on it"),
+    ("split", "70 % / test on the rest"),
+    ("load", "carries a known load"),
+    ("", "remove"),
+)
+
+
+def _runs_depends(session: Session) -> Any:
+    return (session.robot or {}).get("source"), session.runs, session.refusals
+
+
+def _draw_runs(view: View) -> None:
+    with tag("div", style="ways"):
+        with tag("section", style="way"):
+            tag("h4", "Your runs")
+            drop(
+                "Drop measurements here",
+                f"or choose files: {', '.join(sorted(RUN_SUFFIXES))}",
+                "runs",
+                RUN_SUFFIXES,
+                True,
+            )
+            note("They stay on this computer.")
+            with details("Other column names, motors, ROS topics", "reading"):
+                draw_form(view.forms.get("read", ()), view.session.reading)
+                note("Applies to the files that are read next.")
+            _from_folder(view)
+        with tag("section", style="way"):
+            tag("h4", "Simulated, with a hidden effect")
+            _simulated(view)
+        with tag("section", style="way"):
+            tag("h4", "Real measurements")
+            _real(view)
+    if view.session.runs:
+        _list(view)
+
+
+def _from_folder(view: View) -> None:
+    """Runs of the folder that the page was started with: ticked, then read."""
+    files = view.folder_files(RUN_SUFFIXES)
+    if not files:
+        return
+    ticked: set[int] = set()
+    with tag("fieldset"):
+        tag("legend", "In your folder")
+        for k, file in enumerate(files):
+            check(
+                file.name,
+                False,
+                lambda on, k=k: (ticked.add if on else ticked.discard)(k),  # type: ignore[misc]
+                f"folder-{k}",
+            )
+
+        def read() -> None:
+            for k in sorted(ticked):
+                view.session.arrived[files[k].name] = files[k]
+            view.session.read_arrived()
+
+        button("Read the selected files", read, "read-folder")
+
+
+def _simulated(view: View) -> None:
+    session, hiding, robot = view.session, view.hiding, view.session.arm
+    if not 0 < hiding["joint"] <= robot["n"]:
+        hiding["joint"] = int(robot["n"])
+    names = [("none", "Nothing hidden"), *((n, plain_name(n)) for n in view.catalogue["hideable"])]
+
+    def put(name: str, value: Any) -> None:
+        hiding[name] = value
+
+    with tag("div", style="fields"):
+        choice("Effect", names, hiding["effect"], partial(put, "effect"), "hide-effect")
+        joints = [(str(k), f"{k} {name}") for k, name in enumerate(robot["joints"], start=1)]
+        choice("On joint", joints, str(hiding["joint"]), lambda v: put("joint", int(v)), "hide-joint")
+        levels = [(level, level) for level in view.catalogue["levels"]]
+        choice("Level", levels, hiding["level"], partial(put, "level"), "hide-level")
+        number("Seed", hiding["seed"], partial(put, "seed"), "hide-seed")
+
+    def simulate() -> None:
+        whole = hiding["effect"] in view.catalogue["whole_robot"]
+        joints = [] if whole else [hiding["joint"]]
+        session.simulate(hiding["effect"], joints, hiding["level"], hiding["seed"])
+
+    button("Simulate four runs", simulate, "simulate")
+
+
+def _real(view: View) -> None:
+    robot = view.session.arm
+    title = view.catalogue["real"].get(robot["source"])
+    if title is not None:
+        note(title)
+        button("Use the real runs", view.session.real, "real")
+    elif robot["source"] in DATASETS:
+        note("Not downloaded. Run:")
+        tag("code", f"sdp-vs-penalty fetch {robot['source']}")
+    else:
+        note(f"Public measurements exist for {show.words(list(DATASETS))}.")
+
+
+def _list(view: View) -> None:
+    session = view.session
+    with tag("div", style="wide"), tag("table", style="runs"):
+        tag("caption", "Runs", "unseen")
+        with tag("thead"), tag("tr"):
+            for heading in ("run", "length", "samples", "use"):
+                tag("th", heading, scope="col")
+        with tag("tbody"):
+            for k, run in enumerate(session.runs):
+                with tag("tr"):
+                    tag("th", run["name"], "name", scope="row")
+                    tag("td", f"{run['seconds']:.3g} s")
+                    tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
+                    with tag("td"):
+                        choice(
+                            f"Use of {run['name']}",
+                            _USES,
+                            run["use"],
+                            lambda v, file=run["file"]: session.use(file, v),  # type: ignore[misc]
+                            f"use-{k}",
+                            hidden_label=True,
+                        )
+    if session.runs and all(run["use"] == "train" for run in session.runs):
+        note(
+            "No run is kept for testing: the errors below are training errors, and a diagnosis "
+            "holds out parts of the runs, which takes longer."
+        )
+
+
+RUNS = Part(
+    "runs",
+    "Measurements",
+    lambda session: session.robot is not None,
+    _runs_depends,
+    _draw_runs,
+)
+
+
+def _measured(session: Session) -> Verdict | None:
+    robot = session.robot
+    if robot is None:
+        return None
+    said = f"{robot['file'] or robot['name']} has {show.count(robot['n'], 'joint')}"
+    if session.runs:
+        kept = any(run["use"] in ("test", "split") for run in session.runs)
+        said += f"; {show.count(len(session.runs), 'run')}, "
+        said += f"{'part' if kept else 'nothing'} kept for testing"
+    return Verdict("", f"{said}.")
+
+
+MEASURE = Stage("measure", "Measure", "", (ROBOT, RUNS), _measured)
