@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.checks.constants import EFFORT, MASS_SLACK, OTHER_UNIT
+from sdp_vs_penalty.checks.constants import EFFORT, MASS_SLACK
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.regression_data import under_gravity
 from sdp_vs_penalty.checks.repair import Repair
@@ -38,34 +38,21 @@ def possible(problem: Problem) -> tuple[float, float] | None:
 def find(scene: Scene, repair: Repair) -> Iterator[Issue]:
     """Issues of the channels as repaired, so that no two judge each other's."""
     problem, scale = scene.problem, possible(scene.problem)
-    channels, nominal = scene.judged.channels(repair).T, _nominal(scene, repair)
-    effort = np.array([j.effort if j.effort > 0.0 else np.inf for j in problem.robot.joints])
-    over, known = np.abs(channels).max(axis=0) / effort, np.isfinite(effort)
-    needed = float(np.linalg.norm(nominal))
-    each = np.linalg.norm(channels, axis=0) / np.maximum(
-        np.linalg.norm(nominal, axis=0), 1e-3 * needed + 1e-300
-    )
-    odd = (over > EFFORT[1]) | ((each > OTHER_UNIT * np.median(each)) & ~known)
-    if odd.any() and odd.sum() <= 0.3 * len(odd) and scale is not None:
-        for j in np.flatnonzero(odd).tolist():
-            told = f"{over[j]:.3g} times what the joint is made for"
-            if over[j] <= EFFORT[1]:
-                told = f"{each[j] / np.median(each):.0f} times what the other joints' torques let expect"
+    channels, needed = scene.judged.channels(repair).T, float(np.linalg.norm(_nominal(scene, repair)))
+    effort = np.array([j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints])
+    each = np.abs(channels).max(axis=0) / effort
+    odd = np.flatnonzero(each > EFFORT[1])
+    if 0 < len(odd) <= 0.3 * scene.n and scale is not None:
+        for j in odd.tolist():
             yield Issue(
                 "torque unit", "error", joints_text([j]),
-                f"the torque of joint {j + 1} is too large, {told}: its unit is not that of the others.",
-                _SURE, _CONVERT, None, {"joints": [j + 1], "times_effort_limit": float(over[j])},
+                f"the torque of joint {j + 1} is too large, {each[j]:.3g} times what the joint is made "
+                "for: its unit is not that of the others.", _SURE, _CONVERT, None,
+                {"joints": [j + 1], "times_effort_limit": float(each[j])},
             )  # fmt: skip
         return
-    most = float(over[known].max()) if known.any() else np.nan
-    ratio = max(float(np.linalg.norm(channels)) / max(needed, 1e-300), 1e-300)  # squares of 1e-300 are 0
-    yield from _common(problem, scale, most, ratio)
-
-
-def _common(
-    problem: Problem, scale: tuple[float, float] | None, over: float, ratio: float
-) -> Iterator[Issue]:
-    """over : of the effort limits, nan where none is known; ratio : to the nominal torques."""
+    over = float(np.nanmax(each)) if np.isfinite(effort).any() else np.nan
+    ratio = max(float(np.linalg.norm(channels)), 1e-300) / max(needed, 1e-300)  # of 1e-300 squares are 0
     figures = {"times_effort_limit": over, "times_nominal": ratio if scale else None}
     large, small = (False, False) if scale is None else (ratio > scale[1], ratio < scale[0])
     low, high = problem.total_mass

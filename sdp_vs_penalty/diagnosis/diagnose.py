@@ -31,10 +31,10 @@ from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
+from sdp_vs_penalty.signals.window_subsample import subsample_sentence, window_subsample
 
 #: Steps in which a model and the columns that refer to it are made to agree.
 _TURNS = 2
@@ -66,7 +66,7 @@ def diagnose(
     noise_from : the runs whose repetition shows the noise (default: the measurements);
     gain_uncertainty : relative
     standard deviation of the torque channels' gains; default: the model's. In a long recording windows
-    are searched (:mod:`~sdp_vs_penalty.signals.excerpt`), and a remark says so.
+    are searched (:mod:`~sdp_vs_penalty.signals.window_subsample`), and a remark says so.
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
     """
@@ -84,16 +84,16 @@ def diagnose(
         _, test = driven(whole_estimate, test)
     progress("filtering the runs")
     recording, whole, given = measurements, None, None
-    measurements = excerpt(recording, settings, MOST_SEARCHED)
-    looked = excerpt_sentence(measurements, recording, "effects were searched for in")
-    test = None if test is None else excerpt(test, settings, MOST_SEARCHED)
+    measurements = window_subsample(recording, settings)
+    looked = subsample_sentence(measurements, recording, "effects were searched for in")
+    test = None if test is None else window_subsample(test, settings)
     rows = diagnosis_rows(measurements, estimate, settings)
     if noise_from is not None:
         given = as_measurements(noise_from, names=names, what="diagnose(noise_from=...)")
     if given is not None and not (looked and given is recording):
         estimate.require_joints(given, "runs for the noise")
         _, given = driven(whole_estimate, given)
-        whole = with_estimate(segmented(excerpt(given, settings), settings), estimate)
+        whole = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
     progress("noise, and columns of all candidates")
     data = prepare(rows, estimate, frozen, whole)
     search = Search(data, library(data))

@@ -21,8 +21,7 @@ from sdp_vs_penalty.files import read_json
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, Table
-from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
-from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, SPECTRUM_KNOWN
+from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
 
 EFFECT_MISSING, NOTHING_MISSING, UNKNOWN = "effect_missing", "nothing_missing", "unknown_effect"
 _VERDICTS = (EFFECT_MISSING, NOTHING_MISSING, UNKNOWN)

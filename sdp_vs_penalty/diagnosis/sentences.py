@@ -12,9 +12,8 @@ from sdp_vs_penalty.diagnosis.show import repeatability_warning
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
-from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM_KNOWN
-from sdp_vs_penalty.signals.stillness import STILL
+from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM_KNOWN
+from sdp_vs_penalty.signals.standstill import STILL
 
 #: What is said of a weak finding, by the name of the reason; a finding with none is confident.
 REASONS: Mapping[str, str] = {

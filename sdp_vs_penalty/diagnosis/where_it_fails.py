@@ -36,10 +36,10 @@ from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, finite, plain_unit, words
-from sdp_vs_penalty.signals.excerpt import excerpt
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
+from sdp_vs_penalty.signals.window_subsample import window_subsample
 
 if TYPE_CHECKING:
     import pandas
@@ -154,7 +154,7 @@ def where_it_fails(
     :func:`~sdp_vs_penalty.data.files.as_measurements` takes; preprocessing : filters other than the
     model's; noise_from : as in :func:`~.comparison.compare`; noise : a comparison's with
     these measurements, which need not be worked out again. Of a long recording windows are judged
-    (:mod:`~sdp_vs_penalty.signals.excerpt`).
+    (:mod:`~sdp_vs_penalty.signals.window_subsample`).
     Raises InputError where the measurements are not of this robot.
     """
     estimate = as_estimate(estimate, "where_it_fails(estimate=...)")
@@ -168,12 +168,12 @@ def where_it_fails(
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
     given = measurements if noise_from is None else noise_from
     same = given is measurements
-    measurements = excerpt(measurements, settings)
+    measurements = window_subsample(measurements, settings)
     rows = diagnosis_rows(measurements, estimate, settings)
     residual = rows.residual
     repeated = rows
     if not same:
-        repeated = with_estimate(segmented(excerpt(given, settings), settings), estimate)
+        repeated = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
     floors, source = noise or noise_level(estimate.problem, given, settings)
     folds = phase_folds(rows, None if same else repeated)
     known, runs = states(rows), measurements.runs()

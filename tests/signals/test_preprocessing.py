@@ -14,8 +14,7 @@ from random_robots import link_parameters, sines, tree
 from sdp_vs_penalty import InputError, Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.signals import Kernel, Preprocessing, filtered_torque, preprocessing
-from sdp_vs_penalty.signals.low_passed import low_passed
-from sdp_vs_penalty.signals.preprocessing import filtered_rows
+from sdp_vs_penalty.signals.preprocessing import filtered_rows, low_passed
 from sdp_vs_penalty.signals.runs import moving_joints
 
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]

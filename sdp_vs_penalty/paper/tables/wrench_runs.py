@@ -16,7 +16,7 @@ from scipy import optimize
 
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
-from sdp_vs_penalty.paper.tables.study import METHODS, Study
+from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.wrenches import (
     WrenchIntervals,
     equal_torques,
@@ -137,7 +137,7 @@ def wrench_study(study: Study) -> WrenchStudy:
     count = RETRIEVALS[study.budget]
     study.progress("relaxed retrievals")
     estimates = {"published p_hat": published_links(problem, "p_hat")}
-    for name, method in METHODS.items():
+    for name, method in study.methods.items():
         if name != "ols":
             estimates[name] = study.links(method, study.simulated)
     return WrenchStudy(
