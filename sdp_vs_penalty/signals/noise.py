@@ -287,8 +287,8 @@ def _drift_columns(t: Array, gap: Array, dq: Array) -> Array:
 
 
 def spectral_floor(runs: SegmentedRuns) -> Array | None:
-    """(n,) standard deviation of the noise in the filtered rows [N m or N], the density S of the torque's
-    noise continued below the motion's band through the low-pass H: floor^2 = mean over w of S |H|^2.
+    """(n,) standard deviation of the noise in the filtered rows [N m or N], the density S of the noise
+    continued below the motion's band through the low-pass H: floor^2 = mean over w of S |H|^2.
     None where the logs show nothing above the motion, or only what a filter has left of it."""
     found = torque_spectrum([s.standstill.stretch for s in runs.segments], runs.cutoff)
     if found is None or found.smoothed:
