@@ -19,12 +19,11 @@ from sdp_vs_penalty.diagnosis.constants import MOST_EVENTS, MOST_OF_IT
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import FAINT, REPETITION, SAME_PHASE, differences, rate_features
+from sdp_vs_penalty.signals.noise import FAINT, REPETITION, SAME_PHASE, differences
 from sdp_vs_penalty.signals.outliers import (
     FALSE_EVENT,
     local_excess,
     lone_windows,
-    noise_profile,
     robust_scale,
 )
 from sdp_vs_penalty.signals.repetition import consecutive, later_rows
@@ -81,11 +80,9 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
     """(M, n) rows of which the residual, white (M, n), is an outlier beside what repeats."""
     rows, noise = data.rows, data.noise
     out, faint = np.zeros((2, *white.shape), bool)
-    rates = rate_features(rows)
     for j in range(rows.n):
-        steady = white[:, j] / noise_profile(white[:, j], rates[j], rates[j])
         # The noise may be larger than was thought; its median does not see an event.
-        steady = steady / max(robust_scale(steady[steady != 0.0]), 1.0)
+        steady = white[:, j] / max(robust_scale(white[white[:, j] != 0.0, j]), 1.0)
         # Friction that turns round lets go a little elsewhere each time.
         slow = rows.slow[:, j] > SLOW
         steady[slow] /= max(np.sqrt(np.mean(steady[slow] ** 2)), 1.0) if slow.any() else 1.0
@@ -97,8 +94,7 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
             out[:, j] = found
             faint[:, j] = found | local_excess(FAINT * steady, rows.pieces(j), rows.n, degrees)
     out &= ~_comes_back(out, faint, data)
-    out |= _odd_ones(data, residual)
-    return out & ~_of_reversals(out, residual**2, rows)
+    return out | _odd_ones(data, residual)
 
 
 def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
@@ -108,16 +104,6 @@ def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
         [s.low_pass @ np.gradient(s.motion.ddq[:, joint], s.motion.t) for s in rows.segments]
     )
     return lone_windows(white, rows.pieces(joint), slow, jerk, rows.rate, rows.n)
-
-
-def _of_reversals(mask: Mask, energy: Array, rows: SegmentedRuns) -> Mask:
-    """(M, n) the windows of which most energy (M, n) is of rows in which the joint is slow."""
-    out = np.zeros_like(mask)
-    for j in range(rows.n):
-        slowly, marked = energy[:, j] * (rows.slow[:, j] > SLOW), np.flatnonzero(mask[:, j])
-        for piece in np.split(marked, np.flatnonzero(np.diff(marked) != 1) + 1):
-            out[piece, j] = slowly[piece].sum() > 0.5 * energy[piece, j].sum()
-    return out
 
 
 def _comes_back(mask: Mask, faint: Mask, data: WhiteData) -> Mask:
