@@ -11,7 +11,7 @@ import numpy as np
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
+from sdp_vs_penalty.diagnosis.conclude import Found, conclude, what_is_left
 from sdp_vs_penalty.diagnosis.constants import OUTSIDE, RAISES
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -204,11 +204,11 @@ def _alone(found: Found, judge: _Judge, chosen: Sequence[int]) -> Array:
 def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Found:
     """Those curves that lower their joint's held-out error by more than what is minor, raise no other's,
     and whose tables the test run does not leave; each with what it does to the errors."""
-    named, out = [t.form.effect for t in found.search.terms], list[OfferedCurve]()
+    named, out = [t.form.effect for t in found.search.terms], list[Measured]()
     for curve in curves:
-        gone = {t for c in (*(o.curve for o in out), curve) for t in c.replaced}
+        gone = {t for c in (*out, curve) for t in c.replaced}
         terms = [k for k, t in enumerate(found.search.terms) if t not in gone]
-        every = [*(o.curve for o in out), curve]
+        every = [*out, curve]
         effects = [*named, *(c.table for c in every)]
         held = judge.of(
             found.search,
@@ -225,7 +225,7 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Fou
             and not raises(before, after)
             and judge.outside(curve.table) <= OUTSIDE
         ):
-            out.append(OfferedCurve(curve, float(before[curve.joint]), after))
+            out.append(replace(curve, before=float(before[curve.joint]), errors=after))
     return replace(found, curves=tuple(out))
 
 
