@@ -189,9 +189,9 @@ def extend(request: Request, progress: Progress) -> Answer:
 def find(request: Request, progress: Progress) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
     runs = runs_of(request)
-    begin = time.perf_counter()
+    model = load_estimate(request["model"])
     result = diagnose(
-        load_estimate(request["model"]),
+        model,
         runs.train,
         runs.test,
         frozen=bool(request["frozen"]),
@@ -199,11 +199,9 @@ def find(request: Request, progress: Progress) -> Answer:
         progress=progress,
         noise_from=runs.whole,
     )
-    robot = load_estimate(request["model"]).robot
     return {
         "diagnosis": result.to_dict(),
-        "curves": [curve.effect(robot).text for curve in result.curves],
-        "seconds": time.perf_counter() - begin,
+        "curves": [curve.effect(model.robot).text for curve in result.curves],
     }
 
 

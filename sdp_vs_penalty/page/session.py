@@ -18,8 +18,8 @@ from sdp_vs_penalty.reports.demo import ARM, HIDDEN, JOINT, LEVEL
 
 #: What belongs to a robot, and is put aside with it.
 _OF_A_ROBOT = (
-    "robot", "runs", "effects", "method", "history", "findings", "found_for", "found_in",
-    "made_by", "models", "curve_texts",
+    "robot", "runs", "effects", "method", "history", "findings", "found_for",
+    "made_by", "curve_texts",
 )  # fmt: skip
 _OTHER_RUNS = "The runs have changed: identify again."
 #: The seed of the runs that :meth:`Session.show_me` simulates.
@@ -157,7 +157,7 @@ class Session(TabState):
             out=self._next_file(),
         )
         self.forget_models()
-        self._take_history([ModelStep(**{**answer, "label": "identified"})])
+        self.history = [ModelStep(**{**answer, "label": "identified"})]
 
     def open_model(self, path: str, name: str) -> None:
         """Go on from a model.json, identified from other runs perhaps: how a payload is found."""
@@ -165,7 +165,7 @@ class Session(TabState):
         async def do() -> None:
             answer = await self._job("open_model", model=path, out=self._next_file())
             self.forget_models()
-            self._take_history([ModelStep(**{**answer, "label": name, "opened": name})])
+            self.history = [ModelStep(**{**answer, "label": name, "opened": name})]
 
         self._start(f"Opening {name}", do(), {path: name})
 
@@ -178,7 +178,7 @@ class Session(TabState):
         answer = await self._job("find", model=self._current(), frozen=self.frozen)
         self.findings = Diagnosis.from_dict(answer["diagnosis"])
         self.curve_texts = answer["curves"]
-        self.found_for, self.found_in = len(self.history), answer["seconds"]
+        self.found_for = len(self.history)
 
     def add(self, texts: list[str]) -> None:
         """Add effects to the current model, a step of the history each."""
@@ -194,7 +194,7 @@ class Session(TabState):
             new = {"label": f"+ {text.partition('@')[0]}", "added": (text,), "frozen": frozen}
             steps.append(ModelStep(**{**answer, **new}))
             model = steps[-1].file
-        self._take_history([*self.history, *steps])
+        self.history, self.undone = [*self.history, *steps], []
 
     def ask(self, job: str, title: str, ready: Callable[[str], None] | None = None, **on: Any) -> None:
         """A job that changes nothing: its answer is kept; ``ready`` hears of the files that it made."""
@@ -265,13 +265,6 @@ class Session(TabState):
             urdf=self.robot["source"] if self.robot and self.robot["file"] else None,
             **(options or {}),
         )
-
-    def take_up(self, model: ModelStep) -> None:
-        """Go on from a model of this session that was left."""
-        if not self.busy:
-            self.findings = None
-            self._take_history([model])
-            self.changed()
 
     async def _take_runs(self, job: str, **details: Any) -> None:
         if self.robot is None:

@@ -10,9 +10,8 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
-from sdp_vs_penalty.page.part import Part, Stage
 from sdp_vs_penalty.page.stages import STAGES
-from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.view import Part, Stage, View
 
 _COLOURS = frozenset({"good", "usable", "bad"})
 _THEMES = {None: "Colours: auto", False: "Colours: light", True: "Colours: dark"}

@@ -51,12 +51,12 @@ def verdict(material: Material) -> Section:
     several = len(material.comparisons) > 1
     body = f'<p class="verdict {said.grade.replace(" ", "-")}">{marked(said.headline)}</p>'
     if several and (changed := changes(first.rmse, last.rmse, last.noise_floor)):
-        body += f"<p><b>{escape(changed)}</b></p>"
+        body += f"<p><b>{escape(changed[0].upper() + changed[1:])}</b></p>"
     floor = None if last.noise_floor is None else last.noise_floor.tolist()
     after = last.rmse.tolist() if several else None
     body += bars(first.rmse.tolist(), after, floor, material.last.robot.torque_units)
     lines = [(line.about, line.grade, line.text) for line in said.lines]
-    body += table((material.last_name, "grade", "why"), lines, numbers_from=3)
+    body += table(("verdict", "grade", "why"), lines, numbers_from=3)
     if said.remark:
         body += text(said.remark)
     rows = []
