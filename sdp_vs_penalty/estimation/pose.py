@@ -82,7 +82,8 @@ class Posed:
     they in the columns of task.model; task : what every estimator minimises; gain_errors (n, e) : factor
     of the covariance of the gains' relative errors; details : shapes and gains, plain JSON, and where
     the rows are made with a servo's law, "recipe" (:meth:`PoseOptions.recipe`), from which the same
-    problem follows again; known loads, which are other runs, leave none.
+    problem follows again, with the scale that known loads gave a log without torque; beside torque they
+    leave none.
     """
 
     problem: Problem
@@ -142,7 +143,10 @@ def pose(
         servo = servo_log(problem, model.effects, data, settings, *wanted, chosen, loads)
         model, data, details = servo.model, servo.measurements, {"servo": servo.details}
         errors = np.column_stack([errors, np.full(problem.robot.n, servo.scale_error)])
-    if not options.known_loads and (options.instruments == "command" or not data.torque_logged):
+    if not data.torque_logged:  # loads are other runs: what they made of the scale is told instead
+        scaled = replace(options, known=servo.details["known"]) if options.known_loads else options
+        details["recipe"] = scaled.recipe()
+    elif options.instruments == "command" and not options.known_loads:
         details["recipe"] = options.recipe()
     if options.known_loads and data.torque_logged:
         progress("determining the gains from the known loads")
