@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import APART, FAR, HARMONIC, INVISIBLE, SHARED, UNCERTAIN
+from sdp_vs_penalty.diagnosis.constants import (
+    APART,
+    FAR,
+    HARMONIC,
+    INVISIBLE,
+    MATTERS,
+    SHARED,
+    UNCERTAIN,
+)
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.events import events, outliers
@@ -21,12 +29,11 @@ from sdp_vs_penalty.diagnosis.findings import (
     Invisible,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
-from sdp_vs_penalty.diagnosis.reasons import REASONS
 from sdp_vs_penalty.diagnosis.remaining import Remainder, refitted, remainder
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.sentences import remarks, sentence, size_of
+from sdp_vs_penalty.diagnosis.sentences import REASONS, remarks, sentence, size_of
 from sdp_vs_penalty.diagnosis.sizes import Size, size_of_term, torque_errors
 from sdp_vs_penalty.diagnosis.where_it_fails import carriers
 from sdp_vs_penalty.diagnosis.whitening import spread_columns
@@ -35,6 +42,9 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
+
+#: Held-out errors (n,) of some of the findings, by their places.
+Alone = Callable[[Sequence[int]], Array]
 
 
 @dataclass(frozen=True)
@@ -86,9 +96,12 @@ def what_is_left(search: Search) -> Left:
     return Left(residual, odd, remainder(data, fit, residual, odd))
 
 
-def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: int) -> Diagnosis:
-    """The diagnosis. gain_errors (n, e) : a factor of the covariance of the torque channels' gains;
-    new_share : of the test run's motion; seed : of the draws of a curve's band."""
+def conclude(
+    found: Found, alone: Alone, gain_errors: Array, new_share: float | None, seed: int
+) -> Diagnosis:
+    """The diagnosis. alone : held-out errors of some of the findings added by themselves; gain_errors
+    (n, e) : a factor of the covariance of the torque channels' gains; new_share : of the test run's
+    motion; seed : of the draws of a curve's band."""
     search, data = found.search, found.search.data
     rows, noise = data.rows, data.noise
     left, residual = found.left.rest, found.left.residual
@@ -100,7 +113,7 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     every = [_finding(found, k, term, errors, doubt) for k, term in enumerate(search.terms)]
     unsure = noise.source != REPETITION
     minor = [unsure and not lowers(errors[k], errors[k + 1]) for k in range(len(every))]
-    every = _stood_in(found, every)
+    every = _judged_alone(found, _stood_in(found, every), alone)
     findings = tuple(f for f, m in zip(every, minor, strict=True) if not m)
     beside = tuple(replace(f, confidence="minor") for f, m in zip(every, minor, strict=True) if m)
     curves = _told(found, seed)
@@ -171,6 +184,25 @@ def _stood_in(found: Found, findings: Sequence[Finding]) -> list[Finding]:
         else f
         for f, t in zip(findings, found.search.terms, strict=True)
     ]
+
+
+def _judged_alone(found: Found, findings: Sequence[Finding], alone: Alone) -> list[Finding]:
+    """The findings; of the confident ones only those are that by themselves, as `add --confident` takes
+    them, raise no joint's held-out error by what matters: the one without which they raise it least is
+    weak."""
+    out = list(findings)
+
+    def most(chosen: Sequence[int]) -> float:
+        """The largest rise of a joint's error by some of them."""
+        return float(np.max(alone(chosen) / np.maximum(found.held_out.errors(()), 1e-300)))
+
+    sure = [k for k, f in enumerate(out) if f.confidence == "confident"]
+    while sure and most(sure) > 1.0 + MATTERS:
+        worst = min(sure, key=lambda k: most([x for x in sure if x != k]))
+        weak = (*out[worst].remarks, REASONS["not_alone"])
+        out[worst] = replace(out[worst], confidence="weak", remarks=weak)
+        sure.remove(worst)
+    return out
 
 
 def _finding(found: Found, k: int, term: Term, errors: Array, doubt: Array) -> Finding:

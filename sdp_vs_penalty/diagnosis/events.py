@@ -29,7 +29,7 @@ from sdp_vs_penalty.signals.outliers import (
 )
 from sdp_vs_penalty.signals.repetition import consecutive, later_rows
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-from sdp_vs_penalty.signals.stillness import SLOW
+from sdp_vs_penalty.signals.standstill import SLOW
 
 Mask = NDArray[np.bool_]
 
@@ -125,7 +125,7 @@ def _comes_back(mask: Mask, faint: Mask, data: WhiteData) -> Mask:
     model, no event."""
     out, near = np.zeros_like(mask), _widened(faint, data.rows)
     for repeat in data.noise.repeats:
-        later = later_rows(data.rows, repeat)
+        later = later_rows(data.rows.segments, repeat)
         out[repeat.rows] |= mask[repeat.rows] & near[later]
         back = np.zeros_like(mask)
         np.logical_or.at(back, later, near[repeat.rows])
@@ -138,7 +138,7 @@ def _odd_ones(data: WhiteData, residual: Array) -> Mask:
     rows, repeats, suspect = data.rows, data.noise.repeats, data.noise.suspect
     if not suspect.any():
         return suspect
-    pairs = [(r.rows, later_rows(rows, r)) for r in repeats]
+    pairs = [(r.rows, later_rows(rows.segments, r)) for r in repeats]
     out, near = suspect.copy(), _widened(suspect, rows)
     width = np.ones(2 * _reach(rows) + 1)
     energy = np.array([np.convolve(x, width, mode="same") for x in (residual**2).T]).T

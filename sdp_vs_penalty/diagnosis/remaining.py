@@ -20,7 +20,7 @@ from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
-from sdp_vs_penalty.signals.stillness import SLOW, STILL
+from sdp_vs_penalty.signals.standstill import SLOW, STILL
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ import numpy as np
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
+from sdp_vs_penalty.solvers.conic_files import sdpa_text
 from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities, reorder
-from sdp_vs_penalty.solvers.sdpa_file import sdpa_text
 
 #: From what a program printed and its exit code to (claims, its own words, iterations).
 Judge = Callable[[str, int], tuple[str, str, int]]

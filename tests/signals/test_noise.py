@@ -13,8 +13,7 @@ from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.signals import Kernel, Preprocessing, noise_of, segmented
-from sdp_vs_penalty.signals.noise import REPETITION
-from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM
+from sdp_vs_penalty.signals.noise import REPETITION, SPECTRUM
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ import pytest
 
 from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.signals import Preprocessing, segmented
-from sdp_vs_penalty.signals.noise_spectrum import spectral_floor
+from sdp_vs_penalty.signals.noise import spectral_floor
 
 
 @pytest.mark.parametrize(("rate", "colour"), [(250.0, 0.0), (500.0, 0.5), (1000.0, 0.7)])

@@ -8,6 +8,7 @@ from functools import lru_cache
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Effect, Motion
@@ -259,11 +260,14 @@ class Variables:
 
     def _supported_of(self, basis: Basis) -> Array:
         """(P, variables) the points of the basis's grid within a step of which the motion has been."""
-        near = [np.ones((int(self.keep.sum()), 1))]
+        return basis.points[self.met(basis, self.keep)]
+
+    def met(self, basis: Basis, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Of all points of a basis's grid, those near which some of the rows (M,) lie."""
+        near = [np.ones((int(which.sum()), 1))]
         for axis, points in zip(basis.axes, basis.grid, strict=True):
             step = (points[-1] - points[0]) / (len(points) - 1)
             reach = 0.2 if axis.is_sign else 1.001 * step
-            own = np.abs(self.on_rows(axis.variable)[self.keep, None] - points) <= reach
+            own = np.abs(self.on_rows(axis.variable)[which, None] - points) <= reach
             near.append(own.astype(float))
-        met = near[-2].T @ near[-1]  # of a pair both at once
-        return np.asarray(basis.points[met.ravel() > 0.0])
+        return np.asarray(near[-2].T @ near[-1] > 0.0).ravel()  # of a pair both at once

@@ -207,11 +207,14 @@ def _measured(
         )
         P = 1e-9 * np.trace(columns.raw) * np.eye(len(columns.s))
     table = table_effect(robot, f.joint, f.basis.of, points, values, measured)
-    coefficients = columns.without_fold(fold, P)
-    by_fold = tuple(
-        table_effect(robot, f.joint, f.basis.of, points, grid @ c, measured) for c in coefficients
-    )
-    return Measured(f, law, table, by_fold, variables, replaced, f.J)
+    known, by_fold = variables.met(f.basis, variables.keep), []
+    for k, c in enumerate(columns.without_fold(fold, P)):
+        there = np.ones(len(points), bool)
+        if law is None:  # a table knows nothing of where only the fold has been
+            there = variables.met(f.basis, variables.keep & (fold != k))[known]
+        own = points[there], (grid @ c)[there], min(measured, int(there.sum()))
+        by_fold.append(table_effect(robot, f.joint, f.basis.of, *own))
+    return Measured(f, law, table, tuple(by_fold), variables, replaced, f.J)
 
 
 def unmeasured(basis: Basis, points: Array) -> Array:
