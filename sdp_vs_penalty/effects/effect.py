@@ -358,8 +358,8 @@ class OneAJoint(Effect):
 
     #: Prefix of the parameter's name: symbol "f_v" gives f_v1 ... f_vn.
     symbol: ClassVar[str]
-    #: "torque per ...": the unit for a revolute and for a prismatic joint.
-    units: ClassVar[tuple[str, str]]
+    #: The unit for a revolute and for a prismatic joint.
+    units: ClassVar[tuple[str, str]] = ("N*m", "N")
     #: Lower bound of the parameter: 0 where physics fixes the sign.
     lower: ClassVar[float] = -np.inf
 

@@ -18,7 +18,6 @@ class SigmoidFriction(JointEffect):
     )
     reference = "Gaz et al., RA-L 2019, eq. 9 and Table I"
     symbol = "f_sg"
-    units = ("N*m", "N")
     lower = 0.0
     refines = ("coulomb_friction",)
     widens = True

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -270,7 +270,7 @@ def take(request: Request, progress: Progress) -> Answer:
     of the name's suffix; says which effects have no place in it."""
     name, folder, found = request["name"], Path(request["folder"]), request.get("findings")
     progress(f"writing {name}")
-    lost: list[str] = []
+    lost: Sequence[str] = ()
     if name.startswith("run-"):
         run = request["runs"][int(name[4:-4]) - 1]
         save(load_measurements(folder / run["file"]), folder / name)

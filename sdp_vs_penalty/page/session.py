@@ -35,14 +35,14 @@ class Session(TabState):
     def choose_robot(self, source: str, urdf: str | None = None) -> None:
         """A built-in name, or the path of a URDF with its shown name; everything else starts anew."""
 
-        async def do() -> None:
-            answer = await self._job("robot", source=source)
-            self._remember()
-            self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
-            self.runs, self.effects, self.method = [], list(answer["effects"]), METHOD
-            self.forget_models()
+        self._start("Reading the robot", self._choose(source, urdf), {source: urdf or source})
 
-        self._start("Reading the robot", do(), {source: urdf or source})
+    async def _choose(self, source: str, urdf: str | None = None) -> None:
+        answer = await self._job("robot", source=source)
+        self._remember()
+        self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
+        self.runs, self.effects, self.method = [], list(answer["effects"]), METHOD
+        self.forget_models()
 
     def _remember(self) -> None:
         """Before the robot changes: what is dropped, said and kept, so that it can be brought back."""
@@ -84,15 +84,13 @@ class Session(TabState):
 
     def simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:
         """The built-in data with an effect hidden in them, instead of the runs that are there."""
-        details = {"effect": effect, "joints": joints, "level": level, "seed": seed}
+        self._start("Simulating", self._simulate(effect, joints, level, seed))
 
-        async def do() -> None:
-            await self._take_runs("simulate", **details)
-            at = ":" + "+".join(map(str, joints)) if joints else ""
-            hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
-            self.made_by = [*hide, "--level", level, "--seed", str(seed), "--out", "."]
-
-        self._start("Simulating", do())
+    async def _simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:
+        await self._take_runs("simulate", effect=effect, joints=joints, level=level, seed=seed)
+        at = ":" + "+".join(map(str, joints)) if joints else ""
+        hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
+        self.made_by = [*hide, "--level", level, "--seed", str(seed), "--out", "."]
 
     def real(self) -> None:
         """The real runs of this robot that are on the computer, instead of those that are there."""
@@ -232,15 +230,8 @@ class Session(TabState):
         """The whole job in small, on simulated runs with something hidden: the verb ``demo``."""
 
         async def do() -> None:
-            self._remember()
-            answer = await self._job("robot", source=ARM)
-            self.robot = {**answer, "source": ARM, "gravity": None, "file": None}
-            self.runs, self.effects, self.method = [], list(answer["effects"]), METHOD
-            self.forget_models()
-            hidden = {"effect": HIDDEN, "joints": [JOINT + 1], "level": LEVEL, "seed": SHOWN_SEED}
-            await self._take_runs("simulate", **hidden)
-            self.made_by = ["--hide", f"{HIDDEN}:{JOINT + 1}", "--level", LEVEL, "--seed"]
-            self.made_by += [str(SHOWN_SEED), "--out", "."]
+            await self._choose(ARM)
+            await self._simulate(HIDDEN, [JOINT + 1], LEVEL, SHOWN_SEED)
             await self._identify()
             await self._diagnose()
             assert self.findings is not None

@@ -44,7 +44,7 @@ from sdp_vs_penalty.signals.runs import (
     sample_rate,
     stretches,
 )
-from sdp_vs_penalty.signals.spectrum import highest_harmonic, unbent_cutoff
+from sdp_vs_penalty.signals.spectrum import highest_harmonic, smoothed_cutoff, unbent_cutoff
 
 #: Rows decimated to this multiple of the cut-off: the kernel's stop band starts at 1.4 cut-offs.
 _OVERSAMPLING = 4.0
@@ -77,7 +77,8 @@ class Preprocessing:
         Panda run: 5 Hz), or more where that bends the motion by more than the positions' noise allows:
         a robot that sticks at its reversals moves more sharply than it was told to.
     torque_cutoff : [Hz] of columns and torque. Default: 16 times the highest harmonic (Panda: 8 Hz), or
-        1.6 times the state_cutoff that is given, so that friction at reversals stays visible.
+        1.6 times the state_cutoff that is given, so that friction at reversals stays visible; less where
+        the torque was smoothed before it was logged.
     standstill : rows are dropped where no joint has moved faster than this share of its own
         maximum for half a second: they repeat one static friction state that no model of
         sliding friction explains.
@@ -108,6 +109,8 @@ class Preprocessing:
             state = 10.0 * max(highest_harmonic(run) for run in measurements.runs())
         state = min(state, highest)
         torque = min(1.6 * state if self.torque_cutoff is None else self.torque_cutoff, rate / 5.0)
+        if self.torque_cutoff is None and measurements.torque_logged:
+            torque = smoothed_cutoff(list(measurements.runs()), torque)
         if self.state_cutoff is None:
             state = unbent_cutoff(list(measurements.runs()), state, torque, highest)
         return replace(self, state_cutoff=state, torque_cutoff=torque)

@@ -240,13 +240,18 @@ def test_neither_torque_nor_command_is_refused(arm: str) -> None:
         driven(plain, run)
 
 
-@pytest.mark.parametrize("torque", [False, True])
-def test_a_proof_of_servos_is_made_of_its_log(arm: str, tmp_path: Path, torque: bool) -> None:
+@pytest.mark.parametrize("scale", ["mass", "load", "torque"])
+def test_a_proof_of_servos_is_made_of_its_log(arm: str, tmp_path: Path, scale: str) -> None:
     """The law, its delay and the instruments are found again from what was asked."""
-    path, run = tmp_path / "proof.json", log(1e-3, delay=0.02, torque=torque)
-    known = {} if torque else {"m1": MASS}
+    path, run = tmp_path / "proof.json", log(1e-3, delay=0.02, torque=scale == "torque")
     identify(
-        arm, run, effects="rigid_body,coulomb_friction", known=known, instruments="command", proof=path
+        arm,
+        run,
+        effects="rigid_body,coulomb_friction",
+        known={"m1": MASS} if scale == "mass" else {},
+        known_loads=[(log(1e-3, delay=0.02, seed=5, load=1.5), 1.5)] if scale == "load" else (),
+        instruments="command",
+        proof=path,
     ).save(tmp_path / "model.json")
     model = load_estimate(tmp_path / "model.json")
     holds, said = verify_proof_file(path, model, run)

@@ -173,12 +173,34 @@ def test_default_cutoff_is_ten_times_the_highest_harmonic(base: float) -> None:
     t = np.arange(0.0, 4.0 / base, 1e-3 / base)
     rng = np.random.default_rng(2)
     motion = sines(rng, 4, t, base, 5)
-    run = Measurements(t, motion.q + 1e-4 * rng.normal(size=motion.q.shape), motion.q)
+    noise = 1e-4 * rng.normal(size=(2, *motion.q.shape))
+    run = Measurements(t, motion.q + noise[0], motion.q + noise[1])
     settings = Preprocessing().resolve(run)
     assert settings.state_cutoff is not None
     assert settings.state_cutoff == pytest.approx(10 * 5 * base, rel=0.35)
     assert settings.torque_cutoff == pytest.approx(1.6 * settings.state_cutoff)
     assert settings.resolve(run) == settings
+
+
+def test_torque_that_was_smoothed_is_not_fitted_above_its_own_band() -> None:
+    """Friction turns round sharply, and the drive's zero-phase filter has taken that away."""
+    from scipy.signal import butter, sosfiltfilt
+
+    t = np.arange(0.0, 40.0, 0.004)
+    q = np.sin(2 * np.pi * 0.25 * t)[:, None]
+    sharp = (
+        5.0 * q
+        + np.sign(np.gradient(q, t, axis=0))
+        + 1e-3 * np.random.default_rng(1).normal(size=q.shape)
+    )
+    smooth = sosfiltfilt(butter(3, 1.5, fs=250.0, output="sos"), sharp, axis=0)
+    assert Preprocessing().resolve(Measurements(t, q, sharp)).torque_cutoff == pytest.approx(
+        4.4, rel=1e-3
+    )
+    found = Preprocessing().resolve(Measurements(t, q, smooth)).torque_cutoff
+    assert found is not None
+    assert 1.0 <= found <= 2.5
+    assert Preprocessing(torque_cutoff=4.0).resolve(Measurements(t, q, smooth)).torque_cutoff == 4.0
 
 
 def test_cutoffs_stay_below_what_the_rate_allows() -> None:
