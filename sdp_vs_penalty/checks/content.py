@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.checks import channel_rules as rules
-from sdp_vs_penalty.checks import excitation, residual, size
+from sdp_vs_penalty.checks import excitation, residual
 from sdp_vs_penalty.checks.constants import JUDGED, TRIED, UNRELATED
 from sdp_vs_penalty.checks.glance import Glance
 from sdp_vs_penalty.checks.issue import Issue
@@ -78,7 +78,7 @@ def content(problem: Problem, run: Measurements, settings: Preprocessing, thorou
     settled, stated = _settled(scene, settings), _stated(scene, found)
     dark = float(np.mean(found.after.shares[scene.moving])) > UNRELATED
     issues = [*first, *(() if dark else stated), *told]  # no cause that leaves most dark
-    sizes = list(size.find(scene, found.repair))
+    sizes = list(residual.size(scene, found.repair))
     if any(i.kind == "torque channel kind" for i in sizes):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
     issues += [*sizes, *residual.find(scene, found.repair, found.after, settled)]

@@ -30,7 +30,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task, no_pr
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.black_box import BlackBox, as_black_box, compress_black_box
+from sdp_vs_penalty.regression.black_box import BlackBox, compress_black_box, load_answers
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -181,7 +181,7 @@ def readable(problem: Problem, measurements: Source | BlackBox, what: str) -> Me
     """What was given as measurements, read; InputError where it cannot be this robot's."""
     n, names = problem.robot.n, problem.robot.joint_names
     if not isinstance(measurements, BlackBox):
-        measurements = as_black_box(measurements, n) or as_measurements(measurements, n, names, what)
+        measurements = load_answers(measurements, n) or as_measurements(measurements, n, names, what)
     if measurements.n != n:
         raise other_robot(measurements.n, n, f"measurements for {problem.name}")
     if isinstance(measurements, Measurements):

@@ -38,7 +38,7 @@ _WAYS = 0.15
 
 class Gain(Transformation):
     """Channels too large or too small beside their neighbours'. A factor that all have in common is not
-    seen by what joints share: see size.py."""
+    seen by what joints share: see residual.py."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         for j in scene.joints if len(scene.joints) > 1 else ():
@@ -106,7 +106,7 @@ class Weight(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         if not any(now.gravity):
             return
-        held = np.sqrt(np.mean(scene.tried.nominal_weight(now) ** 2, axis=0))
+        held = np.sqrt(np.mean(scene.tried.nominal(now, still=True) ** 2, axis=0))
         logged = np.sqrt(np.mean(scene.tried.data.torque**2, axis=(0, 1)))
         for share in _LEFT:
             yield replace(now, weight=(share,) * scene.n)
