@@ -6,12 +6,8 @@ recording.
 
 from __future__ import annotations
 
-import contextlib
 import logging
-import multiprocessing
 import os
-import select
-import signal
 import threading
 import time
 import uuid
@@ -39,16 +35,14 @@ def spread(
     items: Iterable[Item],
     scheduler: str | None = None,
     jobs: int = 2,
-    threads: bool = False,
 ) -> Iterator[Result]:
     """Results as they come, in any order; scheduler : a Dask scheduler's address, None: this machine.
 
-    threads : here, enough where the function only waits for other processes. What a worker was doing
-    that died is done again by another one, a few times.
+    What a worker was doing that died is done again by another one, a few times.
     Raises InputError where Dask is not installed, nobody answers at the address, or the scheduler ends.
     """
     if scheduler is None:
-        yield from _here(function, list(items), jobs, threads)
+        yield from _here(function, list(items), jobs)
         return
     with _connected(scheduler) as client:
         from distributed import KilledWorker, Variable, as_completed
@@ -109,16 +103,12 @@ def _batches(items: list[Item], threads: int) -> list[list[Item]]:
     return [items[k : k + count] for k in range(0, len(items), count)]
 
 
-def _here(
-    function: Callable[[Item], Result], items: list[Item], jobs: int, threads: bool
-) -> Iterator[Result]:
+def _here(function: Callable[[Item], Result], items: list[Item], jobs: int) -> Iterator[Result]:
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
     work, left = Numbered(function), dict(enumerate(items))
-    how: dict[str, Any] = {"backend": "threading"}
-    if not threads:
-        how = {"backend": "loky", "initializer": _end_with, "initargs": (os.getpid(),)}
+    how: dict[str, Any] = {"backend": "loky", "initializer": end_with, "initargs": (os.getpid(),)}
     for attempt in range(_RETRIES + 1):
         parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, **how)
         try:
@@ -171,7 +161,7 @@ class Workers:
 ALONE = Workers()
 
 
-def _end_with(parent: int) -> None:
+def end_with(parent: int) -> None:
     """For a worker process, before it is asked for anything: it ends when its parent does, however."""
 
     def watch() -> None:
@@ -180,23 +170,6 @@ def _end_with(parent: int) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-def end_with_asker(handle: int) -> None:
-    """End this process and its children, whatever they do, when nobody writes to the pipe any more."""
-    asker = select.poll()
-    asker.register(handle, 0)  # a hang-up alone: requests are read elsewhere
-    asker.poll()
-    for child in multiprocessing.active_children():
-        kill(child)
-    os._exit(0)
-
-
-def kill(child: Any) -> None:
-    """End a child process with whatever it has started."""
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(child.pid, signal.SIGKILL)
-    child.kill()
 
 
 def _connected(scheduler: str) -> Any:

@@ -7,10 +7,12 @@ reported is the net repair, each number once. Several runs are compared with eac
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.checks.content import Content, content
@@ -128,13 +130,13 @@ def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     """Runs of one arm share its mounting, its zeros, its gains and its load: where one run's differ,
     it is named."""
     out = list(reports)
-    settled = [(k, r.content) for k, r in enumerate(out) if r.content and r.content.settled]
-    whole = [(k, c.scene, c.repair) for k, c in settled if c.scene is not None]
+    contents = [(k, r.content) for k, r in enumerate(out) if r.content and r.content.settled]
+    whole = [(k, c.scene, c.repair) for k, c in contents if c.scene is not None]
     if len(whole) > 1:
         places, scenes, repairs = zip(*whole, strict=True)
         for k, issue in compare(scenes, repairs, [out[k].run for k in places]):
-            odd = places[k]
-            out[odd] = replace(out[odd], issues=gravest_first((*out[odd].issues, issue)))
+            odd = out[places[k]]
+            out[places[k]] = replace(odd, issues=gravest_first((*odd.issues, issue)))
     return out
 
 
@@ -148,22 +150,19 @@ def _windows(run: Measurements) -> list[Measurements]:
     """A run, or of a long one the windows that are checked; their rows count from their first."""
     if run.samples <= _MOST:
         return [run]
-    count = _MOST // _WINDOW
-    starts = [(run.samples - _WINDOW) * k // (count - 1) for k in range(count)]
+    starts = np.linspace(0, run.samples - _WINDOW, _MOST // _WINDOW).astype(int).tolist()
     name = run.names[0]
     return [run.rows(slice(k, k + _WINDOW), f"{name} from sample {k + 1} on") for k in starts]
 
 
-def _unusable(run: Measurements) -> list[Report]:
+def _unusable(run: Measurements) -> Iterator[Report]:
     """A report where a long run has a broken clock or numbers that are not finite, anywhere."""
-    if run.samples <= _MOST:
-        return []
     try:
-        check_usable(run.names[0], run)
+        if run.samples > _MOST:
+            check_usable(run.names[0], run)
     except InputError as error:
         issue = _stopped("unusable rows", error, "certain: read from the file")
-        return [Report(run.names[0], (issue,), run, run, None)]
-    return []
+        yield Report(run.names[0], (issue,), run, run, None)
 
 
 def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool) -> Report:

@@ -11,7 +11,7 @@ from sdp_vs_penalty.checks.glance import Glance, constant_parts, evened, lattice
 from sdp_vs_penalty.checks.issue import Finding, joints_text, rule
 from sdp_vs_penalty.data.plausibility import beside_range
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.low_passed import low_passed
+from sdp_vs_penalty.signals.preprocessing import low_passed
 from sdp_vs_penalty.signals.runs import spans
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 

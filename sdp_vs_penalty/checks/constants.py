@@ -111,5 +111,3 @@ EFFORT = (0.2, 3.0)
 #: How far torques may be from those of a nominal arm, beside what its masses allow: friction, another
 #: place of the masses, a gear that was left out.
 MASS_SLACK = 4.0
-#: A channel so many times larger against the nominal arm than the others are has another unit.
-OTHER_UNIT = 40.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.checks import channel_rules as rules
-from sdp_vs_penalty.checks import excitation, residual, size
+from sdp_vs_penalty.checks import excitation, residual
 from sdp_vs_penalty.checks.constants import JUDGED, TRIED, UNRELATED
 from sdp_vs_penalty.checks.glance import Glance
 from sdp_vs_penalty.checks.issue import Issue
@@ -78,7 +78,7 @@ def content(problem: Problem, run: Measurements, settings: Preprocessing, thorou
     settled, stated = _settled(scene, settings), _stated(scene, found)
     dark = float(np.mean(found.after.shares[scene.moving])) > UNRELATED
     issues = [*first, *(() if dark else stated), *told]  # no cause that leaves most dark
-    sizes = list(size.find(scene, found.repair))
+    sizes = list(residual.size(scene, found.repair))
     if any(i.kind == "torque channel kind" for i in sizes):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
     issues += [*sizes, *residual.find(scene, found.repair, found.after, settled)]
@@ -103,10 +103,9 @@ def content(problem: Problem, run: Measurements, settings: Preprocessing, thorou
 def _certain(scene: Scene, found: Found, stated: Sequence[Issue]) -> Repair:
     """The net repair without what is only likely."""
     certain = found.repair
-    for issue, doubtful in zip(stated, found.elements, strict=True):
+    for doubtful in (e.name for e, i in zip(found.elements, stated, strict=True) if not i.mends):
         elements = (e for t in TRANSFORMATIONS for e in t.elements(scene, certain))
-        without = next((e.without for e in elements if e.name == doubtful.name), certain)
-        certain = certain if issue.mends else without
+        certain = next((e.without for e in elements if e.name == doubtful), certain)
     return certain
 
 
@@ -121,8 +120,8 @@ def _settled(scene: Scene, settings: Preprocessing) -> bool:
 def _stated(scene: Scene, found: Found) -> list[Issue]:
     """An issue for each element of the net repair, with its interval and what it explains."""
     out = []
-    parts = zip(found.elements, found.deviations, found.gains, found.without, strict=True)
-    for e, deviation, gain, without in parts:
+    for told in found.told:
+        e, gain, without = told.element, told.gain, told.without
         change = np.log(without.shares / found.after.shares)
         j = int(np.argmax(change))
         sure = gain > _CERTAIN and (change[j] > np.log(_TENFOLD) or gain > 5.0 * _CERTAIN)
@@ -137,7 +136,7 @@ def _stated(scene: Scene, found: Found) -> list[Issue]:
         figures = {"joints": [j + 1 for j in e.joints], **e.figures, "net": True, "log_odds": gain}
         what = e.what
         if e.number is not None:
-            low, high = (e.number.value + s * 2.0 * deviation for s in (-1.0, 1.0))
+            low, high = (e.number.value + s * 2.0 * told.deviation for s in (-1.0, 1.0))
             figures["interval"] = [low, high]
             what = f"{what.rstrip('.')} (95 %: {e.number.text(low)} to {e.number.text(high)})."
         mend = found.repair.apply if e.mends else None

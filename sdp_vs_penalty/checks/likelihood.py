@@ -188,14 +188,14 @@ class Likelihood:
         columns = self._shared(repair.gravity, self.motion(repair))
         return self._heard(repair)[:, :, None] * columns[:, :, self.data.shared.rigid_indices[-10:]]
 
-    def nominal_weight(self, repair: Repair) -> Array:
-        """(M, n) the weight of a plausible arm at the repaired positions."""
-        m, shared = self.motion(repair), self.data.shared
-        rest = np.zeros_like(m.q)
+    def nominal(self, repair: Repair, still: bool) -> Array:
+        """(M, n) torque of a plausible arm on the repaired motion, or its weight in these poses."""
+        m, shared, none = self.motion(repair), self.data.shared, 0.0 * self.data.motion.q
         if shared is None or not len(shared.rigid_indices):
-            return rest
+            return none
         robot = under_gravity(shared, repair.gravity).robot
-        return np.asarray(robot.regressor(m.q, rest, rest) @ self.data.nominal)
+        states = (m.q, none, none) if still else (m.q, m.dq, m.ddq)
+        return np.asarray(robot.regressor(*states) @ self.data.nominal)
 
     def _own(self, repair: Repair) -> tuple[Array, Array, Array]:
         """Bases of the joints' own columns, and the rows that read friction and rotor."""
@@ -308,7 +308,7 @@ class Likelihood:
 
         def make() -> Array:
             m = self.motion(repair)
-            rest, loads = np.zeros_like(m.q), self.nominal_weight(repair)
+            rest, loads = np.zeros_like(m.q), self.nominal(repair, still=True)
             ways = (((0.0, 0.0, 0.0), m.ddq, m.ddq), (repair.gravity, rest, loads))
             made = [
                 np.einsum("jms,mj->s", self._shared(gravity, Motion(m.t, m.q, rest, ddq)), along)

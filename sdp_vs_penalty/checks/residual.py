@@ -7,16 +7,18 @@ model of this joint alone would leave. Friction, however odd, is in both.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.checks.constants import CONTRADICTS, EVENT, TWO_ARMS, TYPICAL, UNRELATED
+from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations, Score, left_out_alone
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Scene
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Parts of a log in stripes and, from a fifth on, in two.
@@ -34,7 +36,7 @@ def find(scene: Scene, repair: Repair, score: Score, settled: bool) -> Iterator[
 
     settled : whether there are samples to spare for the parameters."""
     dark = float(np.mean(score.shares[scene.moving]))
-    if dark > UNRELATED:
+    if dark > c.UNRELATED:
         yield Issue(
             "torque not explained", "error", "all torque channels",
             f"No inertia and friction of this arm explain {100.0 * dark:.0f} % of the torque energy.",
@@ -51,10 +53,10 @@ def find(scene: Scene, repair: Repair, score: Score, settled: bool) -> Iterator[
 
 def _unexplained(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
     moving, shares, alone = scene.moving, score.shares, left_out_alone(score, repair)
-    usual = TYPICAL[scene.problem.torque_side]
+    usual = c.TYPICAL[scene.problem.torque_side]
     total = float(np.sqrt(score.left[moving].sum() / score.whole[moving].sum()))
-    against = moving & (shares > CONTRADICTS[0] * alone) & (np.sqrt(shares) > CONTRADICTS[1])
-    poor = moving & (score.alone > 2.0 * UNRELATED) & ~against
+    against = moving & (shares > c.CONTRADICTS[0] * alone) & (np.sqrt(shares) > c.CONTRADICTS[1])
+    poor = moving & (score.alone > 2.0 * c.UNRELATED) & ~against
     percent = 100.0 * np.sqrt(shares)
     told = [
         (np.flatnonzero(against), "cannot belong to the same arm as the other joints' torques"),
@@ -84,12 +86,12 @@ def _event(scene: Scene, score: Score) -> Iterator[Issue]:
         elsewhere = error[np.abs(t - t[k]) > _WIDTH]
         # At its ends the arm starts or comes to rest: stiction.
         inside = min(t[k] - t[0], t[-1] - t[k]) > 3.0 * _WIDTH
-        if inside and len(elsewhere) and error[k] > EVENT * elsewhere.max():
+        if inside and len(elsewhere) and error[k] > c.EVENT * elsewhere.max():
             at, unit = float(t[k]), scene.problem.robot.torque_units[j]
             yield Issue(
                 "one-off event", "warning", f"t = {at:.3g} s, {joints_text([j])}",
                 f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error "
-                f"there is {error[k]:.3g} {unit} in joint {j + 1}, over {EVENT:g} times that at "
+                f"there is {error[k]:.3g} {unit} in joint {j + 1}, over {c.EVENT:g} times that at "
                 f"any other moment.",
                 "likely: an effect of the arm itself would recur", f"exclude {_WIDTH:g} s around it",
                 partial(_cut, at=at), {"t": at, "joints": [j + 1]},
@@ -118,7 +120,7 @@ def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
     halves = [two(parts[:cut], parts[cut:]) for cut in cuts]
     gains = [float(np.median(np.log(stripes / h)[scene.moving])) for h in halves]
     best = int(np.argmax(gains))
-    if gains[best] < TWO_ARMS or best in (0, len(gains) - 1) or repair.events:
+    if gains[best] < c.TWO_ARMS or best in (0, len(gains) - 1) or repair.events:
         return
     m = scene.judged.data.motion
     t = float(m.t[len(m.t) * cuts[best] // _STRIPES])
@@ -130,3 +132,79 @@ def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
         f"likely: two arms leave {apart:.3g} % of the torques unexplained, one leaves {one:.3g} %",
         "cut the run there and use each part by itself (--window)", None, {"t": t},
     )  # fmt: skip
+
+
+# -- torques of an impossible size: another unit, motor currents, the motor's side of the gear ---------
+# What joints share tells the channels' ratios, never their common size. Two witnesses do: the joints'
+# effort limits, and what an arm of the problem's masses needs on the same motion, where they are known.
+
+_BY_SIZE = "likely: judged by size alone"
+_RIGHT = "if the torques are right, correct the problem's masses"
+_CONVERT = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
+
+
+def _possible(problem: Problem) -> tuple[float, float] | None:
+    """Least and largest ratio of measured to nominal torque; None where no masses are known."""
+    masses = float(problem.nominal_links[:, 0].sum())
+    low, high = problem.total_mass
+    if np.all(problem.guessed_links) or masses <= 0.0:
+        return None
+    if not np.isfinite(high):
+        low, high = 0.5 * masses, 2.0 * masses
+    return max(low, 0.1 * high) / masses / c.MASS_SLACK, high / masses * c.MASS_SLACK
+
+
+def size(scene: Scene, repair: Repair) -> Iterator[Issue]:
+    """Issues of the channels as repaired, so that no two judge each other's."""
+    problem, scale = scene.problem, _possible(scene.problem)
+    channels, heard = scene.judged.channels(repair).T, scene.judged.data.heard[:, list(repair.order)]
+    needed = float(np.linalg.norm(heard * scene.judged.nominal(repair, still=False)))
+    effort = np.array([j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints])
+    each = np.abs(channels).max(axis=0) / effort
+    odd = np.flatnonzero(each > c.EFFORT[1])
+    if 0 < len(odd) <= 0.3 * scene.n and scale is not None:
+        for j in odd.tolist():
+            yield Issue(
+                "torque unit", "error", joints_text([j]),
+                f"the torque of joint {j + 1} is too large, {each[j]:.3g} times what the joint is made "
+                "for: its unit is not that of the others.", _BY_SIZE, _CONVERT, None,
+                {"joints": [j + 1], "times_effort_limit": float(each[j])},
+            )  # fmt: skip
+        return
+    over = float(np.nanmax(each)) if np.isfinite(effort).any() else np.nan
+    ratio = max(float(np.linalg.norm(channels)), 1e-300) / max(needed, 1e-300)  # of 1e-300 squares are 0
+    figures = {"times_effort_limit": over, "times_nominal": ratio if scale else None}
+    large, small = (False, False) if scale is None else (ratio > scale[1], ratio < scale[0])
+    low, high = problem.total_mass
+    arm = f"an arm of {low:g} to {high:g} kg needs"
+    if not np.isfinite(high):
+        arm = f"an arm of {float(problem.nominal_links[:, 0].sum()):.3g} kg needs"
+    size = f"{ratio:.3g} times what {arm}" if large else f"{1.0 / ratio:.3g} times less than {arm}"
+    far = over > c.EFFORT[1]
+    if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
+        yield Issue(
+            "masses of the problem", "error", "the problem",
+            f"the torques are {size}, yet they reach {100.0 * over:.0f} % of the joints' effort "
+            f"limits, as torques do: the problem's masses are wrong.", _BY_SIZE,
+            "correct total_mass in problem.toml (the inertials of a URDF)", None, figures,
+        )  # fmt: skip
+    elif large or (far and scale is None):
+        within, measured = (scale, ratio) if scale is not None else ((1e-2, 1.0), over)
+        units = {"mN m": 1e-3, "N cm": 1e-2}
+        name = next((u for u, f in units.items() if within[0] <= measured * f <= within[1]), None)
+        factor = units[name] if name and far else None
+        told = f"{over:.3g} times what the joints are made for" if far else size
+        how = f"they are in {name}" if factor else "their unit is not N m"
+        yield Issue(
+            "torque unit", "error", "all torque channels", f"the torques are too large, {told}: {how}.",
+            _BY_SIZE, f"multiply by {factor:g}" if factor else f"{_CONVERT}; {_RIGHT}",
+            None if factor is None else lambda r: replace(r, tau=r.tau * factor), figures,
+        )  # fmt: skip
+    elif small:
+        yield Issue(
+            "torque channel kind", "warning", "all torque channels",
+            f"the torques are {size}: they are motor currents, or torques on the motor side of the "
+            "gear. A model of them is unscaled: its ratios are right, its kilograms are not.", _BY_SIZE,
+            f"multiply each channel by its drive gain (N m per A, gear ratio included); {_RIGHT}",
+            None, figures,
+        )  # fmt: skip

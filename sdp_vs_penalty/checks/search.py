@@ -11,16 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdp_vs_penalty.checks.constants import (
-    CLOSED,
-    CLOSELY,
-    LOUDEST,
-    MIN_GAIN,
-    MOST_FAULTS,
-    PARTS,
-    SIGMAS,
-    SIGNIFICANT,
-)  # fmt: skip
+from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Scene
@@ -28,16 +19,26 @@ from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS
 
 
 @dataclass(frozen=True)
+class Told:
+    """What a net repair does: an element, its number's deviation, its log-odds, the fit without it."""
+
+    element: Element
+    deviation: float
+    gain: float
+    without: Score
+
+
+@dataclass(frozen=True)
 class Found:
-    """repair : the net one; elements : what it does; deviations : of their numbers; gains : log-odds of
-    each element; without : the fit without each; after : with all."""
+    """repair : the net one; told : what it does; after : the fit with all of it."""
 
     repair: Repair
-    elements: tuple[Element, ...]
-    deviations: tuple[float, ...]
-    gains: tuple[float, ...]
-    without: tuple[Score, ...]
+    told: tuple[Told, ...]
     after: Score
+
+    @property
+    def elements(self) -> list[Element]:
+        return [t.element for t in self.told]
 
 
 class Search:
@@ -65,48 +66,38 @@ class Search:
 
     def run(self) -> Found:
         now = self.scene.none
-        for _ in range(MOST_FAULTS):
+        for _ in range(c.MOST_FAULTS):
             better = self.added(now)
-            if better is None and self._contradicts(now):
-                better = self.added(now, pairs=True)
             if better is None:
                 break
             now = self.dropped(better)
         return self.found(now)
 
-    def _contradicts(self, now: Repair) -> bool:
-        """Whether joints by themselves explain far more than one arm does: two things may be wrong at
-        once of which neither explains anything alone."""
-        score = self.scene.tried.score(now)
-        return bool(np.log(score.shares / score.alone)[self.scene.moving].mean() > 1.0)
-
-    def proposals(self, now: Repair, pairs: bool) -> list[Repair]:
+    def proposals(self, now: Repair) -> list[Repair]:
         """One more thing, the best first; those that only physics can tell are always looked at."""
         score = self.scene.tried.score(now)
-        made = (
-            t.pairs(self.scene, now) if pairs else t.proposals(self.scene, now, score)
-            for t in TRANSFORMATIONS
-        )
+        made = (t.proposals(self.scene, now, score) for t in TRANSFORMATIONS)
         asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
         scores = self.scene.tried.scores(asked)
         level = self.likelihood(score, now)
         # Costs are positive: most need not be asked for.
-        free = np.array([-0.5 * self.samples * s.score for s in scores])
-        near = {i: self.likelihood(scores[i], asked[i]) for i in np.flatnonzero(free > level - LOUDEST)}
-        order = sorted((i for i in near if near[i] > level - LOUDEST), key=lambda i: -near[i])
+        far = level - c.LOUDEST
+        near = [i for i, s in enumerate(scores) if -0.5 * self.samples * s.score > far]
+        value = {i: self.likelihood(scores[i], asked[i]) for i in near}
+        order = sorted((i for i in near if value[i] > far), key=lambda i: -value[i])
         tied = [i for i in order if _same_fit(asked[i], now)]
-        return [asked[i] for i in dict.fromkeys(order[:CLOSELY] + tied[: CLOSELY + 2])]
+        return [asked[i] for i in dict.fromkeys(order[: c.CLOSELY] + tied[: c.CLOSELY + 2])]
 
-    def added(self, now: Repair, pairs: bool = False) -> Repair | None:
+    def added(self, now: Repair) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
         level = self.posterior(now)
         # Rough numbers first: a coarse grid may miss most of what its best value explains.
         best: dict[frozenset[object], Repair] = {}
-        for r in sorted(self.proposals(now, pairs), key=self.posterior, reverse=True):
+        for r in sorted(self.proposals(now), key=self.posterior, reverse=True):
             best.setdefault(frozenset(e.name for e in self.elements(r)), r)
-        refined = [self.refined(r, now) for r in list(best.values())[:CLOSELY]]
+        refined = [self.refined(r, now) for r in list(best.values())[: c.CLOSELY]]
         for repair in sorted(refined, key=self.posterior, reverse=True):
-            if self.posterior(repair) < level + MIN_GAIN:
+            if self.posterior(repair) < level + c.MIN_GAIN:
                 break
             if self.believed(repair, now):
                 return repair
@@ -120,19 +111,19 @@ class Search:
         if not all(map(self._determined, numbers)):
             return False
         change = np.log(judged.left_out(now) / judged.left_out(repair))[:, self.scene.moving].sum(axis=1)
-        error = float(np.std(change)) / np.sqrt(PARTS)
+        error = float(np.std(change)) / np.sqrt(c.PARTS)
         if _same_fit(repair, now):  # physics alone may tell
-            return not self.scene.coarse and bool(np.mean(change) >= -SIGNIFICANT * error)
-        return bool(np.mean(change) > SIGNIFICANT * error and np.median(change) > 0.0)
+            return not self.scene.coarse and bool(np.mean(change) >= -c.SIGNIFICANT * error)
+        return bool(np.mean(change) > c.SIGNIFICANT * error and np.median(change) > 0.0)
 
     def _determined(self, number: Number) -> bool:
         """Beyond what is usual, and its interval is closed: far to either side it explains less."""
         far = number.apart if number.value in number.snaps else number.reach
         values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
         here, *sides = self.scene.judged.scores([number.at(x) for x in values])
-        if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < CLOSED:
+        if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < c.CLOSED:
             return False
-        return abs(number.value) > number.tolerance + SIGMAS * self.scene.deviation(number)
+        return abs(number.value) > number.tolerance + c.SIGMAS * self.scene.deviation(number)
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
         """With the best values of the numbers that ``now`` does not have; round ones where as likely."""
@@ -157,16 +148,19 @@ class Search:
         while True:
             others = [e.without for e in self.elements(repair) if e.without != self.scene.none]
             better = max(others, key=self.posterior, default=repair)
-            if better == repair or self.posterior(better) < self.posterior(repair) - MIN_GAIN:
+            if better == repair or self.posterior(better) < self.posterior(repair) - c.MIN_GAIN:
                 return repair
             repair = better
 
     def found(self, repair: Repair) -> Found:
-        elements = tuple(self.elements(repair))
-        spreads = (np.nan if e.number is None else self.scene.deviation(e.number) for e in elements)
-        gains = (self.posterior(repair) - self.posterior(e.without) for e in elements)
-        *without, after = self.scene.judged.scores([*(e.without for e in elements), repair])
-        return Found(repair, elements, tuple(spreads), tuple(gains), tuple(without), after)
+        told = tuple(
+            Told(
+                e, np.nan if e.number is None else self.scene.deviation(e.number),
+                self.posterior(repair) - self.posterior(e.without), self.scene.judged.score(e.without),
+            )
+            for e in self.elements(repair)
+        )  # fmt: skip
+        return Found(repair, told, self.scene.judged.score(repair))
 
 
 def _same_fit(a: Repair, b: Repair) -> bool:

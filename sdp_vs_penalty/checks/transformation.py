@@ -149,10 +149,6 @@ class Transformation(ABC):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         """Repairs that differ from ``now``, whose score is given, by one more thing of this kind."""
 
-    def pairs(self, scene: Scene, now: Repair) -> Iterator[Repair]:
-        """... or by two, which no single one of them would show."""
-        yield from ()
-
     @abstractmethod
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         """What a repair does of this kind."""

@@ -59,15 +59,11 @@ class LinkCheck:
 
     def to_dict(self) -> dict[str, Any]:
         out: dict[str, Any] = {
-            "link": self.link,
-            "mass": self.mass,
-            "triangle_margin": show.finite(self.triangle_margin),
-            "pseudo_inertia_margin": self.pseudo_inertia_margin,
-            "consistent": self.consistent,
-            "verdict": self.verdict,
-            "radius_of_gyration": self.gyration,
+            "link": self.link, "mass": self.mass, "triangle_margin": show.finite(self.triangle_margin),
+            "pseudo_inertia_margin": self.pseudo_inertia_margin, "consistent": self.consistent,
+            "verdict": self.verdict, "radius_of_gyration": self.gyration,
             "plausible": self.consistent and not self.unlikely,
-        }
+        }  # fmt: skip
         if self.nearest is not None:
             values = {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
             out |= {"nearest_inertia": values, "distance": self.distance}
@@ -97,13 +93,7 @@ HEADS = ("link", "verdict", "mass [kg]", "triangle [kg m^2]", "pseudo-inertia")
 def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
     """A row a link, in the order of HEADS."""
     return [
-        (
-            c.link,
-            c.verdict,
-            f"{c.mass:.4g}",
-            f"{c.triangle_margin:.3g}",
-            f"{c.pseudo_inertia_margin:.3g}",
-        )
+        (c.link, c.verdict, *(f"{x:.3g}" for x in (c.mass, c.triangle_margin, c.pseudo_inertia_margin)))
         for c in checks
     ]
 
@@ -158,26 +148,22 @@ def massless_links(path: str | Path) -> list[str]:
 
 
 def _check(name: str, theta: Array) -> LinkCheck:
-    mass = float(theta[0])
-    pseudo = inertia.pseudo_inertia(theta)
-    margin = float(np.linalg.eigvalsh(pseudo)[0])
+    mass, margin = float(theta[0]), float(np.linalg.eigvalsh(inertia.pseudo_inertia(theta))[0])
     if mass <= 0.0:
-        empty = mass == 0.0 and not theta.any()
-        verdict = "consistent" if empty else "negative mass"
-        if mass == 0.0 and not empty:
-            verdict = "moment of inertia without mass"
-        return LinkCheck(name, mass, 0.0 if empty else float("nan"), margin, verdict)
+        if mass < 0.0 or not theta.any():
+            verdict, triangle = ("negative mass", np.nan) if mass < 0.0 else ("consistent", 0.0)
+            return LinkCheck(name, mass, triangle, margin, verdict)
+        return LinkCheck(name, mass, np.nan, margin, "moment of inertia without mass")
     about_com = inertia.inertia_matrix(inertia.barycentric_from_standard(theta)[4:])
-    triangle = float(inertia.triangle_margin(theta))
+    triangle, least = float(inertia.triangle_margin(theta)), np.linalg.eigvalsh(about_com)[0]
+    trace, com = float(np.trace(about_com)), theta[1:4] / mass
     # What rounding leaves of a moment is relative to the moments about the link's origin.
-    scale = abs(float(np.trace(about_com))) + 2.0 * mass * float(np.sum((theta[1:4] / mass) ** 2))
-    if triangle >= -ROUNDING * scale and np.linalg.eigvalsh(about_com)[0] >= -ROUNDING * scale:
-        gyration = float(np.sqrt(max(float(np.trace(about_com)), 0.0) / (2.0 * mass)))
+    zero = -ROUNDING * (abs(trace) + 2.0 * mass * float(np.sum(com**2)))
+    if triangle >= zero and least >= zero:
+        gyration = float(np.sqrt(max(trace, 0.0) / (2.0 * mass)))
         return LinkCheck(name, mass, triangle, margin, "consistent", gyration=gyration)
     nearest = nearest_inertia(about_com)
-    com = theta[1:4] / mass
-    negative = np.linalg.eigvalsh(about_com)[0] < -ROUNDING * scale
-    verdict = "negative moment of inertia" if negative else "triangle inequality violated"
+    verdict = "negative moment of inertia" if least < zero else "triangle inequality violated"
     distance = float(np.linalg.norm(about_com - nearest))
     return LinkCheck(name, mass, triangle, margin, verdict, Inertial(mass, com, nearest), distance)
 

@@ -212,22 +212,26 @@ def failure_tables(failures: Sequence[JointFailure]) -> None:
     from sdp_vs_penalty.diagnosis.where_it_fails import BANDS
 
     joints = ["", *(str(f.joint) for f in failures)]
-    shares = [(name, *(f"{100 * f.shares[name]:.0f}" for f in failures)) for name in failures[0].shares]
+    names = failures[0].held_out_shares
+    shares = [(name, *(f"{100 * f.held_out_shares[name]:.0f}" for f in failures)) for name in names]
     table("Residual variance explained by a smooth function of ..., held out [%]", joints, shares)
     rows = [
         ("RMSE", *aligned([[f.rmse for f in failures]])[0]),
         ("noise floor", *(number(f.noise_floor, 2) for f in failures)),
         (
             "repeatable [%]",
-            *("-" if f.explainable is None else f"{100 * f.explainable:.0f}" for f in failures),
+            *(
+                "-" if f.explainable_share is None else f"{100 * f.explainable_share:.0f}"
+                for f in failures
+            ),
         ),
         ("RMS ratio at reversals", *(_short(f.reversal_lift) for f in failures)),
         ("reversal asymmetry", *(_short(f.reversal_asymmetry) for f in failures)),
     ]
     for k, (low, high) in enumerate(pairwise(BANDS)):
-        if any(f.bands[k] > 0.0 for f in failures):
+        if any(f.band_shares[k] > 0.0 for f in failures):
             label = f"{low:g}-{high:g} Hz [%]" if np.isfinite(high) else f"above {low:g} Hz [%]"
-            rows.append((label, *(f"{100 * f.bands[k]:.0f}" for f in failures)))
+            rows.append((label, *(f"{100 * f.band_shares[k]:.0f}" for f in failures)))
     rows += [(f"correlation {f.joint}", *(f"{c:+.2f}" for c in f.correlation)) for f in failures]
     table("Residual of each joint", joints, rows)
 
@@ -282,7 +286,7 @@ def undecided(result: Diagnosis, model: Path) -> None:
 
 
 def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding]) -> None:
-    from sdp_vs_penalty.diagnosis.reasons import legend
+    from sdp_vs_penalty.diagnosis.sentences import legend
 
     kinds = ", ".join(dict.fromkeys(map(plain_unit, units)))
     retuned = bool(result.retuned)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-from sdp_vs_penalty.signals.stillness import STILL
+from sdp_vs_penalty.signals.standstill import STILL
 
 REVERSAL, STANDSTILL, HIGH_SPEED = "reversal", "standstill", "high speed"
 POSITION, VELOCITY, ACCELERATION, LOAD = "position", "velocity", "acceleration", "load"

@@ -29,8 +29,8 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, finite
-from sdp_vs_penalty.signals.excerpt import excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_rows
+from sdp_vs_penalty.signals.window_subsample import subsample_sentence, window_subsample
 
 if TYPE_CHECKING:
     import pandas
@@ -248,8 +248,10 @@ def compare(
     if noise_from is not None:
         _, given = driven(first, as_measurements(noise_from))
     floor = noise_level(first.problem, given, settings)
-    said = excerpt_sentence(
-        excerpt(given, settings), given, "errors are those of all samples, noise and dependences of"
+    said = subsample_sentence(
+        window_subsample(given, settings),
+        given,
+        "errors are those of all samples, noise and dependences of",
     )
     judged = [_judged(name, model, measurements, settings, floor) for name, model in models.items()]
     return Comparisons(replace(one, judged_on=said) for one in judged)

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import APART, FAR, HARMONIC, INVISIBLE, SHARED, UNCERTAIN
+from sdp_vs_penalty.diagnosis.constants import (
+    APART,
+    FAR,
+    HARMONIC,
+    INVISIBLE,
+    MATTERS,
+    SHARED,
+    UNCERTAIN,
+)
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.events import events, outliers
@@ -21,12 +28,11 @@ from sdp_vs_penalty.diagnosis.findings import (
     Invisible,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
-from sdp_vs_penalty.diagnosis.reasons import REASONS
 from sdp_vs_penalty.diagnosis.remaining import Remainder, refitted, remainder
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.sentences import remarks, sentence, size_of
+from sdp_vs_penalty.diagnosis.sentences import REASONS, remarks, sentence, size_of
 from sdp_vs_penalty.diagnosis.sizes import Size, size_of_term, torque_errors
 from sdp_vs_penalty.diagnosis.where_it_fails import carriers
 from sdp_vs_penalty.diagnosis.whitening import spread_columns
@@ -36,28 +42,8 @@ from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
 
-
-@dataclass(frozen=True)
-class Left:
-    """What a model leaves: residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it;
-    rest."""
-
-    residual: Array
-    odd: NDArray[np.bool_]
-    rest: Remainder
-
-    @property
-    def matters(self) -> tuple[int, ...]:
-        return self.rest.matters
-
-
-@dataclass(frozen=True)
-class OfferedCurve:
-    """A curve; before : held-out error of its joint without it, errors (n,) : with it."""
-
-    curve: Measured
-    before: float
-    errors: Array
+#: Held-out errors (n,) of some of the findings, by their places.
+Alone = Callable[[Sequence[int]], Array]
 
 
 @dataclass(frozen=True)
@@ -71,27 +57,30 @@ class Found:
     estimate: Estimate
     shapes: tuple[ShapeEstimate, ...]
     search: Search
-    left: Left
+    left: Remainder
     held_out: HeldOut
     offered: tuple[int, ...]
     before: Array
-    curves: tuple[OfferedCurve, ...] = ()
+    curves: tuple[Measured, ...] = ()
 
 
-def what_is_left(search: Search) -> Left:
+def what_is_left(search: Search) -> Remainder:
     """Of the rows beside all terms of a search."""
     data, fit = search.data, search.fit
     residual = refitted(data, [t.form.effect for t in search.terms])[1]
     odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
-    return Left(residual, odd, remainder(data, fit, residual, odd))
+    return remainder(data, fit, residual, odd)
 
 
-def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: int) -> Diagnosis:
-    """The diagnosis. gain_errors (n, e) : a factor of the covariance of the torque channels' gains;
-    new_share : of the test run's motion; seed : of the draws of a curve's band."""
+def conclude(
+    found: Found, alone: Alone, gain_errors: Array, new_share: float | None, seed: int
+) -> Diagnosis:
+    """The diagnosis. alone : held-out errors of some of the findings added by themselves; gain_errors
+    (n, e) : a factor of the covariance of the torque channels' gains; new_share : of the test run's
+    motion; seed : of the draws of a curve's band."""
     search, data = found.search, found.search.data
     rows, noise = data.rows, data.noise
-    left, residual = found.left.rest, found.left.residual
+    left, residual = found.left, found.left.residual
     happened = events(data, found.left.odd, residual, left.matters)
     count = len(found.offered) + 1
     errors = np.array([found.held_out.errors(found.offered[:k]) for k in range(count)])
@@ -100,7 +89,7 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     every = [_finding(found, k, term, errors, doubt) for k, term in enumerate(search.terms)]
     unsure = noise.source != REPETITION
     minor = [unsure and not lowers(errors[k], errors[k + 1]) for k in range(len(every))]
-    every = _stood_in(found, every)
+    every = _judged_alone(found, _stood_in(found, every), alone)
     findings = tuple(f for f, m in zip(every, minor, strict=True) if not m)
     beside = tuple(replace(f, confidence="minor") for f, m in zip(every, minor, strict=True) if m)
     curves = _told(found, seed)
@@ -149,17 +138,17 @@ def in_pieces(term: Term, search: Search) -> bool:
 def _told(found: Found, seed: int) -> tuple[Curve, ...]:
     out, noise = [], found.search.data.noise
     for k, o in enumerate(found.curves):
-        j, after = o.curve.joint, float(o.errors[o.curve.joint])
+        j, after = o.joint, float(o.errors[o.joint])
         floor = float(noise.floor[j]) if found.search.data.known else 0.0
         excess = max(o.before**2 - floor**2, 1e-300)
         share = float(np.clip((o.before**2 - after**2) / excess, 0.0, 1.0))
-        out.append(o.curve.told(seed + k, share, o.before, after))
+        out.append(o.told(seed + k, share, o.before, after))
     return tuple(out)
 
 
 def _stood_in(found: Found, findings: Sequence[Finding]) -> list[Finding]:
     """The findings; those that curves stand instead of are weak, and cannot be told apart from one."""
-    gone = {t for o in found.curves for t in o.curve.replaced}
+    gone = {t for o in found.curves for t in o.replaced}
     return [
         replace(
             f,
@@ -171,6 +160,25 @@ def _stood_in(found: Found, findings: Sequence[Finding]) -> list[Finding]:
         else f
         for f, t in zip(findings, found.search.terms, strict=True)
     ]
+
+
+def _judged_alone(found: Found, findings: Sequence[Finding], alone: Alone) -> list[Finding]:
+    """The findings; of the confident ones only those are that by themselves, as `add --confident` takes
+    them, raise no joint's held-out error by what matters: the one without which they raise it least is
+    weak."""
+    out = list(findings)
+
+    def most(chosen: Sequence[int]) -> float:
+        """The largest rise of a joint's error by some of them."""
+        return float(np.max(alone(chosen) / np.maximum(found.held_out.errors(()), 1e-300)))
+
+    sure = [k for k, f in enumerate(out) if f.confidence == "confident"]
+    while sure and most(sure) > 1.0 + MATTERS:
+        worst = min(sure, key=lambda k: most([x for x in sure if x != k]))
+        weak = (*out[worst].remarks, REASONS["not_alone"])
+        out[worst] = replace(out[worst], confidence="weak", remarks=weak)
+        sure.remove(worst)
+    return out
 
 
 def _finding(found: Found, k: int, term: Term, errors: Array, doubt: Array) -> Finding:
@@ -205,7 +213,7 @@ def _reasons(
 ) -> dict[str, str]:
     """Why a finding is weak, with what is said of it; errors (2, n) : held out, before and after it."""
     search, effect, on = found.search, term.form.effect, sorted(term.joints)
-    rows, left, plausible = search.data.rows, found.left.rest, effect.plausible
+    rows, left, plausible = search.data.rows, found.left, effect.plausible
     torque = np.mean((spread_columns(rows, effect) @ known.beta) ** 2, axis=1)
     absorbed, shared = _shares(search, term)
     explained = np.sum(np.maximum(errors[0, on] ** 2 - errors[1, on] ** 2, 0.0))

@@ -60,7 +60,9 @@ MISFIT, CHANCE = 1.3, 1e-3
 MISFIT_SPECTRUM = 6.0
 #: Times by which it has to stand out of that of half of the joints there, where that is less.
 BESIDE_OTHERS = 2.0
-#: Share by which it has to raise a joint's error above its noise to matter.
+#: Share by which it has to raise a joint's error above its noise to matter; and by which findings that
+#: are confident may raise a held-out one without the weak ones (UR10's filter: 20 %, on unseen motion
+#: 100 %).
 MATTERS = 0.1
 #: Share by which the order of a wave differs at most from a multiple of the slowest one's, of which it
 #: is a harmonic: what a refined order is uncertain by.

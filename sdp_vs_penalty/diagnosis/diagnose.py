@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.adopted import adopted, carried, in_order, limited, referred
-from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
-from sdp_vs_penalty.diagnosis.constants import APART, OUTSIDE, RAISES
+from sdp_vs_penalty.diagnosis.conclude import Found, conclude, what_is_left
+from sdp_vs_penalty.diagnosis.constants import OUTSIDE, RAISES
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, folds_of, lowers, on_folds, on_test, raises
 from sdp_vs_penalty.diagnosis.library import library
+from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.retunes import shape_estimate, told
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import size_of_term
@@ -25,10 +26,17 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
-from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
+from sdp_vs_penalty.estimators.estimator import make_task
+from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
+from sdp_vs_penalty.signals.window_subsample import subsample_sentence, window_subsample
+
+#: Steps in which a model and the columns that refer to it are made to agree.
+_TURNS = 2
 
 
 def quiet(_: str) -> None:
@@ -57,7 +65,7 @@ def diagnose(
     noise_from : the runs whose repetition shows the noise (default: the measurements);
     gain_uncertainty : relative
     standard deviation of the torque channels' gains; default: the model's. In a long recording windows
-    are searched (:mod:`~sdp_vs_penalty.signals.excerpt`), and a remark says so.
+    are searched (:mod:`~sdp_vs_penalty.signals.window_subsample`), and a remark says so.
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
     """
@@ -75,16 +83,16 @@ def diagnose(
         _, test = driven(whole_estimate, test)
     progress("filtering the runs")
     recording, whole, given = measurements, None, None
-    measurements = excerpt(recording, settings, MOST_SEARCHED)
-    looked = excerpt_sentence(measurements, recording, "effects were searched for in")
-    test = None if test is None else excerpt(test, settings, MOST_SEARCHED)
+    measurements = window_subsample(recording, settings)
+    looked = subsample_sentence(measurements, recording, "effects were searched for in")
+    test = None if test is None else window_subsample(test, settings)
     rows = diagnosis_rows(measurements, estimate, settings)
     if noise_from is not None:
         given = as_measurements(noise_from, names=names, what="diagnose(noise_from=...)")
     if given is not None and not (looked and given is recording):
         estimate.require_joints(given, "runs for the noise")
         _, given = driven(whole_estimate, given)
-        whole = with_estimate(segmented(excerpt(given, settings), settings), estimate)
+        whole = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
     progress("noise, and columns of all candidates")
     data = prepare(rows, estimate, frozen, whole)
     search = Search(data, library(data))
@@ -96,7 +104,7 @@ def diagnose(
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
     share = None if test is None else _new_motion(estimate, measurements, test, settings, frozen)
-    done = conclude(found, gain_errors, share, seed)
+    done = conclude(found, partial(_alone, found, judge), gain_errors, share, seed)
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
 
@@ -157,7 +165,7 @@ def _offered(search: Search, judge: _Judge) -> Found:
     while own:
         shapes = [shape_estimate(t, first, size_of_term(search, t, none)) for t in own]
         now = adopted(first, shapes, judge.data)
-        beside = carried(search, now)
+        beside = search.carried(now)
         # A finding that only mended the old constants goes.
         beside.terms = beside.settled(beside.terms)
         beside.fit = beside.score.fit(beside.terms)
@@ -171,12 +179,12 @@ def _offered(search: Search, judge: _Judge) -> Found:
         now, beside, shapes = first, search, []
     now, beside = referred(beside, now)
     named = [t for t in beside.terms if not t.form.own]
-    terms = in_order(limited(beside, named, APART).terms)
+    terms = sorted(beside.limited(named).terms, key=lambda t: -t.J)
     held_out = judge.of(beside, [t.form.effect for t in terms], now)
     if not shapes:
         before = held_out.errors(())
     order = held_out.offered(len(terms))
-    final = limited(beside, [terms[k] for k in order])
+    final = beside.limited([terms[k] for k in order])
     left = what_is_left(final)
     found = Found(first, now, tuple(shapes), final, left, held_out, tuple(order), before)
     parts = in_parts(final)
@@ -186,14 +194,21 @@ def _offered(search: Search, judge: _Judge) -> Found:
     return _with_curves(found, curves, judge)
 
 
+def _alone(found: Found, judge: _Judge, chosen: Sequence[int]) -> Array:
+    """(n,) held-out errors of some of the findings in the columns that they make without the others."""
+    terms = [found.search.terms[k] for k in chosen]
+    estimate, search = referred(found.search.limited(terms), found.estimate)
+    return judge.of(search, [t.form.effect for t in terms], estimate).errors(range(len(terms)))
+
+
 def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Found:
     """Those curves that lower their joint's held-out error by more than what is minor, raise no other's,
     and whose tables the test run does not leave; each with what it does to the errors."""
-    named, out = [t.form.effect for t in found.search.terms], list[OfferedCurve]()
+    named, out = [t.form.effect for t in found.search.terms], list[Measured]()
     for curve in curves:
-        gone = {t for c in (*(o.curve for o in out), curve) for t in c.replaced}
+        gone = {t for c in (*out, curve) for t in c.replaced}
         terms = [k for k, t in enumerate(found.search.terms) if t not in gone]
-        every = [*(o.curve for o in out), curve]
+        every = [*out, curve]
         effects = [*named, *(c.table for c in every)]
         held = judge.of(
             found.search,
@@ -210,5 +225,27 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Fou
             and not raises(before, after)
             and judge.outside(curve.table) <= OUTSIDE
         ):
-            out.append(OfferedCurve(curve, float(before[curve.joint]), after))
+            out.append(replace(curve, before=float(before[curve.joint]), errors=after))
     return replace(found, curves=tuple(out))
+
+
+def adopted(estimate: Estimate, shapes: Sequence[ShapeEstimate], measurements: Measurements) -> Estimate:
+    """The model with other shape constants, refitted by least squares."""
+    model = replace(estimate.model, effects=with_shapes(estimate.model.effects, shapes))
+    regression = compress(measurements, model, estimate.preprocessing)
+    theta = make_task(estimate.problem, model, regression, estimate.weighting).ols
+    return replace(estimate, model=model, theta=theta)
+
+
+def referred(search: Search, estimate: Estimate) -> tuple[Estimate, Search]:
+    """Where columns refer to the model: that with the parameters that it has beside the findings, and
+    these carried on (steps of Gauss and Newton). Fitted without them it has taken a part of their
+    torque; of play in a gear 14 % of the size were left out."""
+    for _ in range(_TURNS):
+        effects = [t.form.effect for t in search.terms]
+        if search.data.frozen or not any(e.needs_torque or e.needs_links for e in effects):
+            break
+        theta = refitted(search.data, effects)[0][: len(estimate.theta)]
+        estimate = replace(estimate, theta=theta)
+        search = search.carried(estimate)
+    return estimate, search

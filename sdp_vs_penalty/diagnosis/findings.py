@@ -14,15 +14,14 @@ from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.retunes import Retune
-from sdp_vs_penalty.diagnosis.show import diagnosis_verdict, plot_ladder
+from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN, plot_ladder
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_json
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, Table
-from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
-from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, SPECTRUM_KNOWN
+from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
 
 EFFECT_MISSING, NOTHING_MISSING, UNKNOWN = "effect_missing", "nothing_missing", "unknown_effect"
 _VERDICTS = (EFFECT_MISSING, NOTHING_MISSING, UNKNOWN)
@@ -135,8 +134,8 @@ class Diagnosis(Shown, Plain):
         """Only the findings of these numbers (from 1, in the order of adding, then the minor ones), or
         the confident ones.
 
-        Changed shape constants are not numbered: they stay, the confident ones or all. So do curves,
-        but where numbers are given.
+        Changed shape constants are not numbered: they stay, the confident ones or all. Curves, which
+        were measured beside all findings, stay where all of these do.
         Raises InputError for a number that is not there, and where no finding is left.
         """
         every = (*self.effects, *self.minor)
@@ -152,7 +151,8 @@ class Diagnosis(Shown, Plain):
             if (numbers is None or k in numbers) and (not confident or f.confidence == "confident")
         )
         retuned = tuple(r for r in self.retuned if not confident or r.confidence == "confident")
-        curves = self.curves if numbers is None else ()
+        whole = numbers is None and all(any(f is g for g in chosen) for f in self.effects)
+        curves = self.curves if whole else ()
         if not chosen and not retuned and not curves:
             kind = "confident finding" if confident and self.effects else "finding"
             raise InputError(
@@ -168,15 +168,35 @@ class Diagnosis(Shown, Plain):
     @property
     def headline(self) -> str:
         """What is missing, and what happened once, in one or two sentences."""
-        found = [(f.effect, f.joints, f.confidence) for f in self.effects]
-        constants = [(r.effect, (r.joint,), r.confidence) for r in self.retuned]
-        text = diagnosis_verdict(self.unknown, found, self.noise_known, constants)
+        text = self._missing
         if self.noise_source == SPECTRUM:
             text += f" The noise is {SPECTRUM_KNOWN}: no motion repeats."
         where = sorted({e.joint for e in self.events})
         if where:
             text += f" Besides, {show.count(len(self.events), 'event')} on {show.joints(where)}."
         return text
+
+    @property
+    def _missing(self) -> str:
+        confident = [f for f in self.effects if f.confidence == "confident"]
+        weak = len(self.effects) - len(confident)
+        counts = [f"{len(confident)} confident"] * bool(confident) + [f"{weak} weak"] * bool(weak)
+        findings = f"finding{'s' if len(self.effects) != 1 else ''}"
+        counted = f"{_named(confident or self.effects)} ({' and '.join(counts)} {findings})"
+        if self.unknown:
+            if confident:
+                return f"Missing: {counted}; besides, {self.unknown}."
+            return f"Missing: {self.unknown}{f'; possibly {counted}' if self.effects else ''}."
+        if self.effects:
+            text = f"{'Missing' if confident else 'Possibly missing'}: {counted}."
+            if self.retuned:
+                text += f" Shape constants to change: {_named(self.retuned)}."
+            return text if self.noise_known else f"{text} Whether more is missing {NOISE_UNKNOWN}"
+        if self.retuned:
+            return f"No effect is missing; shape constants should change: {_named(self.retuned)}."
+        if self.noise_known:
+            return "Nothing is missing that these measurements could show."
+        return f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}"
 
     @property
     def beside(self) -> str:
@@ -265,6 +285,17 @@ class Diagnosis(Shown, Plain):
         left = [(x["joint"], x["variable"], x["rmse"]) for x in data.get("left", ())]
         remains = [(x["joint"], x["rmse"]) for x in data.get("remains", ())]
         return super().from_dict({**data, "left": left, "remains": remains})
+
+
+def _named(found: Sequence[Finding | Retune]) -> str:
+    """Effects with the joints that each is found on."""
+    joints: dict[str, set[int]] = {}
+    for f in found:
+        joints.setdefault(f.effect, set()).update(f.joints)
+    return "; ".join(
+        f"{effect} on {show.joints(sorted(where))}" if where else effect
+        for effect, where in joints.items()
+    )
 
 
 def load_diagnosis(path: str | Path) -> Diagnosis:

@@ -47,6 +47,10 @@ class Retune(Plain):
         return self.estimate.joint + 1
 
     @property
+    def joints(self) -> tuple[int, ...]:
+        return (self.joint,)
+
+    @property
     def text(self) -> str:
         """How :func:`~sdp_vs_penalty.diagnosis.add` takes it."""
         s = self.estimate

@@ -10,7 +10,8 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.constants import APART, EQUIVALENT, FORM, LIKELY, LOOKED_AT
 from sdp_vs_penalty.diagnosis.library import Form, Library, eligible
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
-from sdp_vs_penalty.diagnosis.whitening import WhiteData
+from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Steps at most.
@@ -252,6 +253,31 @@ class Search:
             seen.add(state)
         self.fit = self.score.fit(self.terms)
         return self.terms
+
+    # The same search beside something else.
+
+    def carried(self, estimate: Estimate) -> Search:
+        """The same findings beside another model, in the columns that this one makes."""
+        data = self.data
+        rows = with_estimate(data.rows, estimate)
+        data = whitened(rows, data.noise, estimate, data.frozen)
+        named = [t for t in self.terms if not t.form.own]
+        out = Search(data, replace(self.library, own=()))
+        out.terms = [
+            Term(t.form, data.columns(t.form.effect), t.J, t.beta, t.covariance, t.rivals) for t in named
+        ]
+        out.fit = out.score.fit(out.terms)
+        return out
+
+    def limited(self, terms: Sequence[Term]) -> Search:
+        """The search with some of its terms only, each judged beside those."""
+        out, fit = Search(self.data, self.library), self.score.fit(terms)
+        for t in terms:
+            others = out.score.fit([x for x in terms if x != t], fit.level)
+            again = out.score.judged(others, t.form, t.columns)
+            out.terms.append(replace(again, rivals=t.rivals))
+        out.fit = fit
+        return out
 
 
 def simplicity(form: Form) -> tuple[bool, int, int, int]:

@@ -1,8 +1,8 @@
-"""Sentences of physics, sizes and remarks of a diagnosis."""
+"""Sentences of a diagnosis: what was found, why it is weak, and what is said of the whole."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,9 +12,24 @@ from sdp_vs_penalty.diagnosis.show import repeatability_warning
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
-from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM_KNOWN
-from sdp_vs_penalty.signals.stillness import STILL
+from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM_KNOWN
+from sdp_vs_penalty.signals.standstill import STILL
+
+#: What is said of a weak finding, by the name of the reason; a finding with none is confident.
+REASONS: Mapping[str, str] = {
+    "rivals": "another effect fits as well",
+    "uncertain": "its size is uncertain by > 20 %",
+    "small": "its gain is small",
+    "not_held_out": "no joint's held-out error falls by 1 %",
+    "more_left": "more error is left on its joints than it explains",
+    "shared": "other findings share most of its torque: only their sum is known",
+    "absorbed": "the model's own parameters make nearly all of its torque",
+    "implausible": "its size is not plausible",
+    "looks_like": "something else looks so",
+    "pieces": "it is a part of a function of the position that has no name",
+    "curve": "a measured curve explains the joint better",
+    "not_alone": "beside the confident findings alone it raises a joint's held-out error by 10 %",
+}
 
 #: Below this share of all rows' error that of motion is told apart.
 _MOSTLY = 0.5
@@ -109,3 +124,8 @@ def _turning(left: Remainder) -> str:
         f"At low speed of {show.joints((slow + 1).tolist())}, {errors} N m or N RMS are left beyond the "
         "noise: near reversals friction models are least accurate."
     )
+
+
+def legend() -> str:
+    """What `weak` means, in one sentence."""
+    return f"weak = at least one of: {'; '.join(REASONS.values())}"

@@ -53,47 +53,6 @@ def event_lines(events: Sequence[Any], every: bool = False) -> list[str]:
     ]
 
 
-def diagnosis_verdict(
-    unknown: str,
-    found: Sequence[tuple[str, Sequence[int], str]],
-    noise_known: bool,
-    retuned: Sequence[tuple[str, Sequence[int], str]] = (),
-) -> str:
-    """What is missing, in one sentence; ``unknown`` : what no effect explains; ``found`` :
-    effect, joints (from 1), confidence of each; ``retuned`` : the same of shape constants to change."""
-    confident = [f for f in found if f[2] == "confident"]
-    names = _named(confident or found)
-    weak = len(found) - len(confident)
-    counts = [f"{len(confident)} confident"] if confident else []
-    counts += [f"{weak} weak"] if weak else []
-    counted = f"{names} ({' and '.join(counts)} finding{'s' if len(found) != 1 else ''})"
-    if unknown:
-        if confident:
-            return f"Missing: {counted}; besides, {unknown}."
-        return f"Missing: {unknown}{f'; possibly {counted}' if found else ''}."
-    if found:
-        text = f"{'Missing' if confident else 'Possibly missing'}: {counted}."
-        if retuned:
-            text += f" Shape constants to change: {_named(retuned)}."
-        return text if noise_known else f"{text} Whether more is missing {NOISE_UNKNOWN}"
-    if retuned:
-        return f"No effect is missing; shape constants should change: {_named(retuned)}."
-    if noise_known:
-        return "Nothing is missing that these measurements could show."
-    return f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}"
-
-
-def _named(found: Sequence[tuple[str, Sequence[int], str]]) -> str:
-    """Effects with the joints that each is found on."""
-    joints: dict[str, list[int]] = {}
-    for effect, where, _ in found:
-        joints.setdefault(effect, []).extend(where)
-    return "; ".join(
-        f"{effect} on {show.joints(sorted(set(where)))}" if where else effect
-        for effect, where in joints.items()
-    )
-
-
 def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> Any:
     """RMSE of each joint as bars, models side by side, with the noise floor as steps."""
     axes = show.axes(axes)

@@ -33,12 +33,13 @@ from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, phase_folds, with
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, finite, plain_unit, words
-from sdp_vs_penalty.signals.excerpt import excerpt
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
+from sdp_vs_penalty.signals.window_subsample import window_subsample
 
 if TYPE_CHECKING:
     import pandas
@@ -51,46 +52,38 @@ _BINS = 4096
 
 
 @dataclass(frozen=True)
-class JointFailure:
+class JointFailure(Plain):
     """How one joint's residual looks (joint from 1).
 
-    rmse, noise_floor [N m or N]; explainable : 1 - floor^2 / rmse^2, the share of the residual's
-    variance that repeats; shares : by cause (causes.py) the held-out share of the residual's variance
+    rmse, noise_floor [N m or N]; explainable_share : 1 - floor^2 / rmse^2, of the residual's variance,
+    which repeats; held_out_shares : by cause (causes.py) the held-out share of the residual's variance
     that a function of it explains; reversal_lift : RMS within 0.15 s of velocity reversals over that
-    elsewhere; reversal_asymmetry : (after - before) / (after + before) of the RMS there; bands :
-    share of the full-rate residual's energy in each of BANDS; orders : (waves per revolution,
-    amplitude [N m], amplitude over its surroundings), the most conspicuous first; correlation : with
-    the residual of each joint; stretches : where the error is large, with the cause seen there.
+    elsewhere; reversal_asymmetry : (after - before) / (after + before) of the RMS there; band_shares :
+    of the full-rate residual's energy in each of BANDS; orders : (waves per revolution, amplitude [N m],
+    amplitude over its surroundings), the most conspicuous first; correlation : with the residual of
+    each joint; stretches : where the error is large, with the cause seen there.
     """
 
     joint: int
     rmse: float
     noise_floor: float | None
-    explainable: float | None
-    shares: dict[str, float]
+    explainable_share: float | None
+    held_out_shares: dict[str, float]
     reversal_lift: float
     reversal_asymmetry: float
-    bands: tuple[float, ...]
+    band_shares: tuple[float, ...]
     orders: tuple[tuple[int, float, float], ...]
     correlation: tuple[float, ...]
     stretches: tuple[Stretch, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; the joint counts from 1."""
-        return {
-            "joint": self.joint,
-            "rmse": self.rmse,
-            "noise_floor": self.noise_floor,
-            "explainable_share": self.explainable,
-            "held_out_shares": self.shares,
+        named = "per_revolution", "amplitude", "over_surroundings"
+        return super().to_dict() | {
             "reversal_lift": finite(self.reversal_lift),
             "reversal_asymmetry": finite(self.reversal_asymmetry),
             "bands_hz": [b if np.isfinite(b) else None for b in BANDS],
-            "band_shares": list(self.bands),
-            "orders": [
-                {"per_revolution": k, "amplitude": a, "over_surroundings": r} for k, a, r in self.orders
-            ],
-            "correlation": list(self.correlation),
+            "orders": [dict(zip(named, one, strict=True)) for one in self.orders],
             "stretches": [s._asdict() for s in self.stretches],
         }
 
@@ -103,7 +96,7 @@ _NAMED_LIFT = 1.3
 
 def dependences(failure: JointFailure) -> list[tuple[str, float]]:
     """The quantities that the error depends on most, with the share that each explains."""
-    best = sorted(failure.shares.items(), key=lambda item: -item[1])[:_MOST_NAMED]
+    best = sorted(failure.held_out_shares.items(), key=lambda item: -item[1])[:_MOST_NAMED]
     return [(name, share) for name, share in best if share >= _NAMED_SHARE]
 
 
@@ -136,7 +129,7 @@ class Failures(Shown, list[JointFailure]):
         """One row a joint (from 1): rmse, noise_floor, what the error depends on most."""
         import pandas
 
-        rows = [{"rmse": f.rmse, "noise_floor": f.noise_floor, **f.shares} for f in self]
+        rows = [{"rmse": f.rmse, "noise_floor": f.noise_floor, **f.held_out_shares} for f in self]
         return pandas.DataFrame(rows, [f.joint for f in self], dtype=float).rename_axis("joint")
 
     def _summary(self) -> Summary:
@@ -161,7 +154,7 @@ def where_it_fails(
     :func:`~sdp_vs_penalty.data.files.as_measurements` takes; preprocessing : filters other than the
     model's; noise_from : as in :func:`~.comparison.compare`; noise : a comparison's with
     these measurements, which need not be worked out again. Of a long recording windows are judged
-    (:mod:`~sdp_vs_penalty.signals.excerpt`).
+    (:mod:`~sdp_vs_penalty.signals.window_subsample`).
     Raises InputError where the measurements are not of this robot.
     """
     estimate = as_estimate(estimate, "where_it_fails(estimate=...)")
@@ -175,12 +168,12 @@ def where_it_fails(
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
     given = measurements if noise_from is None else noise_from
     same = given is measurements
-    measurements = excerpt(measurements, settings)
+    measurements = window_subsample(measurements, settings)
     rows = diagnosis_rows(measurements, estimate, settings)
     residual = rows.residual
     repeated = rows
     if not same:
-        repeated = with_estimate(segmented(excerpt(given, settings), settings), estimate)
+        repeated = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
     floors, source = noise or noise_level(estimate.problem, given, settings)
     folds = phase_folds(rows, None if same else repeated)
     known, runs = states(rows), measurements.runs()

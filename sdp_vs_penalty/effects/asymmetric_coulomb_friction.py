@@ -17,7 +17,6 @@ class AsymmetricCoulombFriction(JointEffect):
     )
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_ca"
-    units = ("N*m", "N")
     #: Beside an offset it shows only where friction turns round, which is what laws with a memory bend.
     refines = ("coulomb_friction", "presliding_hysteresis", "stiction")
 

@@ -16,7 +16,6 @@ class CoulombFriction(JointEffect):
     )
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_c"
-    units = ("N*m", "N")
     lower = 0.0
     turns = "Coulomb turns over"
     shapes = {

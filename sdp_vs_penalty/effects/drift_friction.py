@@ -23,7 +23,6 @@ class DriftFriction(Drift):
     )
     reference = "Simoni, Beschi, Legnani, Visioli, IROS 2015"
     symbol = "f_df"
-    units = ("N*m", "N")
     # Where temperatures are logged they are the cause, for which the clock can only stand.
     refines: tuple[str, ...] = ("coulomb_friction", "viscous_friction", "warming_friction")
     shapes = {**Drift.shapes, "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0))}

@@ -16,7 +16,6 @@ class DriftOffset(Drift):
     reference = "Doebelin, Measurement Systems, ch. 3 (zero drift)"
     signless = True
     symbol = "f_do"
-    units = ("N*m", "N")
     refines = ("torque_offset",)
 
     def unit_on(self, joint: int) -> str:

@@ -24,7 +24,6 @@ class JointCoupling(JointEffect):
     )
     reference = "Janot, Vandanjon, Gautier, IEEE TCST 2014 (Staubli TX40: joints 5 and 6)"
     symbol = "f_c"
-    units = ("N*m", "N")
     several = True
     shapes = {"i": Shape(0.0, signed=True), "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
 

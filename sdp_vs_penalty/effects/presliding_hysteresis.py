@@ -21,7 +21,6 @@ class PreslidingHysteresis(Remembering, OneAJoint):
     )
     reference = "Dahl, Aerospace Corp. TR-0158 (1968); AIAA Journal 1976, eq. 5"
     symbol = "f_h"
-    units = ("N*m", "N")
     lower = 0.0
     refines: tuple[str, ...] = ("coulomb_friction",)
     at_rest: ClassVar[Literal["", "holds", "turns"]] = "turns"

@@ -18,10 +18,8 @@ class SigmoidFriction(JointEffect):
     )
     reference = "Gaz et al., RA-L 2019, eq. 9 and Table I"
     symbol = "f_sg"
-    units = ("N*m", "N")
     lower = 0.0
     refines = ("coulomb_friction",)
-    widens = True
     shapes = {"v0": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 2.0))}
 
     def column(self, motion: Motion, joint: int) -> Array:

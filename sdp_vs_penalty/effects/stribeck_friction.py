@@ -17,7 +17,6 @@ class StribeckFriction(JointEffect):
     )
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, eq. 7"
     symbol = "f_st"
-    units = ("N*m", "N")
     lower = 0.0
     refines = ("coulomb_friction",)
     beyond_turning = "vs"

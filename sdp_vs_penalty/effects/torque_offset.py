@@ -14,7 +14,6 @@ class TorqueOffset(JointEffect):
     reference = "Gaz et al., RA-L 2019, eq. 9"
     signless = True
     symbol = "f_o"
-    units = ("N*m", "N")
 
     def column(self, motion: Motion, joint: int) -> Array:
         return np.ones(len(motion.t))

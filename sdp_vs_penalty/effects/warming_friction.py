@@ -29,7 +29,6 @@ class WarmingFriction(JointEffect):
     )
     reference = "Simoni, Beschi, Legnani, Visioli, IROS 2015; Carlson et al., Mech. Mach. Theory 2015"
     symbol = "f_w"
-    units = ("N*m", "N")
     lower = 0.0
     refines: tuple[str, ...] = ("coulomb_friction", "viscous_friction")  # each law its own
     shapes = {

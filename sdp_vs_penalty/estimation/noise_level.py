@@ -13,10 +13,10 @@ from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.excerpt import excerpt
 from sdp_vs_penalty.signals.noise import RESIDUAL, noise_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
+from sdp_vs_penalty.signals.window_subsample import window_subsample
 
 
 def noise_level(
@@ -27,10 +27,10 @@ def noise_level(
     From repetition: r(t) - r(t + T) of a residual r. The residual is that of unconstrained least squares
     of the problem's own effects on these measurements, so that the floor does not depend on which models
     are judged beside it. Where nothing repeats, from the torque's spectrum above the motion's band
-    (:mod:`~signals.noise_spectrum`), at most that residual; None and "" where the logs hold nothing
+    (:mod:`~signals.noise`), at most that residual; None and "" where the logs hold nothing
     there. settings : resolved; of long recordings windows are looked at.
     """
-    shown = excerpt(measurements, settings)
+    shown = window_subsample(measurements, settings)
     runs = segmented(shown, settings)
     if not runs.segments:
         return None, ""

@@ -30,7 +30,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task, no_pr
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.black_box import BlackBox, as_black_box, compress_black_box
+from sdp_vs_penalty.regression.black_box import BlackBox, compress_black_box, load_answers
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -82,7 +82,8 @@ class Posed:
     they in the columns of task.model; task : what every estimator minimises; gain_errors (n, e) : factor
     of the covariance of the gains' relative errors; details : shapes and gains, plain JSON, and where
     the rows are made with a servo's law, "recipe" (:meth:`PoseOptions.recipe`), from which the same
-    problem follows again; known loads, which are other runs, leave none.
+    problem follows again, with the scale that known loads gave a log without torque; beside torque they
+    leave none.
     """
 
     problem: Problem
@@ -142,7 +143,10 @@ def pose(
         servo = servo_log(problem, model.effects, data, settings, *wanted, chosen, loads)
         model, data, details = servo.model, servo.measurements, {"servo": servo.details}
         errors = np.column_stack([errors, np.full(problem.robot.n, servo.scale_error)])
-    if not options.known_loads and (options.instruments == "command" or not data.torque_logged):
+    if not data.torque_logged:  # loads are other runs: what they made of the scale is told instead
+        scaled = replace(options, known=servo.details["known"]) if options.known_loads else options
+        details["recipe"] = scaled.recipe()
+    elif options.instruments == "command" and not options.known_loads:
         details["recipe"] = options.recipe()
     if options.known_loads and data.torque_logged:
         progress("determining the gains from the known loads")
@@ -177,7 +181,7 @@ def readable(problem: Problem, measurements: Source | BlackBox, what: str) -> Me
     """What was given as measurements, read; InputError where it cannot be this robot's."""
     n, names = problem.robot.n, problem.robot.joint_names
     if not isinstance(measurements, BlackBox):
-        measurements = as_black_box(measurements, n) or as_measurements(measurements, n, names, what)
+        measurements = load_answers(measurements, n) or as_measurements(measurements, n, names, what)
     if measurements.n != n:
         raise other_robot(measurements.n, n, f"measurements for {problem.name}")
     if isinstance(measurements, Measurements):

@@ -20,7 +20,7 @@ from sdp_vs_penalty.estimation.constants import CHANGES, ROUNDING
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import BarycentricBound
-from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, SPECTRUM_KNOWN
+from sdp_vs_penalty.signals.noise import SPECTRUM, SPECTRUM_KNOWN
 
 Grade = Literal["good", "usable", "do not use"]
 GRADES: tuple[Grade, ...] = ("do not use", "usable", "good")

@@ -76,8 +76,8 @@ def _other_model(proof: Proof, model: Estimate) -> str:
 def _reposed(model: Estimate, data: Measurements) -> Proof | None:
     """The problem that the data make, posed as the model says.
 
-    None for a method that poses none, and for a servo's law whose scale came from runs with known loads,
-    which are not given here.
+    None for a method that poses none. The scale that known loads gave a log without torque is the
+    model's: their runs are not given here.
     """
     estimator, recipe = model.estimator, model.details.get("recipe")
     if not isinstance(estimator, LmiSdp) or (recipe is None and not data.torque_logged):

@@ -1,5 +1,6 @@
 """What of a model a simulator's file can hold: links, damping, dry friction, armature."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -8,6 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -104,11 +106,13 @@ def _position_loops(estimate: Estimate) -> Array | None:
     return np.array([[given[name] for name in row] for row in names])
 
 
-def servo_gains(estimate: Estimate) -> str:
-    """The servos' gains in a sentence; "" for a model without them."""
+def verdict_line(estimate: Estimate) -> str:
+    """The verdict that a model came with and its servos' gains, in printable ASCII, on one line."""
+    said = NOT_JUDGED if estimate.verdict is None else estimate.verdict.brief()
     both = zip(estimate.model.parameters, estimate.theta, estimate.model.drives, strict=True)
-    told = ", ".join(f"{p.name} = {x:.6g} {p.unit}" for p, x, drive in both if drive)
-    return f"Servo gains (kd holds viscous friction): {told}" if told else ""
+    if gains := ", ".join(f"{p.name} = {x:.6g} {p.unit}" for p, x, drive in both if drive):
+        said = f"{said} Servo gains (kd holds viscous friction): {gains}"
+    return re.sub(r"[^\x20-\x7e]", "?", said)
 
 
 def require_consistent(link: Array, name: str) -> None:

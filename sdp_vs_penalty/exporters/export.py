@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -9,8 +10,7 @@ from types import ModuleType
 from sdp_vs_penalty import exporters
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.exporters.content import Options
-from sdp_vs_penalty.exporters.header import with_verdict
+from sdp_vs_penalty.exporters.content import Options, verdict_line
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.plugins import marked
 
@@ -59,6 +59,19 @@ def export(
     left_out: tuple[str, ...]
     made, left_out = home.write(estimate, Options(urdf, force, flange))
     if urdf is None:  # of the user's own file every other byte is kept
-        made = with_verdict(made, out.suffix.lower(), estimate)
+        made = _with_verdict(made, out.suffix.lower(), estimate)
     write_bytes(out, made)
     return left_out
+
+
+def _with_verdict(made: bytes, suffix: str, estimate: Estimate) -> bytes:
+    """A file with the verdict as a comment at its head, where its format has comments (.json holds it as
+    a field; tables of numbers stay as they are)."""
+    said = verdict_line(estimate)
+    if suffix in (".urdf", ".xml", ".sdf"):
+        comment = f"<!-- {said.replace('--', '- -')} -->".encode()
+        start = re.match(rb"\s*(<\?xml.*?\?>)?", made, re.DOTALL)
+        at = start.end() if start is not None else 0
+        return made[:at] + (b"\n" if at else b"") + comment + (b"" if at else b"\n") + made[at:]
+    head = {".h": f"/* {said.replace('*/', '* /')} */\n", ".script": f"# {said}\n"}.get(suffix, "")
+    return head.encode() + made

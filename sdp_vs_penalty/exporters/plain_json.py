@@ -6,8 +6,7 @@ import json
 from typing import Any
 
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.exporters.content import Options
-from sdp_vs_penalty.exporters.header import verdict_line
+from sdp_vs_penalty.exporters.content import Options, verdict_line
 from sdp_vs_penalty.robot import inertia
 
 ENDING, FILE, ABOUT = ".json", "effects.json", "every effect as plain JSON, with its equation"

@@ -27,12 +27,11 @@ from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.sdp_fit import essential, interior_point
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.solvers.cbf_file import cbf_text
 from sdp_vs_penalty.solvers.conic import ConicProblem
+from sdp_vs_penalty.solvers.conic_files import cbf_text, sdpa_text
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
 from sdp_vs_penalty.solvers.proof import Proof
 from sdp_vs_penalty.solvers.rewrite import Rewritten, linear_matrix_inequalities, linear_objective
-from sdp_vs_penalty.solvers.sdpa_file import sdpa_text
 
 #: Ending of the sparse SDPA format, and the method that goes into it unless another is named.
 _SDPA, SDPA_METHOD = ".dat-s", "lmi-sdp-thickness"

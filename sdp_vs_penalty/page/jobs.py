@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -189,9 +189,9 @@ def extend(request: Request, progress: Progress) -> Answer:
 def find(request: Request, progress: Progress) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
     runs = runs_of(request)
-    begin = time.perf_counter()
+    model = load_estimate(request["model"])
     result = diagnose(
-        load_estimate(request["model"]),
+        model,
         runs.train,
         runs.test,
         frozen=bool(request["frozen"]),
@@ -199,11 +199,9 @@ def find(request: Request, progress: Progress) -> Answer:
         progress=progress,
         noise_from=runs.whole,
     )
-    robot = load_estimate(request["model"]).robot
     return {
         "diagnosis": result.to_dict(),
-        "curves": [curve.effect(robot).text for curve in result.curves],
-        "seconds": time.perf_counter() - begin,
+        "curves": [curve.effect(model.robot).text for curve in result.curves],
     }
 
 
@@ -272,7 +270,7 @@ def take(request: Request, progress: Progress) -> Answer:
     of the name's suffix; says which effects have no place in it."""
     name, folder, found = request["name"], Path(request["folder"]), request.get("findings")
     progress(f"writing {name}")
-    lost: list[str] = []
+    lost: Sequence[str] = ()
     if name.startswith("run-"):
         run = request["runs"][int(name[4:-4]) - 1]
         save(load_measurements(folder / run["file"]), folder / name)

@@ -221,7 +221,8 @@ def _preview(problem: Problem, part: Measurements, mended: Measurements, out: Pa
         there = values.T
         if len(mended.t) != len(part.t):
             there = np.column_stack([np.interp(part.t, mended.t, x) for x in values])
-        changed = np.abs(there - raw) > 1e-9 + 1e-6 * np.nanmax(np.abs(raw), axis=0)
+        # What a picture shows; rows that were left out come between their neighbours.
+        changed = np.abs(there - raw) > 1e-3 * np.nanmax(np.abs(there), axis=0)
         repaired[changed] = there[changed]
     keep = np.linspace(0, len(part.t) - 1, _DRAWN).astype(int)
     rare = np.flatnonzero(np.isfinite(repaired).any(axis=1))

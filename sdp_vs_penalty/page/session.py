@@ -18,8 +18,8 @@ from sdp_vs_penalty.reports.demo import ARM, HIDDEN, JOINT, LEVEL
 
 #: What belongs to a robot, and is put aside with it.
 _OF_A_ROBOT = (
-    "robot", "runs", "effects", "method", "history", "findings", "found_for", "found_in",
-    "made_by", "models", "curve_texts",
+    "robot", "runs", "effects", "method", "history", "findings", "found_for",
+    "made_by", "curve_texts",
 )  # fmt: skip
 _OTHER_RUNS = "The runs have changed: identify again."
 #: The seed of the runs that :meth:`Session.show_me` simulates.
@@ -35,14 +35,14 @@ class Session(TabState):
     def choose_robot(self, source: str, urdf: str | None = None) -> None:
         """A built-in name, or the path of a URDF with its shown name; everything else starts anew."""
 
-        async def do() -> None:
-            answer = await self._job("robot", source=source)
-            self._remember()
-            self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
-            self.runs, self.effects, self.method = [], list(answer["effects"]), METHOD
-            self.forget_models()
+        self._start("Reading the robot", self._choose(source, urdf), {source: urdf or source})
 
-        self._start("Reading the robot", do(), {source: urdf or source})
+    async def _choose(self, source: str, urdf: str | None = None) -> None:
+        answer = await self._job("robot", source=source)
+        self._remember()
+        self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
+        self.runs, self.effects, self.method = [], list(answer["effects"]), METHOD
+        self.forget_models()
 
     def _remember(self) -> None:
         """Before the robot changes: what is dropped, said and kept, so that it can be brought back."""
@@ -84,15 +84,13 @@ class Session(TabState):
 
     def simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:
         """The built-in data with an effect hidden in them, instead of the runs that are there."""
-        details = {"effect": effect, "joints": joints, "level": level, "seed": seed}
+        self._start("Simulating", self._simulate(effect, joints, level, seed))
 
-        async def do() -> None:
-            await self._take_runs("simulate", **details)
-            at = ":" + "+".join(map(str, joints)) if joints else ""
-            hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
-            self.made_by = [*hide, "--level", level, "--seed", str(seed), "--out", "."]
-
-        self._start("Simulating", do())
+    async def _simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:
+        await self._take_runs("simulate", effect=effect, joints=joints, level=level, seed=seed)
+        at = ":" + "+".join(map(str, joints)) if joints else ""
+        hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
+        self.made_by = [*hide, "--level", level, "--seed", str(seed), "--out", "."]
 
     def real(self) -> None:
         """The real runs of this robot that are on the computer, instead of those that are there."""
@@ -157,7 +155,7 @@ class Session(TabState):
             out=self._next_file(),
         )
         self.forget_models()
-        self._take_history([ModelStep(**{**answer, "label": "identified"})])
+        self.history = [ModelStep(**{**answer, "label": "identified"})]
 
     def open_model(self, path: str, name: str) -> None:
         """Go on from a model.json, identified from other runs perhaps: how a payload is found."""
@@ -165,7 +163,7 @@ class Session(TabState):
         async def do() -> None:
             answer = await self._job("open_model", model=path, out=self._next_file())
             self.forget_models()
-            self._take_history([ModelStep(**{**answer, "label": name, "opened": name})])
+            self.history = [ModelStep(**{**answer, "label": name, "opened": name})]
 
         self._start(f"Opening {name}", do(), {path: name})
 
@@ -178,7 +176,7 @@ class Session(TabState):
         answer = await self._job("find", model=self._current(), frozen=self.frozen)
         self.findings = Diagnosis.from_dict(answer["diagnosis"])
         self.curve_texts = answer["curves"]
-        self.found_for, self.found_in = len(self.history), answer["seconds"]
+        self.found_for = len(self.history)
 
     def add(self, texts: list[str]) -> None:
         """Add effects to the current model, a step of the history each."""
@@ -194,7 +192,7 @@ class Session(TabState):
             new = {"label": f"+ {text.partition('@')[0]}", "added": (text,), "frozen": frozen}
             steps.append(ModelStep(**{**answer, **new}))
             model = steps[-1].file
-        self._take_history([*self.history, *steps])
+        self.history, self.undone = [*self.history, *steps], []
 
     def ask(self, job: str, title: str, ready: Callable[[str], None] | None = None, **on: Any) -> None:
         """A job that changes nothing: its answer is kept; ``ready`` hears of the files that it made."""
@@ -232,15 +230,8 @@ class Session(TabState):
         """The whole job in small, on simulated runs with something hidden: the verb ``demo``."""
 
         async def do() -> None:
-            self._remember()
-            answer = await self._job("robot", source=ARM)
-            self.robot = {**answer, "source": ARM, "gravity": None, "file": None}
-            self.runs, self.effects, self.method = [], list(answer["effects"]), METHOD
-            self.forget_models()
-            hidden = {"effect": HIDDEN, "joints": [JOINT + 1], "level": LEVEL, "seed": SHOWN_SEED}
-            await self._take_runs("simulate", **hidden)
-            self.made_by = ["--hide", f"{HIDDEN}:{JOINT + 1}", "--level", LEVEL, "--seed"]
-            self.made_by += [str(SHOWN_SEED), "--out", "."]
+            await self._choose(ARM)
+            await self._simulate(HIDDEN, [JOINT + 1], LEVEL, SHOWN_SEED)
             await self._identify()
             await self._diagnose()
             assert self.findings is not None
@@ -265,13 +256,6 @@ class Session(TabState):
             urdf=self.robot["source"] if self.robot and self.robot["file"] else None,
             **(options or {}),
         )
-
-    def take_up(self, model: ModelStep) -> None:
-        """Go on from a model of this session that was left."""
-        if not self.busy:
-            self.findings = None
-            self._take_history([model])
-            self.changed()
 
     async def _take_runs(self, job: str, **details: Any) -> None:
         if self.robot is None:

@@ -44,8 +44,7 @@ class TabState:
     """The state of a tab, with one job at a time; kept while the server runs, also of a closed tab.
 
     robot : the answer about it, with ``source``; runs : see jobs.read, each with its ``use``; history :
-    models, the last one current; findings : of the model number ``found_for`` of the history, found in
-    ``found_in`` seconds.
+    models, the last one current; findings : of the model number ``found_for`` of the history.
     """
 
     token: str
@@ -66,12 +65,9 @@ class TabState:
     history: list[ModelStep] = field(default_factory=list)
     #: Models that were undone, the last one first to come back.
     undone: list[ModelStep] = field(default_factory=list)
-    #: All models of this robot, those that have left the history too.
-    models: list[ModelStep] = field(default_factory=list)
     findings: Diagnosis | None = None
     curve_texts: list[str] = field(default_factory=list)
     found_for: int = 0
-    found_in: float = 0.0
     #: By job what was answered last, with the ``model`` that was asked about.
     answers: dict[str, dict[str, Any]] = field(default_factory=dict)
     notice: Notice | None = None
@@ -258,11 +254,6 @@ class TabState:
 
     def read_arrived(self) -> None:
         """What is to be done when a job has ended."""
-
-    def _take_history(self, history: list[ModelStep]) -> None:
-        """Another history; the session remembers every model that was on one."""
-        self.history, self.undone = history, []
-        self.models += [step for step in history if step.file not in {m.file for m in self.models}]
 
     def _refuse_meaningless(self) -> None:
         if self.meaningless and not self.anyway:

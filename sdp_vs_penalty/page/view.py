@@ -1,17 +1,18 @@
-"""View state of one tab (selected joint, run, methods), and what the steps may ask of the tab."""
+"""What one tab looks at (joint, run, methods), and what its stages and their parts are made of."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from nicegui import ui
 from nicegui.client import Client
 
 from sdp_vs_penalty.page.options import FormField
 from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.wording import spoken
 
 #: Options of the command line by the step that offers them.
 Forms = Mapping[str, tuple[FormField, ...]]
@@ -83,3 +84,74 @@ class View:
         inside = self.folder.resolve()
         found = [p for p in (inside, *sorted(inside.iterdir())) if (p / "problem.toml").is_file()]
         return [p for p in found if p.resolve() in (inside, inside / p.name)][:50]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a stage has come to, in a sentence; level : its colour, "" for none; word : what it begins
+    with. Only estimation/verdict.py grades a model (:func:`identified`)."""
+
+    level: Literal["good", "usable", "bad", ""]
+    text: str
+    word: str = ""
+
+
+#: The colours of the grades.
+_COLOURS: dict[str, Literal["good", "usable", "bad"]] = {
+    "good": "good", "usable": "usable", "do not use": "bad",
+}  # fmt: skip
+
+
+def identified(session: Session) -> Verdict | None:
+    """What estimation/verdict.py says of the current model."""
+    if session.model is None:
+        return None
+    said = session.model.comparison["verdict"]
+    return Verdict(_COLOURS[said["grade"]], spoken(said["lines"][0]["text"]), said["grade"].capitalize())
+
+
+def _nothing(session: Session) -> None:
+    return None
+
+
+@dataclass(frozen=True)
+class Part:
+    """anchor, title : where and what; ready : whether it is shown yet; depends : everything that its
+    content is made of, so that it is drawn anew only when that changes; draw : fills it."""
+
+    anchor: str
+    title: str
+    ready: Callable[[Session], bool]
+    depends: Callable[[Session], Any]
+    draw: Callable[[View], None]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One screen. before : what comes first, while none of its parts is ready; verdict : the sentence
+    that it ends in, None while nothing can be judged."""
+
+    anchor: str
+    title: str
+    before: str
+    parts: tuple[Part, ...]
+    verdict: Callable[[Session], Verdict | None] = _nothing
+
+    def ready(self, session: Session) -> bool:
+        return any(part.ready(session) for part in self.parts)
+
+
+def after_model(
+    anchor: str,
+    title: str,
+    draw: Callable[[View], None],
+    also: Callable[[Session], Any] = _nothing,
+) -> Part:
+    """A part that is shown once there is a model; it depends on the models and on ``also``."""
+    return Part(
+        anchor,
+        title,
+        lambda s: s.model is not None,
+        lambda s: ([model.file for model in s.history], also(s)),
+        draw,
+    )

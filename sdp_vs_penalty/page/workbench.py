@@ -10,9 +10,8 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
-from sdp_vs_penalty.page.part import Part, Stage
 from sdp_vs_penalty.page.stages import STAGES
-from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.view import Part, Stage, View
 
 _COLOURS = frozenset({"good", "usable", "bad"})
 _THEMES = {None: "Colours: auto", False: "Colours: light", True: "Colours: dark"}
@@ -198,22 +197,20 @@ class Workbench:
         elif self._status.text:
             self._status.text, self._clock.text = "", ""
             self._said.text = f"{self._said.text} Done." if session.notice is None else ""
-        notice = session.notice
-        for place, mine in (
-            (self._alert, notice is not None and notice.error),
-            (self._news, notice is not None and not notice.error),
-        ):
-            if not self._changed(f"notice-{place.id}", notice.texts if mine and notice else None):
+        for place, error in ((self._alert, True), (self._news, False)):
+            mine = session.notice if session.notice and session.notice.error == error else None
+            if not self._changed(f"notice-{place.id}", mine and mine.texts):
                 continue
             place.clear()
-            if mine and notice is not None:
-                with place:
-                    with tag("div", style="texts"):
-                        for text in notice.texts:
-                            tag("p", text)
-                    if notice.undo:
-                        button("Undo", session.bring_back, "bring-back")
-                    button("Close", lambda: session.say(), "close-notice", "quiet")
+            if mine is None:
+                continue
+            with place:
+                with tag("div", style="texts"):
+                    for text in mine.texts:
+                        tag("p", text)
+                if mine.undo:
+                    button("Undo", session.bring_back, "bring-back")
+                button("Close", lambda: session.say(), "close-notice", "quiet")
 
     def _marks(self) -> tuple[int, bool, bool]:
         session = self.session

@@ -4,8 +4,7 @@
 
 (Gaz et al. 2019, eq. 12), phi_1 [N m], phi_2 [s/rad], phi_3 [rad/s]; zero at rest. The base
 parameters pi of the links and all phi are fitted together to W pi + f = tau, because a rigid part
-fitted without friction would have swallowed some of it. phi_1 (N) and pi enter linearly, so that the
-problem in phi_2, phi_3 alone (variable projection) has few local minima: a coarse grid starts it.
+fitted without friction would have swallowed some of it. A coarse grid of phi_2 starts the search.
 """
 
 from collections.abc import Callable, Sequence
@@ -106,29 +105,43 @@ def fit_sigmoid(problem: Problem, rows_of: RowsOf, oversampling: float = 1.0) ->
     are too few.
     """
     data = _Data.of(problem, rows_of)
-    if len(data.torque) / oversampling < data.rigid.shape[2] + 3:
+    b, n = data.rigid.shape[2], problem.robot.n
+    if len(data.torque) / oversampling < b + 3:
         raise InputError("Too few samples to fit rigid model and sigmoid friction", "record longer")
-    n = problem.robot.n
     # What rounding leaves, so that data without noise are not weighted by rounding.
     rounding = 1e-12 * float(np.abs(data.torque).max())
-    weights, shapes = np.ones(n), data.start()
+    weights, empty = np.ones(n), np.zeros(b + n)
+    grid = [
+        np.concatenate([empty, np.full(n, np.log(slope)), np.zeros(n)]) for slope in (4.0, 10.0, 25.0)
+    ]
+    starts = [data.solved(x, weights) for x in grid]
+    x = min(starts, key=lambda x: float(np.sum(data.residual(x) ** 2)))
     for _ in range(2):
-        shapes = data.minimise(shapes, weights)
-        _, residual, _ = data.project(shapes, weights)
-        rms = np.sqrt(np.mean((residual / weights) ** 2, axis=0)) + rounding
+        x = data.minimise(x, weights)
+        rms = np.sqrt(np.mean(data.residual(x) ** 2, axis=0)) + rounding
         weights = float(np.exp(np.mean(np.log(rms)))) / rms
-    linear, residual, probes = data.project(shapes, weights)
-    phi = np.column_stack([linear[-n:], shapes])
-    std = data.deviations(phi, probes, weights, residual, oversampling)
-    dof = max(residual.size / oversampling - len(linear) - 2 * n, 1.0)
+    x = data.solved(x, weights)
+    phi = x[b:].reshape(3, n).T.copy()
+    phi[:, 1] = np.exp(phi[:, 1])
+    jacobian = (data.columns(x) * weights[:, None]).reshape(-1, len(x))
+    size, count = np.linalg.norm(jacobian, axis=0), data.torque.size / oversampling
+    # Rows that repeat each other count that often in J^T J, which the division here takes back.
+    dof = max(count - len(x), 1.0)
+    variance = float(np.sum((data.residual(x) * weights) ** 2)) / dof
+    inverse = np.linalg.pinv((jacobian / size).T @ (jacobian / size), hermitian=True)
+    std = (np.sqrt(variance * np.diagonal(inverse)) / size)[b:].reshape(3, n).T.copy()
+    std[:, 1] *= phi[:, 1]  # of phi_2, from that of its logarithm
     half = stats.t.ppf(0.975, dof) * std
-    rmse = np.sqrt(np.mean((residual / weights) ** 2, axis=0))
-    return SigmoidFit(phi, std, phi - half, phi + half, linear[:-n], rmse)
+    rmse = np.sqrt(np.mean(data.residual(x) ** 2, axis=0))
+    return SigmoidFit(phi, std, phi - half, phi + half, x[:b], rmse)
 
 
 @dataclass(frozen=True)
 class _Data:
-    """rigid (M, n, b), torque (M, n), and the way to the sigmoid's columns at other shapes."""
+    """rigid (M, n, b), torque (M, n), and the way to the sigmoid's columns at other shapes.
+
+    x (b + 3 n,) : pi, phi_1, log phi_2, phi_3.
+    """
 
     robot: Robot
     rows_of: RowsOf
@@ -150,88 +163,46 @@ class _Data:
         columns = self.rows_of(Model(self.robot, (SigmoidLinearised(self.robot, shapes),))).columns
         return np.stack([c.columns for c in columns], axis=1)
 
-    def project(self, shapes: Array, weights: Array) -> tuple[Array, Array, Array]:
-        """Best (pi, phi_1), weighted residual (M, n), and the columns, for given phi_2, phi_3."""
-        probes = self.probes(shapes)
-        columns = np.concatenate([self.rigid, _diagonal(probes[:, :, 0])], axis=2) * weights[:, None]
-        flat = columns.reshape(-1, columns.shape[2])
-        target = (self.torque * weights).ravel()
-        linear = np.asarray(np.linalg.lstsq(flat, target, rcond=None)[0], float)
-        return linear, (target - flat @ linear).reshape(self.torque.shape), probes
+    def columns(self, x: Array) -> Array:
+        """(M, n, b + 3 n) derivative of the torque in x."""
+        amplitude, slope, shift = x[self.rigid.shape[2] :].reshape(3, -1)
+        slope = np.exp(slope)
+        probes = self.probes(np.column_stack([slope, shift]))
+        probes = probes * np.stack([np.ones(len(slope)), amplitude * slope, amplitude], axis=1)
+        own = [probes[:, :, k, None] * np.eye(len(slope)) for k in range(3)]
+        return np.concatenate([self.rigid, *own], axis=2)
 
-    def start(self) -> Array:
-        """The slope of a coarse grid with the smallest residual, for all joints alike; no shift."""
-        n, weights = self.robot.n, np.ones(self.robot.n)
-        # Slopes phi_2 [s/rad] at which the search starts.
-        candidates = [np.tile([slope, 0.0], (n, 1)) for slope in (4.0, 10.0, 25.0)]
-        return min(candidates, key=lambda s: float(np.sum(self.project(s, weights)[1] ** 2)))
+    def residual(self, x: Array) -> Array:
+        """(M, n) of the torque."""
+        linear = x.copy()
+        linear[-2 * self.robot.n :] = 0.0  # phi_2 and phi_3 act through the columns
+        return np.asarray(self.torque - self.columns(x) @ linear)
 
-    def minimise(self, shapes: Array, weights: Array) -> Array:
-        """phi_2, phi_3 (n, 2) of least weighted residual, by Gauss-Newton in the projected problem."""
+    def solved(self, x: Array, weights: Array) -> Array:
+        """x with pi and phi_1 of least weighted residual at its phi_2 and phi_3."""
+        columns, out = self.columns(x)[:, :, : -2 * self.robot.n] * weights[:, None], x.copy()
+        flat, target = columns.reshape(self.torque.size, -1), (self.torque * weights).ravel()
+        out[: flat.shape[1]] = np.linalg.lstsq(flat, target, rcond=None)[0]
+        return out
+
+    def minimise(self, x: Array, weights: Array) -> Array:
+        """x of least weighted residual, by Gauss-Newton within the bounds of phi_2 and phi_3."""
         n = self.robot.n
-        seen: dict[bytes, tuple[Array, Array, Array]] = {}
-
-        def at(x: Array) -> tuple[Array, Array, Array]:
-            if x.tobytes() not in seen:
-                seen.clear()
-                seen[x.tobytes()] = self.project(_unpack(x), weights)
-            return seen[x.tobytes()]
-
-        def jacobian(x: Array) -> Array:
-            linear, _, probes = at(x)
-            return -self._shape_slopes(linear[-n:], probes, weights, x)
-
-        low = np.tile([np.log(_SLOPE_RANGE[0]), _SHIFT_RANGE[0]], n)
-        high = np.tile([np.log(_SLOPE_RANGE[1]), _SHIFT_RANGE[1]], n)
-        start = np.column_stack([np.log(shapes[:, 0]), shapes[:, 1]]).ravel()
+        ends = np.tile([[-np.inf], [np.inf]], len(x))
+        ends[:, -2 * n : -n] = np.log(_SLOPE_RANGE)[:, None]
+        ends[:, -n:] = np.array(_SHIFT_RANGE)[:, None]
         found = optimize.least_squares(
-            lambda x: at(x)[1].ravel(),
-            start,
-            jacobian,
-            bounds=(low, high),
+            lambda x: (self.residual(x) * weights).ravel(),
+            x,
+            lambda x: -(self.columns(x) * weights[:, None]).reshape(-1, len(x)),
+            bounds=(ends[0], ends[1]),
             x_scale="jac",
             xtol=1e-14,
             ftol=1e-14,
             gtol=1e-14,
             max_nfev=100,
         )
-        return _unpack(found.x)
-
-    def _shape_slopes(self, amplitude: Array, probes: Array, weights: Array, x: Array) -> Array:
-        """Kaufman's Jacobian of the fit by (log phi_2, phi_3): what the linear part cannot follow."""
-        n, slope = self.robot.n, np.exp(x[::2])
-        by_slope = _diagonal(probes[:, :, 1] * amplitude * slope)
-        by_shift = _diagonal(probes[:, :, 2] * amplitude)
-        both = np.stack([by_slope, by_shift], axis=-1).reshape(*by_slope.shape[:2], 2 * n)
-        both = (both * weights[:, None]).reshape(-1, 2 * n)
-        columns = np.concatenate([self.rigid, _diagonal(probes[:, :, 0])], axis=2) * weights[:, None]
-        q = np.linalg.qr(columns.reshape(len(both), -1))[0]
-        return np.asarray(both - q @ (q.T @ both))
-
-    def deviations(
-        self, phi: Array, probes: Array, weights: Array, residual: Array, oversampling: float
-    ) -> Array:
-        """(n, 3) standard deviations of phi from the Jacobian of the whole fit."""
-        n, b = self.robot.n, self.rigid.shape[2]
-        own = probes * np.stack([np.ones(n), phi[:, 0], phi[:, 0]], axis=1)
-        parts = [_diagonal(own[:, :, k]) for k in range(3)]
-        jacobian = np.concatenate([self.rigid, *parts], axis=2) * weights[:, None]
-        flat = jacobian.reshape(-1, jacobian.shape[2])
-        # Rows that repeat each other count that often in J^T J, which the division here takes back.
-        variance = float(np.sum(residual**2)) / max(residual.size / oversampling - flat.shape[1], 1.0)
-        size = np.linalg.norm(flat, axis=0)
-        inverse = np.linalg.pinv((flat / size).T @ (flat / size), hermitian=True)
-        spread = np.sqrt(variance * np.diagonal(inverse)) / size
-        return np.asarray(spread[b:].reshape(3, n).T)
-
-
-def _unpack(x: Array) -> Array:
-    return np.column_stack([np.exp(x[::2]), x[1::2]])
-
-
-def _diagonal(columns: Array) -> Array:
-    """(M, n, n) with each joint's column (M, n) on its own rows."""
-    return np.asarray(columns[:, :, None] * np.eye(columns.shape[1]))
+        return np.asarray(found.x)
 
 
 def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> Array:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import zipfile
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +24,6 @@ from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
-_ARRAYS = ("q", "gravity", "mass_matrix")
 #: A library prints a few digits: M(q) may differ from its transpose by this share of its size.
 _ASYMMETRY = 1e-3
 
@@ -69,61 +67,56 @@ class BlackBox:
         return cls(q, gravity, robot.mass_matrices(links, q), (name,))
 
 
-def is_black_box(path: str | Path) -> bool:
+def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
+    """The black box in an .npz file with arrays q (K, n), gravity (K, n), mass_matrix (K, n, n), by its
+    path or a list of that; None for anything else, which may be measured runs.
+
+    Raises InputError where an array is missing, has another shape or holds no finite numbers, where the
+    inertia matrices are not symmetric, and where such a file is one of several.
+    """
+    paths = list(source) if isinstance(source, list | tuple) else [source]
+    found = [Path(x) for x in paths if isinstance(x, str | Path) and _is_black_box(Path(x))]
+    if not found:
+        return None
+    path = found[0]
+    if len(paths) > 1:
+        raise InputError(f"a black box is identified from one file, not {len(paths)}", "name one", path)
+    arrays = numeric_arrays(path)
+    q = arrays.get("q", np.zeros(0))
+    if q.ndim != 2 or not q.size:
+        raise InputError(f"array q has shape {q.shape}", "give one row a configuration", path)
+    shapes = {"q": q.shape, "gravity": q.shape, "mass_matrix": (*q.shape, q.shape[1])}
+    for name, shape in shapes.items():
+        if name not in arrays:
+            wanted = "give q (K, n), gravity (K, n) and mass_matrix (K, n, n)"
+            raise InputError(f"array {name} is missing", wanted, path)
+        a = arrays[name]
+        if a.shape != shape:
+            raise InputError(f"array {name} has shape {a.shape}", f"with this q give it {shape}", path)
+        bad = np.argwhere(~np.isfinite(a))
+        if len(bad):
+            what = f"array {name}, configuration {bad[0][0] + 1}: not a finite number"
+            raise InputError(what, "leave that configuration out", path)
+    if joints is not None and q.shape[1] != joints:
+        raise other_robot(q.shape[1], joints, path)
+    matrices = arrays["mass_matrix"]
+    difference = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2))
+    worst = int(np.argmax(difference))
+    if difference[worst] > _ASYMMETRY * np.abs(matrices).max():
+        what = f"array mass_matrix, configuration {worst + 1}: not symmetric"
+        raise InputError(what, "give M(q) in full", path)
+    return BlackBox(q, arrays["gravity"], matrices, (path.name,))
+
+
+def _is_black_box(path: Path) -> bool:
     """Whether a file holds a black box's answers rather than a measured run."""
-    if Path(path).suffix != ".npz" or not (Path(path).is_file() and zipfile.is_zipfile(path)):
+    if path.suffix != ".npz" or not path.is_file():
         return False
     try:
         with zipfile.ZipFile(path) as archive:
             return "mass_matrix.npy" in archive.namelist()
     except (zipfile.BadZipFile, NotImplementedError, ValueError, OSError):
         return False  # whoever reads it as measurements says what is wrong
-
-
-def load_black_box(path: str | Path, joints: int | None = None) -> BlackBox:
-    """Read an .npz file with arrays q (K, n), gravity (K, n) and mass_matrix (K, n, n).
-
-    Raises InputError where an array is missing, has another shape, or holds no finite numbers, and
-    where the inertia matrices are not symmetric.
-    """
-    path = Path(path)
-    arrays = numeric_arrays(path)
-    missing = [name for name in _ARRAYS if name not in arrays]
-    if missing:
-        raise InputError(
-            f"array {missing[0]} is missing",
-            "give q (K, n), gravity (K, n) and mass_matrix (K, n, n)",
-            path,
-        )
-    q, gravity, mass_matrix = (arrays[name] for name in _ARRAYS)
-    if q.ndim != 2 or not q.size:
-        raise InputError(f"array q has shape {q.shape}", "give one row a configuration", path)
-    count, n = q.shape
-    for name, a, shape in (
-        ("gravity", gravity, (count, n)),
-        ("mass_matrix", mass_matrix, (count, n, n)),
-    ):
-        if a.shape != shape:
-            raise InputError(f"array {name} has shape {a.shape}", f"with this q give it {shape}", path)
-    for name, a in (("q", q), ("gravity", gravity), ("mass_matrix", mass_matrix)):
-        bad = np.argwhere(~np.isfinite(a))
-        if len(bad):
-            raise InputError(
-                f"array {name}, configuration {bad[0][0] + 1}: not a finite number",
-                "leave that configuration out",
-                path,
-            )
-    if joints is not None and n != joints:
-        raise other_robot(n, joints, path)
-    difference = np.abs(mass_matrix - np.swapaxes(mass_matrix, 1, 2)).max(axis=(1, 2))
-    worst = int(np.argmax(difference))
-    if difference[worst] > _ASYMMETRY * np.abs(mass_matrix).max():
-        raise InputError(
-            f"array mass_matrix, configuration {worst + 1}: not symmetric",
-            "give M(q) in full",
-            path,
-        )
-    return BlackBox(q, gravity, mass_matrix, (path.name,))
 
 
 def compress_black_box(box: BlackBox, model: Model) -> Regression:
@@ -141,28 +134,17 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
     robot, n = model.robot, model.robot.n
     rest = np.zeros_like(box.q)
     gravity = robot.regressor(box.q, rest, rest)
-    parts: list[list[Array]] = [[] for _ in range(n)]
-    columns = [
-        (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel().astype(np.intp)
-        for links in robot.subtree
-    ]
-
-    def add(joint: int, rows: Array, values: Array) -> None:
-        parts[joint].append(np.column_stack([rows[:, joint, columns[joint]], values]))
-
-    for joint in range(n):
-        add(joint, gravity, box.gravity[:, joint])
-    for moved in range(n):
-        unit = rest.copy()
-        unit[:, moved] = 1.0
-        inertial = robot.regressor(box.q, rest, unit) - gravity
-        for joint in range(moved + 1):
-            add(joint, inertial, box.mass_matrix[:, joint, moved])
-    factors = tuple(
-        Factor(joint, 0, columns[joint], triangular(stack), sum(len(rows) for rows in stack))
-        for joint, stack in enumerate(parts)
-    )
-    return Regression(model.parameters, n, (TimeBlock(0, 0.0, 0.0),), factors, oversampling=1.0)
+    inertial = [robot.regressor(box.q, rest, rest + unit) - gravity for unit in np.eye(n)]
+    factors = []
+    for joint, links in enumerate(robot.subtree):
+        columns = (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel()
+        sides = [(inertial[k], box.mass_matrix[:, joint, k]) for k in range(joint, n)]
+        stack = [
+            np.column_stack([rows[:, joint, columns], values])
+            for rows, values in [(gravity, box.gravity[:, joint]), *sides]
+        ]
+        factors.append(Factor(joint, 0, columns, triangular(stack), sum(map(len, stack))))
+    return Regression(model.parameters, n, (TimeBlock(0, 0.0, 0.0),), tuple(factors), oversampling=1.0)
 
 
 def load_configurations(path: str | Path, joints: int) -> Array:
@@ -180,26 +162,3 @@ def load_configurations(path: str | Path, joints: int) -> Array:
             path,
         )
     return q
-
-
-def as_black_box(source: Any, joints: int | None = None) -> BlackBox | None:
-    """The black box in a path, or a list of one; None for anything else."""
-    paths = source if isinstance(source, list | tuple) else [source]
-    if not all(isinstance(path, str | Path) for path in paths):
-        return None
-    return load_answers(paths, joints)
-
-
-def load_answers(paths: Sequence[str | Path], joints: int | None = None) -> BlackBox | None:
-    """The black box in these files, or None where they are measured runs.
-
-    Raises InputError where several files are given and one of them is a black box.
-    """
-    found = [path for path in paths if is_black_box(path)]
-    if not found:
-        return None
-    if len(paths) > 1:
-        raise InputError(
-            f"a black box is identified from one file, not {len(paths)}", "name one", found[0]
-        )
-    return load_black_box(found[0], joints)

@@ -34,8 +34,9 @@ def least_squares(
             asked, answer = x.copy(), at(x)
         return answer
 
-    found = optimize.least_squares(
-        lambda x: both(x)[0], np.clip(start, *ends), lambda x: both(x)[1],
-        bounds=ends, xtol=xtol, ftol=ftol, gtol=None, max_nfev=steps,
-    )  # fmt: skip
+    with np.errstate(invalid="ignore", over="ignore"):  # SciPy's reflected step, which it discards
+        found = optimize.least_squares(
+            lambda x: both(x)[0], np.clip(start, *ends), lambda x: both(x)[1],
+            bounds=ends, xtol=xtol, ftol=ftol, gtol=None, max_nfev=steps,
+        )  # fmt: skip
     return found.x, found.fun, found.jac

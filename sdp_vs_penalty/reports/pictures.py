@@ -35,12 +35,13 @@ def bars(
     floor: Sequence[float] | None,
     units: Sequence[str],
     joints: Sequence[int] = (),
+    what: str = "Error",
 ) -> str:
     """A bar a joint, cut at the noise floor: the error over it, before in grey and after in colour.
 
     before, after, floor (n,) [N m or N] : RMS errors, after None where there is one model alone; floor
     None where it is not known: errors stand in their units then, each joint's against the largest;
-    joints : their numbers, by default 1, 2, ...
+    joints : their numbers, by default 1, 2, ...; what : the error's name.
     """
     known = floor is not None and all(floor)
     scale = list(floor) if known and floor is not None else [1.0] * len(before)
@@ -66,7 +67,7 @@ def bars(
             f'<tr><th scope="row">{name}</th><td class="drawn">{drawn}{shapes}</svg></td>'
             f'<td class="number">{said}</td>{note}</tr>'
         )
-    caption = "Error over the noise floor of each joint" if known else "RMS error of each joint"
+    caption = f"{what} over the noise floor of each joint" if known else f"{what} (RMS) of each joint"
     caption += "; grey: noise" if known else "; noise floor unknown"
     if after is not None:
         caption += "; upper bar before, lower after"

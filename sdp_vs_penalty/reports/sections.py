@@ -51,12 +51,12 @@ def verdict(material: Material) -> Section:
     several = len(material.comparisons) > 1
     body = f'<p class="verdict {said.grade.replace(" ", "-")}">{marked(said.headline)}</p>'
     if several and (changed := changes(first.rmse, last.rmse, last.noise_floor)):
-        body += f"<p><b>{escape(changed)}</b></p>"
+        body += f"<p><b>{escape(changed[0].upper() + changed[1:])}</b></p>"
     floor = None if last.noise_floor is None else last.noise_floor.tolist()
     after = last.rmse.tolist() if several else None
     body += bars(first.rmse.tolist(), after, floor, material.last.robot.torque_units)
     lines = [(line.about, line.grade, line.text) for line in said.lines]
-    body += table((material.last_name, "grade", "why"), lines, numbers_from=3)
+    body += table(("verdict", "grade", "why"), lines, numbers_from=3)
     if said.remark:
         body += text(said.remark)
     rows = []
@@ -92,16 +92,13 @@ def torques(material: Material) -> Section:
     """Measured and modelled torque of each joint, and what is left."""
     shade: dict[str, Any] = {"line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
     n, units = material.last.robot.n, material.last.robot.torque_units
+    modelled = {
+        name: [predicted(rows, estimate.theta) for rows in material.rows[name]]
+        for name, estimate in material.plants.items()
+    }
     runs = [
-        Curves(
-            run.motion.t,
-            run.torque,
-            {
-                name: predicted(material.rows[name][index], estimate.theta)
-                for name, estimate in material.plants.items()
-            },
-        )
-        for index, run in enumerate(next(iter(material.rows.values())))
+        Curves(run.motion.t, run.torque, {name: every[k] for name, every in modelled.items()})
+        for k, run in enumerate(material.rows[material.first_name])
     ]
     failing = material.failures[material.first_name]
     causes = [c for c in SHADES if any(s.cause == c for f in failing for s in f.stretches)]
@@ -111,7 +108,8 @@ def torques(material: Material) -> Section:
         "should lie, given its parameters' uncertainty and what it left of its own training runs."
     )
     body += legend(causes)
-    bands, starts = _bands(material), run_starts(material)
+    shifts = _shifts(material)
+    bands = _bands(material, shifts)
     for j in range(n):
         plot = torque_figure(runs, j, units[j])
         for t, half in bands:  # around a zero error, beside the errors
@@ -121,8 +119,8 @@ def torques(material: Material) -> Section:
         placed = [
             (s.start + shift, s.stop + shift, s.cause)
             for s in failing[j].stretches
-            for name, shift in starts.items()
-            if s.run.startswith(name)
+            for run, shift in zip(material.measurements.runs(), shifts, strict=True)
+            if s.run.startswith(run.names[0]) and run.t[0] <= s.start <= run.t[-1]
         ]
         plot.update_layout(shapes=shades(placed, ("x", "x2")))
         plot.update_axes("x", 1, matches="x")
@@ -130,29 +128,26 @@ def torques(material: Material) -> Section:
     return Section("torques", "Where and when: measured against modelled", body)
 
 
-def run_starts(material: Material) -> dict[str, float]:
-    """By run what is added to its clock on the figures, where runs follow each other."""
-    starts, start = {}, 0.0
-    names = [run.names[0] for run in material.measurements.runs()]
-    for name, rows in zip(names, material.rows[material.first_name], strict=True):
-        t = rows.motion.t
-        starts[name] = start - float(t[0])
-        start += float(t[-1] - t[0]) + 1.0
-    return starts
+def _shifts(material: Material) -> list[float]:
+    """Of each run what is added to its clock on the figures, where runs follow each other."""
+    shifts, start = [], 0.0
+    for rows in material.rows[material.first_name]:
+        shifts.append(start - float(rows.motion.t[0]))
+        start += float(rows.motion.t[-1] - rows.motion.t[0]) + 1.0
+    return shifts
 
 
-def _bands(material: Material) -> list[tuple[Array, Array]]:
+def _bands(material: Material, shifts: Sequence[float]) -> list[tuple[Array, Array]]:
     """Of each run instants (m,) on the figures' axis and half the last model's band (m, n) there."""
     last = material.plants[material.last_name]
     known = last.uncertainty
-    bands, start = [], 0.0
-    for rows in material.rows[material.last_name]:
-        t = rows.motion.t - rows.motion.t[0] + start
+    bands = []
+    for rows, shift in zip(material.rows[material.last_name], shifts, strict=True):
+        t = rows.motion.t + shift
         keep = np.unique(np.linspace(0, len(t) - 1, min(len(t), POINTS)).astype(int))
         few = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
         half = NORMAL_95 * np.hypot(known.band(last.theta, few)[1], known.noise)
         bands.append((t[keep], half))
-        start = float(t[-1]) + 1.0
     return bands
 
 

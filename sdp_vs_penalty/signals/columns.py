@@ -39,19 +39,17 @@ class _Widths(tuple[float, ...]):
 
 
 class Columns:
-    """parts : low-pass (M, N) and motion of each segment; derived : where columns of the motion alone
-    are kept, for each set of those widths of signs that they ask for; modelled : those of the model."""
+    """parts : low-pass (M, N) and motion of each segment; before : the same of another model, from which
+    columns of the motion alone are taken over, for each set of those widths of signs that they ask for.
+    """
 
     def __init__(
-        self,
-        parts: Sequence[tuple[Decimator, Motion]],
-        n: int,
-        derived: dict[Hashable, Any],
-        modelled: dict[Hashable, Any],
+        self, parts: Sequence[tuple[Decimator, Motion]], n: int, before: Columns | None = None
     ) -> None:
-        self._derived, self._modelled = derived, modelled
-        self._low_passes, self._own = zip(*parts, strict=True)
-        self._widths = _Widths(self._own[0].width(j) for j in range(n))
+        self._of_motion: dict[Hashable, Any] = {} if before is None else before._of_motion
+        self._of_model: dict[Hashable, Any] = {}
+        self._low_passes, self._own = [d for d, _ in parts], [motion for _, motion in parts]
+        self._widths = _Widths(motion.width(j) for motion in self._own[:1] for j in range(n))
         self._watched = [replace(motion, sign_width=self._widths) for motion in self._own]
 
     def of(self, effects: Sequence[Effect]) -> list[list[Block]]:
@@ -106,7 +104,7 @@ class Columns:
         return [np.concatenate(rows) for rows in zip(*parts, strict=True)]
 
     def _known(self, effect: Effect) -> list[Block] | None:
-        kept = (self._modelled if depends(effect) else self._derived).get(_key(effect))
+        kept = (self._of_model if depends(effect) else self._of_motion).get(_key(effect))
         for asked, blocks in () if kept is None or kept[0] is not effect.robot else kept[1]:
             if self._widths.same(asked):
                 found: list[Block] = blocks
@@ -118,7 +116,7 @@ class Columns:
     ) -> None:
         if effect_types().get(effect.name) is not type(effect):
             return
-        kept, key = self._modelled if depends(effect) else self._derived, _key(effect)
+        kept, key = self._of_model if depends(effect) else self._of_motion, _key(effect)
         robot, known = kept.get(key, (None, []))
         if robot is not effect.robot:
             _, known = kept[key] = effect.robot, []

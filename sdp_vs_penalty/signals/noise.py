@@ -8,7 +8,7 @@ samples at eight times the cut-off, at which the low-passed residual is a smooth
 samples at its own rate, noise would be averaged and its floor too low.
 
 Where nothing repeats it is that of the torque's spectrum above the motion's band
-(:mod:`.noise_spectrum`); where the log holds nothing there the residual itself has to stand in, and what
+(:func:`spectral_floor`); where the log holds nothing there the residual itself has to stand in, and what
 is called noise is a guess.
 """
 
@@ -24,12 +24,10 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import ORDER, Pieces, autoregression, beside, innovations
-from sdp_vs_penalty.signals.noise_spectrum import SPECTRUM, spectral_floor
 from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import (
     Repeat,
     consecutive,
-    find_repeats,
     instants,
     is_part,
     later_rows,
@@ -37,10 +35,13 @@ from sdp_vs_penalty.signals.repetition import (
     recurring,
 )
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-from sdp_vs_penalty.signals.stillness import STILL
+from sdp_vs_penalty.signals.spectrum import torque_spectrum
+from sdp_vs_penalty.signals.standstill import STILL
 
 #: What the noise is known from.
-REPETITION, RESIDUAL = "repetition", "residual"
+REPETITION, SPECTRUM, RESIDUAL = "repetition", "spectrum", "residual"
+#: How well from the spectrum (.52 to 1.3 of the true floor): said wherever it is used.
+SPECTRUM_KNOWN = "right within a factor of two"
 #: Fewest differences from which a floor is believed.
 _FEWEST = 60
 #: Share of a guessed noise that is left a row later, at most.
@@ -155,7 +156,7 @@ def _from_repetition(
     A joint that stands still does so again when the motion repeats, and what friction holds there too:
     it is no noise, but evidence only as far as a law of friction says it.
     """
-    repeats = find_repeats(runs)
+    repeats = runs.repeats
     if sum(len(r.rows) for r in repeats) < _FEWEST:
         return None
     n = runs.n
@@ -163,10 +164,12 @@ def _from_repetition(
     index = np.concatenate([r.rows for r in repeats])
     gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
     every = Pieces(consecutive(repeats))
-    stuck = runs.stuck[index] | runs.stuck[np.concatenate([later_rows(runs, r) for r in repeats])]
-    share = min(1.0, new_differences(runs, repeats) / len(index))
+    stuck = (
+        runs.stuck[index] | runs.stuck[np.concatenate([later_rows(runs.segments, r) for r in repeats])]
+    )
+    share = min(1.0, new_differences(runs.segments, repeats) / len(index))
     t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
-    known = cache(lambda: instants(runs, repeats))
+    known = cache(lambda: instants(runs.segments, repeats))
 
     def comes_back(marked: NDArray[np.bool_], faint: NDArray[np.bool_]) -> NDArray[np.bool_]:
         return recurring(*known(), marked, faint, max(1, round(SAME_PHASE * runs.rate)))
@@ -190,7 +193,7 @@ def _from_repetition(
         suspect[index[~good], j] = True
         _mark_later(runs, repeats, good, j, suspect)
     if shown is not None:
-        suspect, repeats = _carried(suspect, runs, shown), find_repeats(shown)
+        suspect, repeats = _carried(suspect, runs, shown), shown.repeats
     seen = runs if shown is None else shown
     suspect &= ~seen.stuck
     return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, seen.lawless, repeats)
@@ -259,7 +262,7 @@ def _mark_later(
     for r in repeats:
         bad = ~good[first : first + len(r.rows)]
         first += len(r.rows)
-        suspect[later_rows(runs, r)[bad], joint] = True
+        suspect[later_rows(runs.segments, r)[bad], joint] = True
 
 
 def rate_features(runs: SegmentedRuns) -> Array:
@@ -281,3 +284,18 @@ def _drift_columns(t: Array, gap: Array, dq: Array) -> Array:
         columns += [decay, decay * s, decay * dq]
     matrix = np.column_stack(columns)
     return matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+
+
+def spectral_floor(runs: SegmentedRuns) -> Array | None:
+    """(n,) standard deviation of the noise in the filtered rows [N m or N], the density S of the noise
+    continued below the motion's band through the low-pass H: floor^2 = mean over w of S |H|^2.
+    None where the logs show nothing above the motion, or only what a filter has left of it."""
+    found = torque_spectrum([s.standstill.stretch for s in runs.segments], runs.cutoff)
+    if found is None or found.smoothed:
+        return None
+    kernel = next(s.standstill for s in runs.segments if s.standstill.stretch is found.part).kernels[1]
+    frequency, size = found.frequency, max(2 * len(found.frequency) - 2, 4 * len(kernel.value))
+    response = np.abs(np.fft.rfft(kernel.value, size)) ** 2
+    passed = np.interp(frequency, np.fft.rfftfreq(size, found.part.dt), response)
+    weight = np.where((frequency > 0.0) & (frequency < 0.5 / found.part.dt), 2.0, 1.0)
+    return np.asarray(np.sqrt(found.density @ (weight * passed) / np.sum(weight)))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,31 +143,20 @@ def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
     b_i rate_i with a, b_i >= 0, rates (M, r) squared, from squares clipped so that an event does not
     shape it.
     """
+    from scipy.optimize import nnls
+
     used = white != 0.0
     if used.sum() < 20 * (rates.shape[1] + 1):
         return np.ones(len(wanted))
     size = np.maximum(np.mean(rates[used], axis=0), 1e-24)
     squares = white[used] ** 2
     squares = np.minimum(squares, 9.0 * np.median(squares) / _MEDIAN_SQUARE)
-    law = _nonnegative(np.column_stack([np.ones(len(squares)), rates[used] / size]), squares)
+    law = nnls(np.column_stack([np.ones(len(squares)), rates[used] / size]), squares)[0]
     level = float(law.sum())
     if level <= 0.0:
         return np.ones(len(wanted))
     variance = (law[0] + (wanted / size) @ law[1:]) / level
     return np.sqrt(np.clip(variance, *_MODULATION))
-
-
-def _nonnegative(columns: Array, y: Array) -> Array:
-    """(k,) least squares with no coefficient below zero: the best of all choices of the few columns."""
-    gram, right = columns.T @ columns, columns.T @ y
-    best, out = 0.0, np.zeros(len(right))
-    for kept in product((False, True), repeat=len(right)):
-        k = np.flatnonzero(kept)
-        beta = np.linalg.lstsq(gram[np.ix_(k, k)], right[k], rcond=None)[0]
-        if beta.min(initial=0.0) >= 0.0 and float(beta @ right[k]) > best:
-            best, out = float(beta @ right[k]), np.zeros(len(right))
-            out[k] = beta
-    return out
 
 
 def robust_scale(white: Array) -> float:

@@ -44,7 +44,7 @@ from sdp_vs_penalty.signals.runs import (
     sample_rate,
     stretches,
 )
-from sdp_vs_penalty.signals.spectrum import highest_harmonic, unbent_cutoff
+from sdp_vs_penalty.signals.spectrum import highest_harmonic, smoothed_cutoff, unbent_cutoff
 
 #: Rows decimated to this multiple of the cut-off: the kernel's stop band starts at 1.4 cut-offs.
 _OVERSAMPLING = 4.0
@@ -77,7 +77,8 @@ class Preprocessing:
         Panda run: 5 Hz), or more where that bends the motion by more than the positions' noise allows:
         a robot that sticks at its reversals moves more sharply than it was told to.
     torque_cutoff : [Hz] of columns and torque. Default: 16 times the highest harmonic (Panda: 8 Hz), or
-        1.6 times the state_cutoff that is given, so that friction at reversals stays visible.
+        1.6 times the state_cutoff that is given, so that friction at reversals stays visible; less where
+        the torque was smoothed before it was logged.
     standstill : rows are dropped where no joint has moved faster than this share of its own
         maximum for half a second: they repeat one static friction state that no model of
         sliding friction explains.
@@ -108,6 +109,8 @@ class Preprocessing:
             state = 10.0 * max(highest_harmonic(run) for run in measurements.runs())
         state = min(state, highest)
         torque = min(1.6 * state if self.torque_cutoff is None else self.torque_cutoff, rate / 5.0)
+        if self.torque_cutoff is None and measurements.torque_logged:
+            torque = smoothed_cutoff(list(measurements.runs()), torque)
         if self.state_cutoff is None:
             state = unbent_cutoff(list(measurements.runs()), state, torque, highest)
         return replace(self, state_cutoff=state, torque_cutoff=torque)
@@ -397,6 +400,36 @@ def filtered_torque(run: Measurements, model: Model, settings: Preprocessing) ->
     ]
     motion = Motion(join("t"), join("q"), join("dq"), join("ddq"))
     return Rows(motion, np.concatenate([p.torque for p in pieces]), columns)
+
+
+def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[Motion, Array]:
+    """At most so many evenly spread instants of one run: states and torque, low-passed.
+
+    The torque passes the kernel that the position passes, and columns are computed from the states
+    as they are: cheaper than :func:`filtered_rows`, and equal to it for slow motion. Enough to
+    judge data, not to identify from. Stand-still is dropped. Raises InputError for short runs.
+    """
+    filters = RunFilter(run, settings)
+    kernel = filters.state
+    width = 2 * kernel.half + 1
+    places = filters.moving(kernel.half)
+    count = sum(len(k) for _, k in places)
+    if count == 0:
+        raise no_rows(run, (width - 1) * filters.dt)
+    chosen = np.unique(np.linspace(0, count - 1, min(rows, count)).round().astype(int))
+    pieces, start = [], 0
+    for part, k in places:
+        own = k[chosen[(chosen >= start) & (chosen < start + len(k))] - start]
+        start += len(k)
+        # Only what the kernel reaches of a long run is looked at.
+        for at in np.split(own, np.flatnonzero(np.diff(own) > width) + 1):
+            if len(at):
+                begin, end = at[0] - kernel.half, at[-1] + kernel.half + 1
+                states = kernel.states(part.resampled(part.q, begin, end))
+                smooth, *_ = kernel.states(part.resampled(part.tau, begin, end))
+                pieces.append((part.clock(at), *(x[at - at[0]] for x in (*states, smooth))))
+    t, q, dq, ddq, tau = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    return Motion(t, q, dq, ddq), tau
 
 
 def no_rows(run: Measurements, seconds: float) -> InputError:

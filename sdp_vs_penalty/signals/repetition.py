@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.kernels import fast_length
-from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
 
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]
@@ -112,6 +111,17 @@ def _differences(x: Array, lags: NDArray[np.int64]) -> Array:
 
 
 @dataclass(frozen=True)
+class Filtered:
+    """What of a segment is compared: rows t (M,) of which ``keep`` (M,) count; positions q_dense (D, n)
+    at t_dense (D,), between which they can be read by interpolation."""
+
+    t: Array
+    keep: NDArray[np.bool_]
+    t_dense: Array
+    q_dense: Array
+
+
+@dataclass(frozen=True)
 class Repeat:
     """Rows ``rows`` (indices into all rows) of a segment come back at the instants ``later`` of the
     segment ``other``."""
@@ -121,7 +131,7 @@ class Repeat:
     later: Array
 
 
-def is_part(window: Segment, whole: Segment) -> bool:
+def is_part(window: Filtered, whole: Filtered) -> bool:
     """Whether a segment is a stretch of another one: the same positions at the same instants."""
     t, span = window.t_dense, whole.t_dense
     inside = (t >= span[0]) & (t <= span[-1])
@@ -134,30 +144,23 @@ def is_part(window: Segment, whole: Segment) -> bool:
     return _difference(window.q_dense[inside], there, scale) < 0.1 * ALIKE
 
 
-def find_repeats(runs: SegmentedRuns) -> tuple[Repeat, ...]:
-    """Every pair of stretches with the same motion, inside segments and between them; found once."""
-    if "repeats" not in runs.derived:
-        runs.derived["repeats"] = _repeats(runs)
-    found: tuple[Repeat, ...] = runs.derived["repeats"]
-    return found
-
-
-def _repeats(runs: SegmentedRuns) -> tuple[Repeat, ...]:
+def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
+    """Every pair of stretches with the same motion, inside segments and between them."""
     out = []
-    starts = np.cumsum([0, *(len(s.t) for s in runs.segments)])
-    for k, segment in enumerate(runs.segments):
+    starts = np.cumsum([0, *(len(s.t) for s in segments)])
+    for k, segment in enumerate(segments):
         period = repeat_period(segment.t_dense, segment.q_dense)
         if period is not None:
             out += _pair(segment, segment, period, k, starts[k])
-        for m in range(k + 1, len(runs.segments)):
-            other = runs.segments[m]
+        for m in range(k + 1, len(segments)):
+            other = segments[m]
             lag = repeat_lag((segment.t_dense, segment.q_dense), (other.t_dense, other.q_dense))
             if lag is not None:
                 out += _pair(segment, other, lag, m, starts[k])
     return tuple(out)
 
 
-def _pair(a: Segment, b: Segment, shift: float, other: int, start: int) -> list[Repeat]:
+def _pair(a: Filtered, b: Filtered, shift: float, other: int, start: int) -> list[Repeat]:
     """The rows of a whose motion b repeats ``shift`` seconds later."""
     later = a.t + shift
     inside = a.keep & (later >= b.t_dense[0]) & (later <= b.t_dense[-1])
@@ -212,20 +215,22 @@ def repeat_lag(a: Track, b: Track, slip: float = _SLIP) -> float | None:
     return fine + float(t_b[0] - t_a[0]) if error(fine) < ALIKE else None
 
 
-def later_rows(runs: SegmentedRuns, repeat: Repeat) -> NDArray[np.intp]:
+def later_rows(segments: Sequence[Filtered], repeat: Repeat) -> NDArray[np.intp]:
     """Among all rows the first at or after each instant at which the repeat comes back."""
-    start = sum(len(s.t) for s in runs.segments[: repeat.other])
-    times = runs.segments[repeat.other].t
+    start = sum(len(s.t) for s in segments[: repeat.other])
+    times = segments[repeat.other].t
     return start + np.clip(np.searchsorted(times, repeat.later), 0, len(times) - 1)
 
 
-def new_differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> int:
+def new_differences(segments: Sequence[Filtered], repeats: Sequence[Repeat]) -> int:
     """How many of the differences say something new: of K instants with the same motion, K - 1.
 
     Six equal runs make fifteen pairs and not more than five such differences an instant.
     """
-    both, _ = instants(runs, repeats)
-    group = np.arange(len(runs.t))  # each instant's number, or that of one that shares its motion
+    both, _ = instants(segments, repeats)
+    group = np.arange(
+        sum(len(s.t) for s in segments)
+    )  # each instant's number, or that of one that shares its motion
     while np.any(group[both[:, 0]] != group[both[:, 1]]):
         least = np.minimum(*group[both.T])
         for side in both.T:
@@ -234,16 +239,16 @@ def new_differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> int:
     return int(np.sum(group != np.arange(len(group))))
 
 
-def instants(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> tuple[NDArray[np.intp], Array]:
+def instants(segments: Sequence[Filtered], repeats: Sequence[Repeat]) -> tuple[NDArray[np.intp], Array]:
     """Of the differences of all repeats: the rows (D, 2) at the two instants, and the phase (D,) of the
     motion, in rows: the first row at which it is known."""
     both = np.column_stack(
         [
             np.concatenate([r.rows for r in repeats]),
-            np.concatenate([later_rows(runs, r) for r in repeats]),
+            np.concatenate([later_rows(segments, r) for r in repeats]),
         ]
     )
-    phase = np.arange(len(runs.t), dtype=float)
+    phase = np.arange(sum(len(s.t) for s in segments), dtype=float)
     for first, second in both[np.argsort(both[:, 0], kind="stable")]:
         phase[second] = min(phase[second], phase[first])
     return both, phase[both[:, 0]]

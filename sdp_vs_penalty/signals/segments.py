@@ -14,10 +14,9 @@ follow (a step in acceleration): there the states are wrong, not the model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +28,9 @@ from sdp_vs_penalty.signals.autoregression import Pieces
 from sdp_vs_penalty.signals.columns import Columns
 from sdp_vs_penalty.signals.kernels import Decimator, Kernel, convolve
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
+from sdp_vs_penalty.signals.repetition import Filtered, Repeat, find_repeats
 from sdp_vs_penalty.signals.runs import Stretch, stretches
-from sdp_vs_penalty.signals.stillness import (
+from sdp_vs_penalty.signals.standstill import (
     STILL,
     Standstill,
     friction_laws,
@@ -49,26 +49,21 @@ _SHARP, _CORNER = 12.0, 0.3
 
 
 @dataclass(frozen=True)
-class Segment:
+class Segment(Filtered):
     """One uninterrupted piece of a run.
 
-    motion : on the column grid; t (M,), torque (M, n) : the rows; keep (M,) : which of them count;
-    standstill : what reaches them from when a joint stood still; low_pass (M, N), dense (D, N) : from
-    the column grid to the rows and to the dense grid t_dense (D,), on which q_dense and torque_dense
-    (D, n) are known: instants between its samples can be read by interpolation.
+    motion : on the column grid; torque (M, n) : at the rows; standstill : what reaches them from when a
+    joint stood still; low_pass (M, N), dense (D, N) : from the column grid to the rows and to the dense
+    grid, on which torque_dense (D, n) is known too.
     """
 
     run: int
     motion: Motion
-    t: Array
     torque: Array
-    keep: NDArray[np.bool_]
     standstill: Standstill
     low_pass: Decimator
-    t_dense: Array
     torque_dense: Array
     dense: Decimator
-    q_dense: Array
 
 
 @dataclass(frozen=True)
@@ -77,8 +72,7 @@ class SegmentedRuns:
 
     masked (M, n) : rows that do not count for a joint although its segment keeps them (events);
     gains (n,) : what the torque channels read over the true torque, where the model knows it;
-    derived : what follows from the motion alone, whatever is masked and whatever the model; modelled :
-    from the model as well.
+    columns : of effects on the rows; repeats : which rows come back where.
     """
 
     segments: tuple[Segment, ...]
@@ -86,10 +80,10 @@ class SegmentedRuns:
     cutoff: float
     rate: float
     names: tuple[str, ...]
+    columns: Columns
+    repeats: tuple[Repeat, ...]
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
     gains: tuple[float, ...] | None = None
-    derived: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
-    modelled: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def t(self) -> Array:
@@ -148,17 +142,10 @@ class SegmentedRuns:
     @cached_property
     def holds(self) -> NDArray[np.bool_]:
         """(n,) joints whose friction was seen to hold them whatever it was, as far as positions tell."""
-        if "holds" not in self.derived:
-            friction = self._friction
-            ddq = np.concatenate([s.low_pass @ s.motion.ddq for s in self.segments])
-            rates = np.stack([self.dq.T, ddq.T], axis=2)
-            found = [
-                turned_at_rest(friction[:, j], rates[j], self.still[:, j], self.pieces(j))
-                for j in range(self.n)
-            ]
-            self.derived["holds"] = np.array(found, bool)
-        out: NDArray[np.bool_] = self.derived["holds"]
-        return out
+        ddq = np.concatenate([s.low_pass @ s.motion.ddq for s in self.segments])
+        rates = np.stack([self.dq.T, ddq.T], axis=2)
+        joints = zip(self._friction.T, rates, self.still.T, self._pieces, strict=True)
+        return np.array([turned_at_rest(*joint) for joint in joints], bool)
 
     @cached_property
     def held(self) -> Array:
@@ -187,20 +174,10 @@ class SegmentedRuns:
         for j, share in enumerate(self.still.T):
             keep = self.keep[:, j]
             if share[keep].any():
-                left, laws = self.residual[keep, j], self._friction_laws(j)[keep]
-                std, no_law = lawless(left, laws, share[keep])
+                laws = np.concatenate([s.low_pass @ friction_laws(s.motion, j) for s in self.segments])
+                std, no_law = lawless(self.residual[keep, j], laws[keep], share[keep])
                 held[:, j], stuck[:, j] = std * share, no_law & (share > STILL)
         return held, stuck
-
-    def _friction_laws(self, joint: int) -> Array:
-        """(M, k) a joint's friction of unit size, kept for the width over which its sign turns."""
-        width = self.segments[0].motion.width(joint)
-        known = self.derived.get(("laws", joint))
-        if known is None or known[0] != width:
-            parts = [s.low_pass @ friction_laws(s.motion, joint) for s in self.segments]
-            known = self.derived["laws", joint] = width, np.concatenate(parts)
-        laws: Array = known[1]
-        return laws
 
     @cached_property
     def dense_residuals(self) -> list[Array]:
@@ -232,7 +209,8 @@ class SegmentedRuns:
     def with_model(self, attach: Callable[[Motion], Motion]) -> SegmentedRuns:
         """The same with a model's torque and links attached to each segment's motion."""
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
-        return replace(self, segments=segments, modelled={})
+        columns = Columns([(s.low_pass, s.motion) for s in segments], self.n, self.columns)
+        return replace(self, segments=segments, columns=columns)
 
     def blocks(self, effect: Effect) -> list[Block]:
         """The effect's columns on the rows: blocks of (M, k)."""
@@ -240,7 +218,7 @@ class SegmentedRuns:
 
     def blocks_of(self, effects: Sequence[Effect]) -> list[list[Block]]:
         """The same of many effects, quicker than one after the other."""
-        found = self._columns.of(effects)
+        found = self.columns.of(effects)
         if self.gains is None:
             return found
         return [
@@ -249,11 +227,6 @@ class SegmentedRuns:
             else [replace(b, columns=self.gains[b.joint] * b.columns) for b in blocks]
             for effect, blocks in zip(effects, found, strict=True)
         ]
-
-    @cached_property
-    def _columns(self) -> Columns:
-        parts = [(s.low_pass, s.motion) for s in self.segments]
-        return Columns(parts, self.n, self.derived, self.modelled)
 
     def column(self, effect: Effect, joint: int) -> Array:
         """(M, k) columns of a joint's own torque only."""
@@ -277,7 +250,11 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
             if segment is not None:
                 segments.append(segment)
                 rate = 1.0 / (filters.dt * filters.step(_ROW_RATE))
-    return SegmentedRuns(tuple(segments), measurements.n, settings.torque_cutoff, rate, tuple(names))
+    columns = Columns([(s.low_pass, s.motion) for s in segments], measurements.n)
+    repeats = find_repeats(segments)
+    return SegmentedRuns(
+        tuple(segments), measurements.n, settings.torque_cutoff, rate, tuple(names), columns, repeats
+    )
 
 
 def _segment(index: int, part: Stretch, filters: RunFilter, wider: Kernel) -> Segment | None:
@@ -308,15 +285,15 @@ def _segment(index: int, part: Stretch, filters: RunFilter, wider: Kernel) -> Se
     if not keep.any():
         return None
     return Segment(
+        motion.t[rows],
+        keep,
+        motion.t[dense],
+        motion.q[dense],
         index,
         motion,
-        motion.t[rows],
         filters.torque(part, grid[rows]),
-        keep,
         Standstill(part, (filters.state, filters.column), grid[rows]),
         low_pass,
-        motion.t[dense],
         filters.torque(part, grid[dense]),
         low_dense,
-        motion.q[dense],
     )

@@ -23,6 +23,7 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.output_error import Course, courses_of
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, Table
 
@@ -38,7 +39,7 @@ _DRAWS, _HALF = 8, 1.96
 
 
 @dataclass(frozen=True)
-class Ahead:
+class Ahead(Plain):
     """Errors after so many seconds, over all windows, each (n,) in rad (m) or rad/s (m/s).
 
     rms : root mean square; band : (2, n) 5 and 95 % of the absolute errors; naive : root mean square of
@@ -55,11 +56,6 @@ class Ahead:
         """From errors (K, n) of K windows so many seconds ahead, and those of standing still."""
         band = np.quantile(np.abs(error), [0.05, 0.95], axis=0)
         return cls(seconds, _rms(error), band, _rms(naive))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
-        names = ("rms", "band", "naive")
-        return {"seconds": self.seconds} | {name: getattr(self, name).tolist() for name in names}
 
 
 @dataclass(frozen=True)
@@ -82,15 +78,9 @@ class FreeRun:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
-        out: dict[str, Any] = {
-            "run": self.simulated.names[0],
-            "seconds": self.seconds,
-            "left": self.left,
-        }
-        for name in ("rms", "largest", "spread", "loop", "torque"):
-            value = getattr(self, name)
-            out[name] = None if value is None else value.tolist()
-        return out
+        given = {k: getattr(self, k) for k in ("rms", "largest", "spread", "loop", "torque")}
+        lists = {k: None if value is None else value.tolist() for k, value in given.items()}
+        return {"run": self.simulated.names[0], "seconds": self.seconds, "left": self.left} | lists
 
 
 @dataclass(frozen=True, repr=False)

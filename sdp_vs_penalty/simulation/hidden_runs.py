@@ -28,12 +28,11 @@ from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, ran
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 from sdp_vs_penalty.simulation.worlds.arm import Arm
 from sdp_vs_penalty.simulation.worlds.conditions import Conditions
-from sdp_vs_penalty.simulation.worlds.friction import DryFriction
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
 from sdp_vs_penalty.simulation.worlds.hidden_friction import FRICTION
 from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN, MACHINE, NUISANCE
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import World
+from sdp_vs_penalty.simulation.worlds.world import DryFriction, World
 
 DURATION = 20.0  # s of each run
 PERIOD = 2.0 / 0.15  # s: 1.5 periods in a run

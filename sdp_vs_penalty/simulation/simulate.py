@@ -132,21 +132,12 @@ class Sensor:
 
 
 def innovation_share(coefficients: ArrayLike) -> float:
-    """White noise's variance over the process's, of an autoregression with these coefficients."""
-    a = np.asarray(coefficients, float)
-    if not len(a):
-        return 1.0
-    # Yule-Walker for the autocorrelations 1, r_1..r_k: r_i = sum_m a_m r_|i-m|.
-    k = len(a)
-    matrix, right = np.eye(k), np.zeros(k)
-    for i in range(1, k + 1):
-        for m in range(1, k + 1):
-            lag = abs(i - m)
-            if lag == 0:
-                right[i - 1] += a[m - 1]
-            else:
-                matrix[i - 1, lag - 1] -= a[m - 1]
-    return float(1.0 - a @ np.linalg.solve(matrix, right))
+    """White noise's variance over the process's, of an autoregression with these coefficients: one over
+    the sum of its squared answer to an impulse."""
+    a = np.concatenate([[1.0], -np.asarray(coefficients, float)])
+    impulse = np.zeros(20_000)  # as long as a pole of 0.999 needs
+    impulse[0] = 1.0
+    return float(1.0 / np.sum(signal.lfilter([1.0], a, impulse) ** 2))
 
 
 def simulate(

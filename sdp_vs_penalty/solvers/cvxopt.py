@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-from sdp_vs_penalty.solvers.full_matrices import full_matrices
-from sdp_vs_penalty.solvers.rewrite import linear_objective, reject, reorder
+from sdp_vs_penalty.solvers.rewrite import full_matrices, linear_objective, reject, reorder
 
 NAME = "cvxopt"
 EXTRA = "solvers"

@@ -36,6 +36,11 @@ class Placed:
     start: int
     scale: Array
 
+    @property
+    def rows(self) -> slice:
+        cone = Cone(self.constraint.cone, len(self.constraint.constant))
+        return slice(self.start, self.start + cone.rows)
+
 
 @dataclass(frozen=True)
 class SdpProblem:
@@ -68,8 +73,7 @@ class SdpProblem:
         """The dual matrix or vector of each constraint, in the units of loss per F."""
         out = []
         for item in self.placed:
-            size = _rows(item.constraint)
-            part = solution.z[item.start : item.start + size] * self.loss_scale**2
+            part = solution.z[item.rows] * self.loss_scale**2
             if item.constraint.cone == "psd":
                 matrix = unsvec(part, len(item.constraint.constant))
                 out.append(item.scale.T @ matrix @ item.scale)
@@ -84,8 +88,7 @@ class SdpProblem:
         """
         out = []
         for item in self.placed:
-            z = solution.z[item.start : item.start + _rows(item.constraint)]
-            e = item.constraint.identity
+            z, e = solution.z[item.rows], item.constraint.identity
             out.append(float(z @ (svec(e) if item.constraint.cone == "psd" else e)))
         return np.array(out)
 
@@ -324,11 +327,6 @@ def _sizes(values: Array) -> Array:
     """(g, d) the scaling that brings diagonals to one; for matrices that need not be definite."""
     diagonal = np.abs(np.diagonal(values, axis1=1, axis2=2))
     return np.asarray(1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
-
-
-def _rows(constraint: Constraint) -> int:
-    size = len(constraint.constant)
-    return size * (size + 1) // 2 if constraint.cone == "psd" else size
 
 
 def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:

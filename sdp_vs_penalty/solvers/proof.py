@@ -56,7 +56,7 @@ def optimum_proof(
 ) -> Proof:
     """The proof that min objective lies between a lower bound and the objective of ``theta``.
 
-    theta (p,) : feasible exactly, as its decimal text says (:func:`verified.feasible_as_written`);
+    theta (p,) : feasible exactly, as its decimal text says (:func:`verified.certainly_feasible`);
         made_of : hashes of the "model" and the "data".
     Raises ValueError where it is not, or the multipliers prove nothing.
     """
@@ -143,68 +143,49 @@ def difference(proof: Proof, own: Proof) -> str:
     Names, their order, cones and indices are compared exactly, numbers to 1e-8 of themselves, R, rho and
     floor by the loss that they make, since another triangle R may make the same one.
     """
-    if names := _other_name(proof["parameters"], own["parameters"]):
-        return f"parameter {names}"
+    titles = [[f"{c['family']} of {c['name']}" for c in p["constraints"]] for p in (proof, own)]
+    lists = ("parameter", proof["parameters"], own["parameters"]), ("constraint", *titles)
+    for kind, theirs, ours in lists:
+        for fault, one, other in (("lacks", ours, theirs), ("adds", theirs, ours)):
+            if more := list(Counter(one) - Counter(other)):
+                rest = f" and {len(more) - 1} more" * (len(more) > 1)
+                return f"the proof {fault} the {kind} {more[0]}{rest}"
+        for k, (a, b) in enumerate(zip(theirs, ours, strict=True), start=1):
+            if a != b:
+                return f"{kind} {k} is {a} in the proof, {b} of the model (their order differs)"
     for name, a, b in zip(own["parameters"], proof["bound"], own["bound"], strict=True):
         if not _close([a], [b]):
             a, b = (float(Fraction(x)) for x in (a, b))
             return f"the bound of {name} is {a:g} in the proof, {b:g} of the model"
-    if not _same_loss(proof, own):
+    grams = []
+    for p in (proof, own):
+        rows = np.column_stack([_array(p["R"]).reshape(-1, len(p["bound"])), _array(p["rho"])])
+        grams.append(rows.T @ rows)
+        grams[-1][-1, -1] += float(Fraction(p["floor"])) ** 2
+    if not _same_gram(*grams):
         return "the proof has another R, rho or floor"
-    titles = [[f"{c['family']} of {c['name']}" for c in p["constraints"]] for p in (proof, own)]
-    for fault, one, other in (("lacks", *titles[::-1]), ("adds", *titles)):
-        if more := list(Counter(one) - Counter(other)):
-            rest = f" and {len(more) - 1} more" * (len(more) > 1)
-            return f"the proof {fault} the constraint {more[0]}{rest}"
-    if names := _other_name(*titles):
-        return f"constraint {names}"
     for title, a, b in zip(titles[1], proof["constraints"], own["constraints"], strict=True):
         for field in b:
-            if not _same(a[field], b[field]):
+            if not _same(field, a[field], b[field]):
                 return f"the constraint {title} differs: its {field}"
     return ""
 
 
-def _other_name(stated: Sequence[str], own: Sequence[str]) -> str:
-    """The first name that is another one, as words that follow what it names."""
-    if len(stated) != len(own):
-        return f"lists are of other lengths, {len(stated)} in the proof, {len(own)} of the model"
-    pairs = enumerate(zip(stated, own, strict=True), start=1)
-    return next((f"{k} is {a} in the proof, {b} of the model" for k, (a, b) in pairs if a != b), "")
-
-
-def _same(stated: Any, own: Any) -> bool:
-    """Whether a field of a constraint is the same: a text, indices, vectors, or a list of entropies."""
-    if not isinstance(own, list) or not own or isinstance(own[0], int):
+def _same(field: str, stated: Any, own: Any) -> bool:
+    """Whether a field of a constraint is the same."""
+    if field not in ("constant", "coefficients", "entropy"):
         return bool(stated == own)
-    if len(stated) != len(own):
-        return False
-    if isinstance(own[0], str):
+    if field == "constant" or len(stated) != len(own):
         return _close(stated, own)
-    if isinstance(own[0], dict):
-        return all(_same_entropy(a, b) for a, b in zip(stated, own, strict=True))
-    return all(_close(a, b) for a, b in zip(stated, own, strict=True))
-
-
-def _same_entropy(stated: Proof, own: Proof) -> bool:
-    """log_det is a logarithm: its error is a relative one of the determinant."""
-    inverses = [_array(e["inverse"]).reshape(4, 4) for e in (stated, own)]
-    return (
-        _close([stated["weight"]], [own["weight"]])
-        and _same_gram(*inverses)
-        and abs(float(Fraction(stated["log_det"]) - Fraction(own["log_det"]))) <= _SAME
+    if field == "coefficients":
+        return all(map(_close, stated, own))
+    return all(
+        _close([a["weight"]], [b["weight"]])
+        and _same_gram(*(_array(e["inverse"]).reshape(4, 4) for e in (a, b)))
+        # A logarithm: its error is a relative one of the determinant.
+        and abs(float(Fraction(a["log_det"]) - Fraction(b["log_det"]))) <= _SAME
+        for a, b in zip(stated, own, strict=True)
     )
-
-
-def _same_loss(stated: Proof, own: Proof) -> bool:
-    """Whether |R x - rho|^2 + floor^2 are the same function of x."""
-    grams = []
-    for p in (stated, own):
-        rows = np.column_stack([_array(p["R"]).reshape(-1, len(p["bound"])), _array(p["rho"])])
-        gram = rows.T @ rows
-        gram[-1, -1] += float(Fraction(p["floor"])) ** 2
-        grams.append(gram)
-    return _same_gram(*grams)
 
 
 def _same_gram(stated: Array, own: Array) -> bool:
@@ -221,9 +202,8 @@ def _close(stated: Sequence[str], own: Sequence[str]) -> bool:
 
 
 def _array(texts: Any) -> Array:
-    rows = [[float(Fraction(x)) for x in ([row] if isinstance(row, str) else row)] for row in texts]
-    array = np.array(rows, float)
-    return array.ravel() if texts and isinstance(texts[0], str) else array
+    rows = [[Fraction(x) for x in row] if isinstance(row, list) else Fraction(row) for row in texts]
+    return np.array(rows, float)
 
 
 def _proof(

@@ -9,8 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
-from sdp_vs_penalty.solvers.full_matrices import full_matrices
-from sdp_vs_penalty.solvers.rewrite import linear_objective, reorder
+from sdp_vs_penalty.solvers.rewrite import full_matrices, linear_objective, reorder
 
 NAME = "qics"
 EXTRA = "solvers"

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-from sdp_vs_penalty.solvers.full_matrices import full_matrices
-from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities, reorder
+from sdp_vs_penalty.solvers.rewrite import full_matrices, linear_matrix_inequalities, reorder
 
 NAME = "sdpa"
 EXTRA = "solvers"

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec
-from sdp_vs_penalty.solvers.full_matrices import full_matrices
-from sdp_vs_penalty.solvers.rewrite import quadratic_factor
+from sdp_vs_penalty.solvers.rewrite import full_matrices, quadratic_factor
 
 CLAIMS = {
     "optimal": "optimal",

@@ -13,8 +13,7 @@ formed in rational arithmetic and factorised exactly: feasible is then a fact.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -28,6 +27,7 @@ from sdp_vs_penalty.robot.constraint import (
     alike,
     margins,
 )
+from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.enclosure import (
     ROUNDOFF,
     Enclosure,
@@ -141,14 +141,21 @@ def proves_infeasible(
     return lower_bound(nothing, Entries.of(alike(constraints)), multipliers, np.zeros(0), bound) > 0.0
 
 
-def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
-    """Whether theta satisfies all constraints, decided in rational arithmetic."""
-    return _certainly_inside(constraints, theta, Fraction)
-
-
-def feasible_as_written(constraints: Sequence[Constraint], theta: Array) -> bool:
-    """The same, and of the shortest decimal text of each number too, which is what a file holds."""
-    return _certainly_inside(constraints, theta, Fraction, _as_written)
+def certainly_feasible(
+    constraints: Sequence[Constraint], theta: Array, as_written: bool = False
+) -> bool:
+    """Whether theta satisfies all constraints, decided in rational arithmetic; as_written : also the
+    shortest decimal text of each number, which is what a file holds."""
+    margin, size = margins(constraints, theta)
+    numbers = [{int(k): Fraction(float(theta[k])) for c in constraints for k in c.indices}]
+    if as_written:
+        numbers.append({k: Fraction(repr(float(theta[k]))) for k in numbers[0]})
+    return all(
+        verify_proof.inside(c.cone, _exact_value(c, exact))
+        for c, well in zip(constraints, margin > _WELL_INSIDE * size, strict=True)
+        if not well
+        for exact in numbers
+    )
 
 
 def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
@@ -161,51 +168,20 @@ def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
     return out
 
 
-def _as_written(x: float) -> Fraction:
-    return Fraction(repr(x))
-
-
 #: A margin above this share of the constraint's terms is no matter of rounding, of either kind.
 _WELL_INSIDE = 1e-9
 
 
-def _certainly_inside(
-    constraints: Sequence[Constraint], theta: Array, *read: Callable[[float], Fraction]
-) -> bool:
-    """As each of ``read`` takes the numbers."""
-    margin, size = margins(constraints, theta)
-    return all(
-        _inside(c.cone, _exact_value(c, {int(k): exact(float(theta[k])) for k in c.indices}))
-        for c, well in zip(constraints, margin > _WELL_INSIDE * size, strict=True)
-        if not well
-        for exact in read
-    )
-
-
-def feasible_point(constraints: Sequence[Constraint], theta: Array, interior: Array) -> Array | None:
-    """The first point on the way from theta to an interior point that is certainly feasible."""
-    for point in way_inside(theta, interior):
-        if certainly_feasible(constraints, point):
+def feasible_point(
+    constraints: Sequence[Constraint], theta: Array, interior: Array, as_written: bool = False
+) -> Array | None:
+    """The first point on the way from theta to an interior point that is certainly feasible; theta
+    itself, nearly always: on a boundary rounding may put its last digit outside."""
+    for step in (0.0, *10.0 ** (0.5 * np.arange(-32, 1))):
+        point = theta + step * (interior - theta) if step else theta
+        if certainly_feasible(constraints, point, as_written):
             return point
     return None
-
-
-def repaired_as_written(constraints: Sequence[Constraint], theta: Array, interior: Array) -> Array:
-    """The first point on the way to an interior one that is feasible as it will be written.
-
-    theta itself, nearly always: where it sits on a boundary, rounding may put its last digit outside.
-    """
-    for point in way_inside(theta, interior):
-        if feasible_as_written(constraints, point):
-            return point
-    return theta
-
-
-def way_inside(theta: Array, interior: Array) -> Iterator[Array]:
-    """theta, then points ever farther on the way to an interior one: steps of 1e-16 to 1."""
-    yield theta
-    for k in range(-32, 1):
-        yield theta + 10.0 ** (0.5 * k) * (interior - theta)
 
 
 def upper_bound(objective: Objective, theta: Array) -> float:
@@ -224,14 +200,11 @@ def _entropy_value(entropy: Entropy, theta: Array) -> Enclosure:
     value = Enclosure.exact(0.0)
     for link, inverse, logdet0 in zip(entropy.links, *entropy.nominal_terms, strict=True):
         matrix = _exact_value(link, exact)
-        determinant = math.prod(_pivots(matrix), start=Fraction(1))
-        if determinant <= 0:
+        determinant = verify_proof.determinant(matrix)
+        if not determinant:
             return Enclosure.exact(np.inf)
-        log_det = Long(_log(determinant))
-        trace = sum(
-            (Fraction(float(inverse[a, b])) * matrix[a][b] for a in range(4) for b in range(4)),
-            Fraction(0),
-        )
+        log_det = Long(float(verify_proof.log_below(determinant)))
+        trace = verify_proof.dot([Fraction(x) for x in inverse.ravel().tolist()], matrix)
         trace_long = Long(float(trace))
         part = Enclosure(trace_long, 2.0**-52 * abs(trace_long)) - Enclosure(
             log_det, Long(2.0**-50) * (abs(log_det) + 1)
@@ -240,55 +213,19 @@ def _entropy_value(entropy: Entropy, theta: Array) -> Enclosure:
     return value
 
 
-def _log(x: Fraction) -> float:
-    """log of a positive rational of any size."""
-    shift = x.numerator.bit_length() - x.denominator.bit_length()
-    return math.log(float(x / Fraction(2) ** shift)) + shift * math.log(2.0)
-
-
-def _exact_value(constraint: Constraint, theta: Mapping[int, Fraction] | Sequence[Fraction]) -> Any:
-    """F(theta) in rational numbers: nested lists of the shape of the constraint's arrays."""
+def _exact_value(
+    constraint: Constraint, theta: Mapping[int, Fraction] | Sequence[Fraction]
+) -> list[Fraction]:
+    """F(theta) in rational numbers, entry by entry; a matrix's symmetric part."""
     out = [Fraction(float(x)) for x in constraint.constant.ravel()]
     for k, coefficient in zip(constraint.indices, constraint.coefficients, strict=True):
         flat = coefficient.ravel()
         for entry in np.flatnonzero(flat):
             out[entry] += theta[int(k)] * Fraction(float(flat[entry]))
-    if constraint.constant.ndim == 1:
+    if constraint.cone != "psd":
         return out
     d = len(constraint.constant)
-    return [out[i * d : (i + 1) * d] for i in range(d)]
-
-
-def _inside(cone: str, value: Any) -> bool:
-    if cone == "psd":
-        return all(pivot >= 0 for pivot in _pivots(value))
-    if cone == "soc":
-        return value[0] >= 0 and value[0] ** 2 >= sum(u**2 for u in value[1:])
-    return all(x >= 0 for x in value)
-
-
-def _pivots(matrix: Sequence[Sequence[Fraction]]) -> list[Fraction]:
-    """The D of L D L^T: all >= 0 exactly if the symmetric matrix is positive semidefinite.
-
-    A zero pivot whose column is not zero makes the matrix indefinite: it is returned as -1.
-    """
-    order = range(len(matrix))
-    rows = [[(matrix[i][j] + matrix[j][i]) / 2 for j in order] for i in order]
-    pivots: list[Fraction] = []
-    for k in range(len(rows)):
-        pivot = rows[k][k]
-        below = range(k + 1, len(rows))
-        if pivot <= 0:
-            if pivot < 0 or any(rows[i][k] != 0 for i in below):
-                return [*pivots, Fraction(-1)]
-            pivots.append(Fraction(0))
-            continue
-        for i in below:
-            ratio = rows[i][k] / pivot
-            for j in below:
-                rows[i][j] -= ratio * rows[k][j]
-        pivots.append(pivot)
-    return pivots
+    return [(out[i * d + j] + out[j * d + i]) / 2 for i in range(d) for j in range(d)]
 
 
 def _down(x: Any) -> float:

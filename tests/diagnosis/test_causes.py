@@ -23,9 +23,9 @@ def test_an_error_after_reversals_is_seen_there(two_link: Problem) -> None:
     tau[:, 1] += 2.0 * late
     model = identify(two_link, run)
     first, second = where_it_fails(model, replace(run, tau=tau))
-    assert second.shares[REVERSAL] > 0.4
-    assert max(second.shares, key=lambda name: second.shares[name]) == REVERSAL
-    assert first.shares[REVERSAL] < 0.1
+    assert second.held_out_shares[REVERSAL] > 0.4
+    assert max(second.held_out_shares, key=lambda name: second.held_out_shares[name]) == REVERSAL
+    assert first.held_out_shares[REVERSAL] < 0.1
     near = [s for s in second.stretches if s.cause == REVERSAL]
     assert len(near) >= 3
     instants = run.t[turns]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.conclude import _judged_alone
+from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, raises
-from sdp_vs_penalty.diagnosis.reasons import REASONS, legend
+from sdp_vs_penalty.diagnosis.sentences import REASONS, legend
 
 
 class Told(HeldOut):
@@ -28,16 +32,22 @@ def test_what_raises_any_joint_is_not_offered() -> None:
     assert Told(lambda c: [1.0]).offered(0) == []
 
 
-def test_what_needs_another_one_comes_after_it() -> None:
-    """The first raises the error unless the second is there."""
-    judge = Told(lambda c: [1.0 + (0.2 if 0 in c and 1 not in c else 0.0) - 0.3 * (len(c) == 2)])
-    assert judge.offered(2) == [1, 0]
-
-
 def test_a_rise_is_of_any_joint() -> None:
     assert raises(np.array([1.0, 1.0]), np.array([0.95, 1.021]))
     assert not raises(np.array([1.0, 1.0]), np.array([0.95, 1.019]))
     assert not raises(np.array([1.0, 1.0]), np.array([0.3, 1.04]))  # repaid by the other joint
+
+
+def test_confident_findings_do_no_harm_without_the_weak_ones() -> None:
+    """The first raises joint 1 unless the second, a weak one, is there; the third does nothing to it."""
+    finding = Finding(
+        "made", (1,), {}, 1.0, "N*m", 0.1, {}, "confident", (), np.ones(2), np.ones(2), "", "made:1", 9.0
+    )
+    every = [finding, replace(finding, confidence="weak"), finding]
+    found: Any = SimpleNamespace(held_out=Told(lambda _: [1.0, 1.0]))
+    out = _judged_alone(found, every, lambda c: np.array([1.0 + 0.2 * (0 in c and 1 not in c), 0.5]))
+    assert [f.confidence for f in out] == ["weak", "weak", "confident"]
+    assert out[0].remarks == (REASONS["not_alone"],)
 
 
 def test_the_legend_is_made_from_the_reasons() -> None:

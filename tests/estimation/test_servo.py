@@ -25,7 +25,8 @@ from sdp_vs_penalty import (
     load_estimate,
     report,
 )
-from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.cli.main import main
+from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.drive_torque import driven
@@ -91,7 +92,9 @@ def value(estimate: Estimate, name: str) -> float:
     return float(estimate.theta[[p.name for p in estimate.model.parameters].index(name)])
 
 
-def test_a_known_mass_gives_the_gains_and_friction(arm: str, tmp_path: Path) -> None:
+def test_a_known_mass_gives_the_gains_and_friction(
+    arm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     found = identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
     assert found.details["servo"]["law"] == "PD"
     assert found.details["servo"]["delay"] == pytest.approx(0.0, abs=5e-4)
@@ -117,6 +120,10 @@ def test_a_known_mass_gives_the_gains_and_friction(arm: str, tmp_path: Path) -> 
     assert "Servo gains (kd holds viscous friction): kp1 =" in (tmp_path / "model.h").read_text()
     told = follow(found, log(seed=3), drive="servo")
     assert float(told.free[0].rms[0]) < 1e-3
+    save(log(seed=3), tmp_path / "other.csv")
+    with pytest.raises(SystemExit, match="0"):
+        main(["compare", str(tmp_path / "model.json"), "--data", str(tmp_path / "other.csv")])
+    assert "the free run stays within" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_known_gain_is_given_and_sets_the_scale(arm: str) -> None:
@@ -233,13 +240,18 @@ def test_neither_torque_nor_command_is_refused(arm: str) -> None:
         driven(plain, run)
 
 
-@pytest.mark.parametrize("torque", [False, True])
-def test_a_proof_of_servos_is_made_of_its_log(arm: str, tmp_path: Path, torque: bool) -> None:
+@pytest.mark.parametrize("scale", ["mass", "load", "torque"])
+def test_a_proof_of_servos_is_made_of_its_log(arm: str, tmp_path: Path, scale: str) -> None:
     """The law, its delay and the instruments are found again from what was asked."""
-    path, run = tmp_path / "proof.json", log(1e-3, delay=0.02, torque=torque)
-    known = {} if torque else {"m1": MASS}
+    path, run = tmp_path / "proof.json", log(1e-3, delay=0.02, torque=scale == "torque")
     identify(
-        arm, run, effects="rigid_body,coulomb_friction", known=known, instruments="command", proof=path
+        arm,
+        run,
+        effects="rigid_body,coulomb_friction",
+        known={"m1": MASS} if scale == "mass" else {},
+        known_loads=[(log(1e-3, delay=0.02, seed=5, load=1.5), 1.5)] if scale == "load" else (),
+        instruments="command",
+        proof=path,
     ).save(tmp_path / "model.json")
     model = load_estimate(tmp_path / "model.json")
     holds, said = verify_proof_file(path, model, run)

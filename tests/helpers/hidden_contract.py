@@ -21,10 +21,9 @@ from sdp_vs_penalty.effects import CurrentModel, Effect, Motion, effect_types
 from sdp_vs_penalty.robot import FourierTrajectory, Robot, random_trajectory
 from sdp_vs_penalty.simulation import MAKERS, experiment
 from sdp_vs_penalty.simulation.hidden_runs import true_world
-from sdp_vs_penalty.simulation.worlds.friction import DryFriction
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import World
+from sdp_vs_penalty.simulation.worlds.world import DryFriction, World
 
 #: Of the torque: what sampling, and columns that are of first order in their parameter, may cost.
 ACCURACY = 0.02
@@ -145,7 +144,7 @@ def check_columns_are_the_hidden_torque(name: str) -> None:
         allowed = YIELDS if name == "backlash" and not case.hidden.details else ACCURACY
         assert share < allowed, f"{name}, {case.where}: {100 * share:.1f} % is not in the columns"
         met |= {case.effect.robot.joints[j].kind for j in case.hidden.joints}
-        if kind.one_number and case.hidden.number is not None and kind.sized_by == slice(None):
+        if case.hidden.number is not None and kind.sized_by == slice(None):
             size, _ = size_of(case.effect, theta, np.zeros((len(theta),) * 2))
             true = case.hidden.number * case.hidden.size
             size = size if len(theta) == 1 else np.copysign(size, true)  # a wave has no sign

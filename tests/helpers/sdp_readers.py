@@ -9,7 +9,7 @@ from scipy import sparse
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.solvers import Cone, ConicProblem
-from sdp_vs_penalty.solvers.cbf_file import CBF_NAMES
+from sdp_vs_penalty.solvers.conic_files import CBF_NAMES
 
 
 def read_sdpa(path: str | Path) -> ConicProblem:

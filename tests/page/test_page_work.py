@@ -207,7 +207,6 @@ def test_the_story_without_a_browser(
     assert found["rows"][0]["unseen"] == pytest.approx(unseen, rel=1e-9)
     s.undo()
     assert len(s.history) == 1
-    assert len(s.models) == 2
     assert s.findings is not None
     s.undo()
     assert len(s.history) == 1

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
-from sdp_vs_penalty.paper import figures
+from sdp_vs_penalty.paper import figures, wrenches
 from sdp_vs_penalty.paper.figures import FIGURES, figure_8, make_figures, save
-from sdp_vs_penalty.paper.tables import engine_runs, wrench_runs
+from sdp_vs_penalty.paper.tables import study, table_v
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
 
 pytest.importorskip("matplotlib")
@@ -27,12 +27,12 @@ class SimulatedStudy(Study):
 @pytest.fixture(scope="module")
 def studies() -> Iterator[dict[str, Study]]:
     patch = pytest.MonkeyPatch()
-    patch.setitem(engine_runs.DURATION, "quick", 0.2)
-    patch.setitem(wrench_runs.INSTANTS, "quick", 3)
-    patch.setitem(wrench_runs.RETRIEVALS, "quick", 2)
-    patch.setattr(wrench_runs, "PENALTY_RUNS", 2)
+    patch.setitem(table_v.DURATION, "quick", 0.2)
+    patch.setitem(wrenches.INSTANTS, "quick", 3)
+    patch.setitem(wrenches.RETRIEVALS, "quick", 2)
+    patch.setattr(wrenches, "PENALTY_RUNS", 2)
     # The paper's own method is slow, and the figures need its estimate for nothing but one line.
-    patch.setattr(wrench_runs, "METHODS", {k: m for k, m in METHODS.items() if k != "penalty_paper"})
+    patch.setattr(study, "METHODS", {k: m for k, m in METHODS.items() if k != "penalty_paper"})
     yield {name: SimulatedStudy(load_problem(name)) for name in ("panda", "two_link")}
     patch.undo()
 

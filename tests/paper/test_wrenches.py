@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sdp_vs_penalty import InputError, Problem, load_problem
-from sdp_vs_penalty.paper.tables.wrench_runs import unfeasible_retrievals
 from sdp_vs_penalty.paper.wrenches import (
     WrenchIntervals,
     equal_torques,
     joint_wrenches,
+    unfeasible_retrievals,
     wrench_intervals,
 )
 from sdp_vs_penalty.problem import published_links

@@ -25,9 +25,9 @@ from sdp_vs_penalty.shootout.judge import (
     judge,
     relative_violation,
 )
-from sdp_vs_penalty.shootout.process_runner import in_child, run
 from sdp_vs_penalty.shootout.reference import Reference, reference
 from sdp_vs_penalty.shootout.results import table_text
+from sdp_vs_penalty.shootout.work import Assignment, in_child, run
 from sdp_vs_penalty.solvers import clarabel
 
 CONTESTANTS = contestants()
@@ -246,15 +246,12 @@ def test_seconds_are_processor_time(two_link: Instance, proved: Reference, best:
             wait()
             return replace(best, setup_seconds=0.1, solve_seconds=0.4)
 
-        request = {"problem": made, "reference": asdict(proved), "accuracy": 1e-6}
-        row = run(
-            {**request, "time_limit": 20.0, "memory": 1.0}, replace(CONTESTANTS["lmi-sdp"], solve=solve)
-        )
+        task = Assignment("", "", (), (), "", asdict(proved), 20.0, 1.0)
+        row = run(task, replace(CONTESTANTS["lmi-sdp"], solve=solve), two_link, 1e-6)
         assert row["class"] == "right"
         assert row["setup_seconds"] == pytest.approx(0.2 * row["seconds"])
         return float(row["seconds"])
 
-    made = "two_link one-step gyration"
     assert seconds(lambda: time.sleep(0.5)) < 0.1
     alone = time.perf_counter()
     spun = seconds(lambda: subprocess.run([sys.executable, "-c", busy], check=True))

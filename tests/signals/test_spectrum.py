@@ -17,8 +17,10 @@ def _resolved(sticks: bool, noise: float = NOISE) -> Preprocessing:
     q = np.sin(phase)
     if sticks:
         q = np.clip(q, -np.cos(0.1), np.cos(0.1))
-    q = q + np.random.default_rng(1).normal(0.0, noise, len(t))
-    return Preprocessing().resolve(Measurements(t, q[:, None], np.cos(phase)[:, None]))
+    rng = np.random.default_rng(1)
+    q = q + rng.normal(0.0, noise, len(t))
+    torque = np.cos(phase) + rng.normal(0.0, 0.01, len(t))
+    return Preprocessing().resolve(Measurements(t, q[:, None], torque[:, None]))
 
 
 def test_a_joint_that_sticks_moves_more_sharply_than_it_was_told_to() -> None:

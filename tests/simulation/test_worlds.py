@@ -11,13 +11,19 @@ import pytest
 
 from sdp_vs_penalty.simulation import worlds
 from sdp_vs_penalty.simulation.worlds.arm import ARMS, inverse_dynamics, load_arm
-from sdp_vs_penalty.simulation.worlds.channel import SensorNoise, average, first_order
-from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES, Conditions, draw_conditions, fair
-from sdp_vs_penalty.simulation.worlds.friction import DryFriction, bristles
+from sdp_vs_penalty.simulation.worlds.conditions import (
+    NUISANCES,
+    Conditions,
+    SensorNoise,
+    average,
+    draw_conditions,
+    fair,
+    first_order,
+)
 from sdp_vs_penalty.simulation.worlds.motion import KINDS, TrueMotion, plan
 from sdp_vs_penalty.simulation.worlds.runs import draw_motion, log_run
 from sdp_vs_penalty.simulation.worlds.servo import driven
-from sdp_vs_penalty.simulation.worlds.world import draw_world
+from sdp_vs_penalty.simulation.worlds.world import DryFriction, bristles, draw_world
 
 FOLDER = Path(worlds.__file__).parent
 #: Of the package, what a world may know: how measurements look, where Pinocchio is, how errors are said.

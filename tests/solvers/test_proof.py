@@ -36,7 +36,7 @@ from sdp_vs_penalty.solvers.proof import (
     stated,
     write_proof,
 )
-from sdp_vs_penalty.solvers.verified import feasible_as_written, repaired_as_written
+from sdp_vs_penalty.solvers.verified import certainly_feasible, feasible_point
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-entropic", "penalty")
 Proof = dict[str, Any]
@@ -160,13 +160,14 @@ def test_feasible_means_as_written() -> None:
     """0.1 + 0.2 is above 0.3 as written: exact arithmetic on the decimal text sees it."""
     at_most = build.linear("mass", "a", [0], [[-1.0]], [0.3])
     assert ConstraintSet((at_most,)).margin([0.3]) == 0.0
-    assert feasible_as_written([at_most], np.array([0.29999999999999993]))
-    assert not feasible_as_written([at_most], np.array([0.1 + 0.2]))
+    assert certainly_feasible([at_most], np.array([0.29999999999999993]), True)
+    assert not certainly_feasible([at_most], np.array([0.1 + 0.2]), True)
     # What is outside as it will be written goes inside, and no farther than it must; the rest stays.
     interior = np.array([0.1])
-    (mended,) = repaired_as_written([at_most], np.array([0.1 + 0.2]), interior)
-    assert 0.3 - 1e-15 < mended <= 0.3
-    assert repaired_as_written([at_most], np.array([0.25]), interior) == 0.25
+    mended = feasible_point([at_most], np.array([0.1 + 0.2]), interior, True)
+    assert mended is not None
+    assert 0.3 - 1e-15 < mended[0] <= 0.3
+    assert feasible_point([at_most], np.array([0.25]), interior, True) == 0.25
 
 
 def test_the_checker_stands_alone(proofs: dict[str, Proof], tmp_path: Path) -> None:

@@ -32,9 +32,8 @@ from sdp_vs_penalty.solvers import (
     verified,
     version,
 )
-from sdp_vs_penalty.solvers.cbf_file import cbf_text
+from sdp_vs_penalty.solvers.conic_files import cbf_text, sdpa_text
 from sdp_vs_penalty.solvers.identification import SdpProblem
-from sdp_vs_penalty.solvers.sdpa_file import sdpa_text
 
 SOLVERS = solver_modules()
 NAMES = list(SOLVERS)

@@ -10,6 +10,9 @@ import typer
 from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.data.cli_parsing import time_windows
 
+#: Steps of the simulated loops at most: some seconds.
+_STEPS = 5_000
+
 
 def verb(
     models: Annotated[
@@ -31,6 +34,7 @@ def verb(
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
     from sdp_vs_penalty.estimation.estimate import load_estimate
+    from sdp_vs_penalty.simulation.follow import follow
 
     estimates = {str(path): load_estimate(path) for path in models}
     newest, estimate = list(estimates.items())[-1]
@@ -48,11 +52,17 @@ def verb(
     printing.where_it_fails(failures, units, newest)
     if verbose:
         printing.failure_tables(failures)
+    # Without torque the motion is what was measured: the loop with the identified gains predicts it.
+    servos = {} if runs.torque_logged else {k: e for k, e in estimates.items() if e.model.drives.any()}
+    loops = {k: follow(e, runs, drive="servo", steps=_STEPS) for k, e in servos.items()}
+    for name, loop in loops.items():
+        console.say(f"{name}: {loop.verdict}")
     console.save_json(
         json_file,
         {
             "models": [result.to_dict() for result in results],
             "where_it_fails": [failure.to_dict() for failure in failures],
             "where_it_fails_of": newest,
+            "loops": {name: loop.to_dict() for name, loop in loops.items()},
         },
     )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.formats.columns import Choice, check_size
+from sdp_vs_penalty.data.formats.columns import Choice, check_size, understood
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, Growing, joined, parts
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -36,17 +36,10 @@ def read(path: Path, choice: Choice) -> Measurements:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise missing_extra("ROS bags and MCAP files need", "formats") from error
-    try:
+    with understood(path, "ROS bag or MCAP file", "name a bag's folder or .mcap file"):
         _stay_inside(path)
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             return _read(path, reader, choice)
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # storage, schema and decoding each fail in ways of their own
-        what = (str(error).splitlines() or [type(error).__name__])[0]
-        cut = "end magic" in what or "Truncated" in what
-        remedy = "save what is left with `mcap recover`" if cut else "name a bag's folder or .mcap file"
-        raise InputError(f"not a readable ROS bag or MCAP file ({what[:200]})", remedy, path) from error
 
 
 def _stay_inside(path: Path) -> None:

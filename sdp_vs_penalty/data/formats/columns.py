@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,6 +62,22 @@ def check_size(path: Path, unpacked: int, packed: int) -> None:
             "name a file of measurements",
             path,
         )
+
+
+@contextmanager
+def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
+    """While a library reads a file, whose every layer fails in ways of its own: InputError."""
+    try:
+        yield
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise  # the system's: whoever opened the file says so
+        what = (str(error).splitlines() or [type(error).__name__])[0][:200]
+        if "end magic" in what or "Truncated" in what:
+            remedy = "save what is left with `mcap recover`"
+        raise InputError(f"not a readable {kind} ({what})", remedy, path) from error
 
 
 @dataclass(frozen=True)

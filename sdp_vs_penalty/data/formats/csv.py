@@ -10,7 +10,8 @@ import numpy as np
 from sdp_vs_penalty.data.formats import csv_text
 from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of
 from sdp_vs_penalty.data.measurements import Measurements, gathered
-from sdp_vs_penalty.files import writing
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import reading, writing
 
 SUFFIXES = (".csv",)
 #: What messages call a sample, and the number of the first one: below the header.
@@ -36,3 +37,23 @@ def _pieces(path: Path, choice: Choice) -> Iterator[Measurements]:
     header = Header.of(path, names, choice)
     for rows in csv_text.tables(path, len(names)):
         yield header.run(dict(zip(names, rows.T, strict=True)))
+
+
+def read_headerless(path: str | Path, rate: float) -> Measurements:
+    """A run of 3 n columns without header and clock, as research code writes them: positions, velocities
+    and torques, ``rate`` rows a second.
+
+    Raises InputError where the rate is none, or the file no such table.
+    """
+    path = Path(path)
+    if not 0.0 < rate < np.inf:
+        what = f"rate {rate!r} is not a frequency above 0 Hz"
+        raise InputError(what, "give the samples a second, like --rate 1000")
+    with reading(path):
+        width = len(next(csv_text.pieces(path), (1, [""]))[1][0].split(","))
+        if width % 3:
+            remedy = "keep q, dq and tau of each joint"
+            raise InputError(f"{width} columns are not three a joint", remedy, path)
+        rows = csv_text.numbers(path, width, first=1)
+    q, dq, tau = (np.ascontiguousarray(part) for part in np.hsplit(rows, 3))
+    return Measurements(np.arange(len(rows)) / rate, q, tau, dq, None, (path.name,))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.columns import Choice, Header
+from sdp_vs_penalty.data.formats.columns import Choice, Header, understood
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import writing
@@ -21,19 +21,12 @@ def read(path: Path, choice: Choice) -> Measurements:
     """Variables of the file, or the fields of its one struct; other variables are ignored."""
     from scipy.io import loadmat
 
-    try:
+    with understood(path, ".mat file", "save it again, as version 7 or earlier"):
         with path.open("rb") as file:
             start = file.read(128)
         if start.startswith(b"MATLAB 7.3") or start.startswith(b"\x89HDF"):
             raise InputError("a version 7.3 file (HDF5)", "save it with save(..., '-v7')", path)
         content = loadmat(path, simplify_cells=True)
-    except (InputError, MemoryError, OSError):
-        raise
-    except Exception as error:  # the reader has no exception of its own
-        what = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(
-            f"not a readable .mat file ({what})", "save it again, as version 7 or earlier", path
-        ) from error
     named = {name: value for name, value in content.items() if not name.startswith("__")}
     structs = [value for value in named.values() if isinstance(value, Mapping)]
     if len(structs) == 1 and len(named) == 1:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.lib import format as npy
 
-from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of
+from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of, understood
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
@@ -37,22 +37,12 @@ def write(measurements: Measurements, path: Path) -> None:
 def numeric_arrays(path: str | Path) -> dict[str, Array]:
     """The arrays of an .npz file as floats; InputError for anything but real numbers."""
     arrays: dict[str, Array] = {}
-    try:
-        with reading(path), np.load(path, allow_pickle=False) as file:
-            for name in file.files:
-                array = file[name]
-                if array.dtype.kind not in "fiu":
-                    raise InputError(
-                        f"array {name} holds {array.dtype}, not real numbers",
-                        "save it as floating-point numbers",
-                        path,
-                    )
-                arrays[name] = np.atleast_1d(np.asarray(array, float))
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # zip, zlib and array headers each fail in ways of their own
-        what = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(
-            f"not a readable .npz file of numbers ({what})", "write it anew with numpy.savez", path
-        ) from error
+    kind = ".npz file of numbers", "write it anew with numpy.savez"
+    with understood(path, *kind), reading(path), np.load(path, allow_pickle=False) as file:
+        for name in file.files:
+            array = file[name]
+            if array.dtype.kind not in "fiu":
+                what = f"array {name} holds {array.dtype}, not real numbers"
+                raise InputError(what, "save it as floating-point numbers", path)
+            arrays[name] = np.atleast_1d(np.asarray(array, float))
     return arrays

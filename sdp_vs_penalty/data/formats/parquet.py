@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.columns import Choice, Header, check_size, columns_of
+from sdp_vs_penalty.data.formats.columns import Choice, Header, check_size, columns_of, understood
 from sdp_vs_penalty.data.measurements import Measurements, gathered
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -30,18 +30,12 @@ def _module() -> tuple[Any, Any]:
 def read(path: Path, choice: Choice) -> Measurements:
     """Numeric columns of the table; others (time stamps, texts) are ignored."""
     arrow, parquet = _module()
-    try:
-        # Buffered ahead, all of a row group would be in memory.
-        with parquet.ParquetFile(path, pre_buffer=False) as file:
-            names = _numeric_columns(path, file)
-            return gathered(_pieces(path, choice, arrow, file, names))
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # every layer of the library has exceptions of its own
-        what = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(
-            f"not a readable Parquet file ({what})", "write it anew, or convert it to CSV", path
-        ) from error
+    # Buffered ahead, all of a row group would be in memory.
+    with (
+        understood(path, "Parquet file", "write it anew, or convert it to CSV"),
+        parquet.ParquetFile(path, pre_buffer=False) as file,
+    ):
+        return gathered(_pieces(path, choice, arrow, file, _numeric_columns(path, file)))
 
 
 def _pieces(

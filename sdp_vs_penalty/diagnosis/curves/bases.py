@@ -8,6 +8,7 @@ from functools import lru_cache
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Effect, Motion
@@ -19,8 +20,6 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 _DEGREE = 3
 #: Splines along a position, along anything else, and along each variable of a pair.
 _POSITION, _OTHER, _PAIR = 32, 20, 9
-#: Splines of a curve at most.
-_LARGEST = 240
 #: Values of the table that is written down, along one variable and along each of a pair.
 _POINTS, _PAIR_POINTS = 81, 25
 #: Waves of a function of a phase, and how often a motion must go through the phase to show it.
@@ -75,7 +74,7 @@ class Axis:
         if self.is_phase:
             return np.diag(np.tile(np.arange(1.0, _WAVES + 1) ** 4, 2))
         first, second = (np.diff(np.eye(self.count), k, axis=0) for k in (1, 2))
-        level = 0.0 if self.count in (_PAIR, 2 * _PAIR - _DEGREE) else (2.0 * np.pi / self.count) ** 2
+        level = 0.0 if self.count == _PAIR else (2.0 * np.pi / self.count) ** 2
         return np.asarray(second.T @ second + level * first.T @ first)
 
     def points(self, count: int) -> Array:
@@ -88,13 +87,6 @@ class Basis:
     """Splines over one variable, or the products of those over two."""
 
     axes: tuple[Axis, ...]
-
-    @property
-    def finer(self) -> Basis | None:
-        """The same with knots halfway between these; None where there are too many, or a phase."""
-        axes = [a if a.is_sign else replace(a, count=2 * a.count - _DEGREE) for a in self.axes]
-        made = Basis(tuple(axes))
-        return None if made.size > _LARGEST or any(a.is_phase for a in axes) else made
 
     @property
     def of(self) -> tuple[str, ...]:
@@ -259,11 +251,14 @@ class Variables:
 
     def _supported_of(self, basis: Basis) -> Array:
         """(P, variables) the points of the basis's grid within a step of which the motion has been."""
-        near = [np.ones((int(self.keep.sum()), 1))]
+        return basis.points[self.met(basis, self.keep)]
+
+    def met(self, basis: Basis, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Of all points of a basis's grid, those near which some of the rows (M,) lie."""
+        near = [np.ones((int(which.sum()), 1))]
         for axis, points in zip(basis.axes, basis.grid, strict=True):
             step = (points[-1] - points[0]) / (len(points) - 1)
             reach = 0.2 if axis.is_sign else 1.001 * step
-            own = np.abs(self.on_rows(axis.variable)[self.keep, None] - points) <= reach
+            own = np.abs(self.on_rows(axis.variable)[which, None] - points) <= reach
             near.append(own.astype(float))
-        met = near[-2].T @ near[-1]  # of a pair both at once
-        return np.asarray(basis.points[met.ravel() > 0.0])
+        return np.asarray(near[-2].T @ near[-1] > 0.0).ravel()  # of a pair both at once

@@ -4,7 +4,7 @@ findings, and the law that it may be. One score decides, the one of all other fo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,8 @@ _Rated = tuple[float, SplineFit, LawFit | None]
 @dataclass(frozen=True)
 class Measured:
     """A curve as an effect: table, and by fold the values that the other folds' rows make; replaced :
-    the terms that it stands instead of; J : score."""
+    the terms that it stands instead of; J : score; before : held-out error of its joint without it,
+    errors (n,) : with it, where it is offered."""
 
     fitted: SplineFit
     law: LawFit | None
@@ -42,6 +43,8 @@ class Measured:
     variables: Variables
     replaced: tuple[Term, ...]
     J: float
+    before: float = np.nan
+    errors: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def joint(self) -> int:
@@ -207,11 +210,14 @@ def _measured(
         )
         P = 1e-9 * np.trace(columns.raw) * np.eye(len(columns.s))
     table = table_effect(robot, f.joint, f.basis.of, points, values, measured)
-    coefficients = columns.without_fold(fold, P)
-    by_fold = tuple(
-        table_effect(robot, f.joint, f.basis.of, points, grid @ c, measured) for c in coefficients
-    )
-    return Measured(f, law, table, by_fold, variables, replaced, f.J)
+    known, by_fold = variables.met(f.basis, variables.keep), []
+    for k, c in enumerate(columns.without_fold(fold, P)):
+        there = np.ones(len(points), bool)
+        if law is None:  # a table knows nothing of where only the fold has been
+            there = variables.met(f.basis, variables.keep & (fold != k))[known]
+        own = points[there], (grid @ c)[there], min(measured, int(there.sum()))
+        by_fold.append(table_effect(robot, f.joint, f.basis.of, *own))
+    return Measured(f, law, table, tuple(by_fold), variables, replaced, f.J)
 
 
 def unmeasured(basis: Basis, points: Array) -> Array:

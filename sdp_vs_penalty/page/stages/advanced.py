@@ -5,9 +5,8 @@ from __future__ import annotations
 from functools import partial
 
 from sdp_vs_penalty.page.controls import button, check, drop, note, table, tag, tile
-from sdp_vs_penalty.page.part import Stage, after_model
 from sdp_vs_penalty.page.uploads import SUFFIXES
-from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.view import Stage, View, after_model
 from sdp_vs_penalty.page.wording import figure, held
 from sdp_vs_penalty.reports.sections import CERTIFICATE
 

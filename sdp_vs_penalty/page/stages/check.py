@@ -11,9 +11,8 @@ from sdp_vs_penalty import show
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, note, tag
-from sdp_vs_penalty.page.part import Part, Stage, Verdict
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.view import Part, Stage, Verdict, View
 
 
 def _check_depends(session: Session) -> Any:

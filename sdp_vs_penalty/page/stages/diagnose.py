@@ -23,9 +23,8 @@ from sdp_vs_penalty.page.controls import (
     tag,
     text_field,
 )
-from sdp_vs_penalty.page.part import Stage, Verdict, after_model
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.view import Stage, Verdict, View, after_model
 from sdp_vs_penalty.page.wording import figure, physics, plain_name, where
 from sdp_vs_penalty.reports.pictures import bars, change_of
 
@@ -39,7 +38,6 @@ def _draw_model_history(view: View) -> None:
                 tag("strong", model.label)
                 relative = figure(model.comparison["relative_error_percent"])
                 tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
-    _all_models(view)
     with tag("div", style="row"):
         if len(history) > 1:
             button("Undo the last step", session.undo, "undo")
@@ -66,25 +64,11 @@ def _draw_model_history(view: View) -> None:
     note(f"RMS error on {judged}.")
 
 
-def _all_models(view: View) -> None:
-    """Those that have left the history too, each to be gone on from."""
-    session = view.session
-    left = [m for m in session.models if m not in session.history]
-    if not left:
-        return
-    with details(f"Other models of this session ({len(left)})", "other-models"):
-        for k, m in enumerate(left):
-            with tag("div", style="row"):
-                error = f"{figure(m.comparison['relative_error_percent'])} % on {', '.join(m.judged_on)}"
-                note(f"{m.label}, {m.method}, {m.parameters} parameters: {error}")
-                button("Go on from it", partial(session.take_up, m), f"take-up-{k}")
-
-
 HISTORY = after_model(
     "history",
     "The model so far",
     _draw_model_history,
-    lambda s: ([m.file for m in s.models], len(s.undone)),
+    lambda s: len(s.undone),
 )
 
 
@@ -117,7 +101,6 @@ def _draw_findings(view: View) -> None:
     if len(sure) > 1:
         button(f"Add the {len(sure)} confident ones", lambda: session.add(sure), "add-all")
     _rest(found)
-    note(f"Found in {session.found_in:.2g} s.")
 
 
 def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
@@ -152,8 +135,8 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
             else min(range(len(before)), key=lambda j: after[j] / before[j] if before[j] else 1.0)
         )
         floor = [found.noise_floor[joint]] if found.noise_known else None
-        fall = bars([before[joint]], [after[joint]], floor, [units[joint]], [joint + 1])
-        note("Held-out error, refitted without constraints:")
+        what = "Held-out error, refitted without constraints,"
+        fall = bars([before[joint]], [after[joint]], floor, [units[joint]], [joint + 1], what)
         ui.html(fall, sanitize=False)
         if added:
             tag("p", "Added to the model.", "chosen")

@@ -34,11 +34,10 @@ from sdp_vs_penalty.page.controls import (
     tag,
     text_field,
 )
-from sdp_vs_penalty.page.part import Part, Stage, after_model, identified
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.uploads import SUFFIXES
-from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified
 from sdp_vs_penalty.page.wording import figure, held, plain_name, spoken, with_unit
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
@@ -99,7 +98,7 @@ def _form(view: View) -> None:
                 for name in rest:
                     box(name)
 
-    with tag("div", style="fields"):
+    with tag("div", style="fields method"):
         options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
         choice("Method", options, session.method, partial(setattr, session, "method"), "method")
         number("Seed", session.seed, partial(setattr, session, "seed"), "seed")
@@ -368,7 +367,12 @@ _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
   if (cell) emit([cell.dataset.joint, cell.dataset.signal]); }"""
 
 
-FIT = after_model("fit", "Measured against modelled", _draw_fit, lambda s: (s.found_for, s.found_in))
+FIT = after_model(
+    "fit",
+    "Measured against modelled",
+    _draw_fit,
+    lambda s: (s.found_for, s.findings and s.findings.to_dict()),
+)
 
 
 def _draw_parameters(view: View) -> None:

@@ -22,10 +22,9 @@ from sdp_vs_penalty.page.controls import (
     text_field,
     tile,
 )
-from sdp_vs_penalty.page.part import Part, Stage, Verdict
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES, RUN_SUFFIXES
-from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.view import Part, Stage, Verdict, View
 from sdp_vs_penalty.page.wording import plain_name
 
 

@@ -21,10 +21,9 @@ from sdp_vs_penalty.page.controls import (
     text_field,
     tile,
 )
-from sdp_vs_penalty.page.part import Stage, after_model, identified
 from sdp_vs_penalty.page.stages.advanced import POSED_FILES
 from sdp_vs_penalty.page.uploads import MOST_FILES
-from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.view import Stage, View, after_model, identified
 from sdp_vs_penalty.reports.plots import Curves
 
 #: Files and what they are for.

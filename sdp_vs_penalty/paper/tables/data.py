@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.estimators.estimator import Estimator, make_task, with_joint_prior
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, LmiSdpEntropic, LmiSdpPlain
-from sdp_vs_penalty.estimators.ols import Ols
+from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.paper.tables.study import (
     Data,
@@ -27,18 +26,12 @@ from sdp_vs_penalty.signals.phases import PhaseFolds
 NAME = "data"
 SLOW = True
 
-#: One start of `penalty` stands for all. With a joint prior: the observations that `lmi-sdp` adds, so
-#: that each optimiser stands in the table with them and without.
-_ESTIMATORS: dict[str, tuple[Estimator, bool]] = {
-    "ols": (Ols(), False),
-    "ols, joint prior": (Ols(), True),
-    "lmi-sdp-plain": (LmiSdpPlain(), False),
-    "lmi-sdp-plain, joint prior": (LmiSdpPlain(), True),
-    "penalty": (Penalty(starts=1), False),
-    "penalty, joint prior": (Penalty(starts=1), True),
-    "lmi-sdp": (LmiSdp(), False),
-    "lmi-sdp-entropic": (LmiSdpEntropic(), False),
-}
+#: With a joint prior: the observations that `lmi-sdp` adds, so that each optimiser stands in the table
+#: with them and without.
+_METHODS = (
+    *("ols", "ols, joint prior", "lmi-sdp-plain", "lmi-sdp-plain, joint prior"),
+    *("penalty", "penalty, joint prior", "lmi-sdp", "lmi-sdp-entropic"),
+)
 #: Lengths of the training windows [s]; of the real motion's 13.3 s the longest leaves one to judge on.
 SECONDS = (1, 2, 4, 7, 9)
 #: Cells into which the real motion is cut [s].
@@ -57,7 +50,7 @@ def build(study: Study) -> Table:
         for length in SECONDS:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
-            for method in _ESTIMATORS:
+            for method in _METHODS:
                 whole, links = _errors(study, data, windows, method)
                 spreads = (*_spread(whole), *_spread(links))
                 rows.append((data.label, length, len(windows), method, *spreads))
@@ -161,8 +154,10 @@ def _errors(
     whole, links = [], []
     for train, test in windows:
         task = make_task(study.problem, data.model, train, seed=study.seed)
-        estimator, prior = _ESTIMATORS[method]
-        theta = estimator.fit(with_joint_prior(task) if prior else task).theta
+        estimator, own = study.posed(method, task)
+        if isinstance(estimator, Penalty):
+            estimator = replace(estimator, starts=1)  # one start of it stands for all
+        theta = estimator.fit(own).theta
         whole.append(torque_errors(test, theta)[1])
         links.append(torque_errors(test, refit_others(test, theta, data.model))[1])
     return whole, links

@@ -9,7 +9,7 @@ import numpy as np
 from sdp_vs_penalty.estimation.constants import DATA_SHARE
 from sdp_vs_penalty.estimation.identify import DATA, data_share
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
-from sdp_vs_penalty.paper.tables.study import METHODS, Data, Study, sentence
+from sdp_vs_penalty.paper.tables.study import Data, Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table, text
 from sdp_vs_penalty.problem.published import barycentric_names, box_tables, errata
 from sdp_vs_penalty.robot import inertia
@@ -39,7 +39,7 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
             row.append(decided[key])
     ours = [("true_simulated", study.experiment.links)]
     for data in study.whole:
-        for method_name, method in METHODS.items():
+        for method_name, method in study.methods.items():
             ours.append((f"{method_name}_{data.label}", study.links(method, data)))
     for label, links in ours:
         values = by_name(links)
@@ -53,6 +53,7 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
         f"nominal: the robot that {DEFAULT_METHOD} is pulled to, guessed masses not yet scaled. Columns "
         f"named source: whether the data or that pull know an entry better, at {DEFAULT_METHOD}'s "
         "estimate and to first order.",
+        *study.about_priors,
     ]
     if any(key[0] == "I" for key in keys):
         notes += _bounds_received(study)
@@ -103,7 +104,7 @@ def _bounds_received(study: Study) -> list[str]:
         return []
     worst = []
     for data in study.whole:
-        for name, method in METHODS.items():
+        for name, method in study.methods.items():
             found = study.task(data).constraints.worst(study.result(method, data).theta)
             worst.append(f"{name}_{data.label} {text(found['barycentric inertia'], 2)}")
     return [

@@ -9,14 +9,12 @@ import numpy as np
 from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.identify import consistent, positive_mass_matrices
 from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.paper.tables.study import FOLDS, Data, Result, Study, sentence
+from sdp_vs_penalty.paper.tables.study import FOLDS, WITH_PRIOR, Data, Result, Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
 from sdp_vs_penalty.robot import inertia
 
 NAME = "methods"
 SLOW = True
-#: Methods with the pull of friction and offsets to zero that `lmi-sdp` has, and nothing else of it.
-WITH_PRIOR = ("lmi-sdp-plain, joint prior", "penalty, joint prior")
 
 
 def build(study: Study) -> Table:
@@ -24,7 +22,7 @@ def build(study: Study) -> Table:
     for data in study.judged:
         optimum = certified_optimum(study, data)
         for method in (*estimator_types(), *WITH_PRIOR):
-            if method not in WITH_PRIOR and estimator_types()[method].needs_black_box:
+            if _needs_black_box(method):
                 found = study.reverse_engineered
                 theta = study.frozen_links(found.theta.reshape(-1, 10), data)
                 result = Result(theta, found.certificate, found.seconds, {})
@@ -66,6 +64,10 @@ def build(study: Study) -> Table:
     )
 
 
+def _needs_black_box(method: str) -> bool:
+    return method not in WITH_PRIOR and estimator_types()[method].needs_black_box
+
+
 def certified_optimum(study: Study, data: Data) -> float:
     """The lower bound on the least loss that any feasible theta has."""
     lower = study.result("lmi-sdp-plain", data).certificate.lower
@@ -78,7 +80,7 @@ def _errors(study: Study, data: Data, method: str, result: Result) -> tuple[Cell
     error = data.errors(result.theta)[1]
     if data is study.simulated:
         return error, None, None
-    if method not in WITH_PRIOR and estimator_types()[method].needs_black_box:
+    if _needs_black_box(method):
         links = study.reverse_engineered.theta.reshape(-1, 10)
         unseen = study.unseen(partial(study.frozen_links, links))
     else:

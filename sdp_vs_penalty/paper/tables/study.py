@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -41,8 +42,12 @@ BUDGETS = ("quick", "paper")
 _PLACED = by_word(
     ((kind.table_place, kind) for kind in estimator_types().values() if kind.table_place), "table_place"
 )
+#: Methods with the pull of friction and offsets to zero that `lmi-sdp` has, and nothing else of it.
+WITH_PRIOR = ("lmi-sdp-plain, joint prior", "penalty, joint prior")
 #: The columns of Tables III, VII, VIII, IX and the rows of IV: our name and the method's.
-METHODS: Mapping[str, str] = {k.name.replace("-", "_"): k.name for k in _PLACED.values()}
+METHODS: Mapping[str, str] = {
+    re.sub(r"\W+", "_", name): name for name in (*(k.name for k in _PLACED.values()), *WITH_PRIOR)
+}
 #: Where the real run is cut for repeatability [s]: what comes later is its beginning again.
 TRAIN_STOP, TEST_START = 14.0, 14.2
 #: Folds by phase in which it is judged on motion that an estimate has not seen.
@@ -229,8 +234,7 @@ class Study:
         return self._tasks[key]
 
     def result(self, method: str, data: Data) -> Result:
-        """A method's estimate from the training part of a data set; "penalty, joint prior": with
-        the pull of joint parameters to zero that ``lmi-sdp`` has, and nothing else of it."""
+        """A method's estimate from the training part of a data set."""
         self.estimate([method], [data])
         return self._results[method, data.key]
 
@@ -240,13 +244,29 @@ class Study:
         for (method, _), data in new.items():
             self.task(data)
             self.progress(f"{method} on {data.label} data")
-        tasks = []
-        for m, key in new:
-            name, _, prior = m.partition(", ")
-            task = self._tasks[key]
-            tasks.append((self.estimator(name), with_joint_prior(task) if prior else task))
+        tasks = [self.posed(method, self._tasks[key]) for method, key in new]
         workers = replace(self.workers, progress=self.progress)
         self._results.update(zip(new, workers.map(_estimated, tasks), strict=True))
+
+    def posed(self, method: str, task: Task) -> tuple[Estimator, Task]:
+        """Who estimates what; "penalty, joint prior": one of :data:`WITH_PRIOR`."""
+        name, _, prior = method.partition(", ")
+        return self.estimator(name), with_joint_prior(task) if prior else task
+
+    @property
+    def about_priors(self) -> list[str]:
+        """A note on what the names of columns and rows say of the prior."""
+        said = (
+            "joint_prior: lmi-sdp-plain and penalty with the pull of friction and offsets to zero that "
+            "lmi-sdp has, and nothing else of it; optimisers compare among methods with it, or without."
+        )
+        return [said] if set(WITH_PRIOR) & set(self.methods.values()) else []
+
+    @cached_property
+    def methods(self) -> Mapping[str, str]:
+        """METHODS, those with another prior only where joints have parameters of their own."""
+        own = [len(data.model.parameters) > len(data.model.rigid_indices) for data in self.whole]
+        return {k: m for k, m in METHODS.items() if any(own) or m not in WITH_PRIOR}
 
     def fitted(self, method: str, data: Data) -> Array:
         """theta of a method's estimate."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
-from sdp_vs_penalty.paper.tables.study import METHODS, Data, Study, sentence
+from sdp_vs_penalty.paper.tables.study import Data, Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
 from sdp_vs_penalty.problem.published import box_tables, published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameter_names, base_parameter_symbols
@@ -29,7 +29,7 @@ def build(study: Study) -> Table:
         ("true_simulated", dict(zip(base, study.base @ study.experiment.links.ravel(), strict=True)))
     ]
     ours.append(("re_simulated", _reverse_engineered(study, base)))
-    study.estimate(METHODS.values(), study.whole)
+    study.estimate(study.methods.values(), study.whole)
     for data in study.whole:
         ours += _estimates(study, data, base)
     for name, values in ours:
@@ -67,6 +67,7 @@ def _notes(study: Study) -> tuple[str, ...]:
         "Relative error: on the training data, behind the filters. Condition number: of the regressor "
         "in these parameters, all joints in N m, without joint weights.",
         "true_simulated is the truth of the simulation; its friction is not linear and has no entries.",
+        *study.about_priors,
     )
 
 
@@ -132,7 +133,7 @@ def _estimates(study: Study, data: Data, base: tuple[str, ...]) -> list[tuple[st
     keys = [*base, *(data.model.parameters[k].name for k in others)]
     plain = data.regression.least_squares()
     out = []
-    for name, method in METHODS.items():
+    for name, method in study.methods.items():
         theta = study.result(method, data).theta
         values = dict(zip(keys, [*(study.base @ theta[rigid]), *theta[others]], strict=True))
         values[_ERROR] = 100.0 * float(np.sqrt(plain.loss(theta) / plain.tau_squared))

@@ -13,7 +13,6 @@ from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.paper.tables.study import (
     FOLDS,
-    METHODS,
     TEST_START,
     TRAIN_STOP,
     Data,
@@ -106,7 +105,7 @@ def build(study: Study) -> Table:
         (row["estimate"], *(row[f"joint_{j + 1}"] for j in range(joints)), None, None, "published")
         for row in study.problem.published.get("table_IV", [])
     ]
-    study.estimate(METHODS.values(), [*study.judged, *study.folds])
+    study.estimate(study.methods.values(), [*study.judged, *study.folds])
     estimates = _estimates(study)
     for data in study.judged:
         repeated = data is study.repeated
@@ -140,7 +139,7 @@ def _gist(study: Study, rows: Sequence[tuple[Cell, ...]]) -> str:
     """Our methods' relative errors on unseen motion."""
     where = "simulated" if study.repeated is None else "measured"
     errors = {str(row[0]): row[-3] for row in rows}
-    said = [f"{name} {errors[f'{name}_{where}']:.3g} %" for name in METHODS]
+    said = [f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods]
     return f"On unseen motion ({where}): {', '.join(said)}."
 
 
@@ -168,7 +167,7 @@ def _estimates(study: Study) -> dict[str, _Estimate]:
         robot, rigid = study.problem.robot, study.problem.model("rigid_body").effects
         known = Model(robot, (*rigid, KnownFriction(robot, friction)))
         out["p_hat_table_I"] = _Estimate(lambda _: theta, known)
-    for name, method in METHODS.items():
+    for name, method in study.methods.items():
         out[name] = _Estimate(partial(study.fitted, method))
     return out
 
@@ -197,6 +196,7 @@ def _notes(study: Study, rows: Sequence[tuple[Cell, ...]]) -> tuple[str, ...]:
         "Published links (p_real, p_hat with its errata corrected, delta as printed) are frozen; "
         "friction and offsets linear in their parameters are refitted by least squares on the "
         "training part.",
+        *study.about_priors,
     ]
     if study.experiment.friction is not None:
         notes.append(
@@ -221,7 +221,7 @@ def _sensitivity(study: Study, rows: Sequence[tuple[Cell, ...]]) -> str:
     wide = replace(settings, torque_cutoff=2.0 * settings.torque_cutoff)
     behind = replace(study.problem, preprocessing=wide)
     other = Study(behind, study.budget, study.seed, study.progress, study.workers)
-    other.estimate([METHODS[name] for name in _SHOWN if name in METHODS], other.folds)
+    other.estimate([study.methods[name] for name in _SHOWN if name in study.methods], other.folds)
     own, estimates = {str(row[0]): row[-3] for row in rows}, _estimates(other)
     errors = [
         f"{name} {own[f'{name}_measured']:.3g} and {other.unseen(estimates[name].of).relative:.3g} %"

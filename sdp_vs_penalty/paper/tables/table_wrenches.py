@@ -6,8 +6,7 @@ import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
-from sdp_vs_penalty.paper.tables.wrench_runs import wrench_study
-from sdp_vs_penalty.paper.wrenches import COMPONENTS, UNITS, spread
+from sdp_vs_penalty.paper.wrenches import COMPONENTS, UNITS, spread, wrench_study
 from sdp_vs_penalty.robot.arrays import Array
 
 NAME = "wrenches"

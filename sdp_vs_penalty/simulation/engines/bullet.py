@@ -87,7 +87,7 @@ class Bullet(Engine):
         bullet.setTimeStep(step, physicsClientId=client)
         for j in joints:
             bullet.resetJointState(self.body, j, start[j], 0.0, physicsClientId=client)
-        torque, q, dq = (np.empty_like(velocities) for _ in range(3))
+        torque = np.empty_like(velocities)
         pose = np.tile(np.eye(4), (len(velocities), 1, 1))
         for k, velocity in enumerate(velocities):
             bullet.setJointMotorControlArray(
@@ -100,13 +100,13 @@ class Bullet(Engine):
             )
             bullet.stepSimulation(physicsClientId=client)
             states = bullet.getJointStates(self.body, joints, physicsClientId=client)
-            q[k], dq[k], torque[k] = ([s[i] for s in states] for i in (0, 1, 3))
+            torque[k] = [state[3] for state in states]
             link = bullet.getLinkState(
                 self.body, joints[-1], computeForwardKinematics=1, physicsClientId=client
             )
             pose[k, :3, 3] = link[4]
             pose[k, :3, :3] = np.reshape(bullet.getMatrixFromQuaternion(link[5]), (3, 3))
-        return Followed(step, torque, q, dq, pose)
+        return Followed(step, torque, pose)
 
     def __del__(self) -> None:
         if hasattr(self, "client"):

@@ -58,15 +58,11 @@ class Dart(Engine):
         self.world.setTimeStep(step)
         skeleton.setPositions(start)
         skeleton.setVelocities(np.zeros(self.robot.n))
-        torque, q, dq = (np.empty_like(velocities) for _ in range(3))
+        torque = np.empty_like(velocities)
         pose = np.empty((len(velocities), 4, 4))
         for k, velocity in enumerate(velocities):
             skeleton.setCommands(velocity)
             self.world.step(False)
-            torque[k], q[k], dq[k] = (
-                skeleton.getForces(),
-                skeleton.getPositions(),
-                skeleton.getVelocities(),
-            )
+            torque[k] = skeleton.getForces()
             pose[k] = last.getWorldTransform().matrix()
-        return Followed(step, torque, q, dq, pose)
+        return Followed(step, torque, pose)

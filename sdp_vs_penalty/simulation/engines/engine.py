@@ -33,14 +33,12 @@ def module_version(name: str) -> str | None:
 class Followed:
     """What an engine did with velocity commands, over N steps of length h from t = 0.
 
-    torque : (N, n) motor torque over each step [N m, N]; q, dq : (N, n) state after it; pose :
-    (N, 4, 4) of the last link's joint frame after it.
+    torque : (N, n) motor torque over each step [N m, N]; pose : (N, 4, 4) of the last link's joint frame
+    after it.
     """
 
     step: float
     torque: Array
-    q: Array
-    dq: Array
     pose: Array
 
     @property

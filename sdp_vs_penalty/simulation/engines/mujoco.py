@@ -61,15 +61,14 @@ class MuJoCo(Engine):
         model.opt.timestep = step
         mujoco.mj_resetData(model, data)
         data.qpos = start
-        torque, q, dq = (np.empty_like(velocities) for _ in range(3))
+        torque = np.empty_like(velocities)
         pose = np.tile(np.eye(4), (len(velocities), 1, 1))
         for k, velocity in enumerate(velocities):
             data.qacc = (velocity - data.qvel) / step
             mujoco.mj_inverse(model, data)
             torque[k] = data.qfrc_applied = data.qfrc_inverse
             mujoco.mj_step(model, data)
-            q[k], dq[k] = data.qpos, data.qvel
             mujoco.mj_kinematics(model, data)
             pose[k, :3, :3] = data.xmat[-1].reshape(3, 3)
             pose[k, :3, 3] = data.xpos[-1]
-        return Followed(step, torque, q, dq, pose)
+        return Followed(step, torque, pose)

@@ -68,8 +68,6 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
         )
     },
     "dJointSetHingeAnchor": (None, (c_void_p, c_double, c_double, c_double)),
-    "dJointGetHingeAngleRate": (c_double, (c_void_p,)),
-    "dJointGetSliderPositionRate": (c_double, (c_void_p,)),
 }
 
 
@@ -148,7 +146,6 @@ class _Scene:
         ode = self.ode
         self.world = c_void_p(ode.dWorldCreate())
         ode.dWorldSetGravity(self.world, *self.robot.gravity)
-        self.start = start
         self.bodies: list[c_void_p] = []
         self.joints: list[c_void_p] = []
         self.feedback = [_Feedback() for _ in self.robot.joints]
@@ -182,11 +179,7 @@ class _Scene:
             ode.dJointSetHingeParam if j.kind == "revolute" else ode.dJointSetSliderParam
             for j in self.robot.joints
         ]
-        rates = [
-            ode.dJointGetHingeAngleRate if j.kind == "revolute" else ode.dJointGetSliderPositionRate
-            for j in self.robot.joints
-        ]
-        torque, q, dq = (np.empty_like(velocities) for _ in range(3))
+        torque = np.empty_like(velocities)
         pose = np.empty((len(velocities), 4, 4))
         after = self._frames()
         for i, velocity in enumerate(velocities):
@@ -197,12 +190,8 @@ class _Scene:
             for k in range(n):
                 # ODE forms the constraints of a step at the configuration before it.
                 torque[i, k] = self._torque(k, before[k])
-                dq[i, k] = rates[k](self.joints[k])
-                q[i, k] = self._position(k, after)
             pose[i] = after[-1]
-        revolute = [j.kind == "revolute" for j in self.robot.joints]
-        q[:, revolute] = np.unwrap(np.vstack([self.start, q])[:, revolute], axis=0)[1:]
-        return Followed(step, torque, q, dq, pose)
+        return Followed(step, torque, pose)
 
     def _frames(self) -> list[Array]:
         """(4, 4) of each joint frame from its body's pose."""
@@ -225,13 +214,3 @@ class _Scene:
             return float(axis @ force)
         arm = frame[:3, :3] @ self.engine.centres[k]
         return float(axis @ (moment + np.cross(arm, force)))
-
-    def _position(self, k: int, frames: list[Array]) -> float:
-        joint = self.robot.joints[k]
-        parent = np.eye(4) if joint.parent < 0 else frames[joint.parent]
-        relative = np.linalg.inv(parent @ joint.placement) @ frames[k]
-        if joint.kind == "prismatic":
-            return float(joint.axis @ relative[:3, 3])
-        r = relative[:3, :3]
-        twice = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-        return float(np.arctan2(0.5 * joint.axis @ twice, 0.5 * (np.trace(r) - 1.0)))

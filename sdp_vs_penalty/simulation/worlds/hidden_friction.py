@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.simulation.worlds.conditions import log_uniform
-from sdp_vs_penalty.simulation.worlds.friction import bristles
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, on_joint, plain, sign
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import World
+from sdp_vs_penalty.simulation.worlds.world import World, bristles
 
 Array = NDArray[np.float64]
 

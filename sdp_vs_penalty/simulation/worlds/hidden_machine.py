@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.arm import misplaced
-from sdp_vs_penalty.simulation.worlds.channel import first_order
+from sdp_vs_penalty.simulation.worlds.conditions import first_order
 from sdp_vs_penalty.simulation.worlds.hidden import (
     Hidden,
     Maker,

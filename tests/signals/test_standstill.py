@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.effects.bristles import dahl
-from sdp_vs_penalty.signals.stillness import lawless, still, turned_at_rest
+from sdp_vs_penalty.signals.standstill import lawless, still, turned_at_rest
 
 RATE = 250.0
 

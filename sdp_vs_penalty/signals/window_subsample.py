@@ -17,21 +17,21 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
-#: Rows at twice the cut-off that noise and residuals are judged on at most, and those of a search.
-MOST, MOST_SEARCHED = 4000, 4000
+#: Rows at twice the cut-off that noise, residuals and a library of effects are judged on at most.
+MOST = 4000
 #: Windows of a single run.
 _WINDOWS = 4
 
 
-def excerpt(measurements: Measurements, settings: Preprocessing, most: int = MOST) -> Measurements:
-    """Windows of at most ``most`` rows in all, each a run of its own; all of a recording that has fewer.
+def window_subsample(measurements: Measurements, settings: Preprocessing) -> Measurements:
+    """Windows of at most MOST rows in all, each a run of its own; all of a recording that has fewer.
 
     settings : resolved. Of many short runs some are taken whole.
     """
     assert settings.torque_cutoff is not None
     runs = measurements.runs()
     spans = [float(run.t[-1] - run.t[0]) for run in runs]
-    allowed = most / (2.0 * settings.torque_cutoff)
+    allowed = MOST / (2.0 * settings.torque_cutoff)
     if sum(spans) <= allowed:
         return measurements
     slots = []
@@ -47,7 +47,7 @@ def excerpt(measurements: Measurements, settings: Preprocessing, most: int = MOS
     return concatenate(out)
 
 
-def excerpt_sentence(part: Measurements, measurements: Measurements, what: str) -> str | None:
+def subsample_sentence(part: Measurements, measurements: Measurements, what: str) -> str | None:
     """That ``what`` rests on windows only, and on how many; None where it rests on all."""
     if part is measurements:
         return None

@@ -1,0 +1,264 @@
+"""What may be wrong with positions, with the clock and with the base: units, signs, order, zeros, rate,
+mounting."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from itertools import combinations, product
+
+import numpy as np
+
+from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.issue import joints_text
+from sdp_vs_penalty.checks.likelihood import Score
+from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation, choices
+from sdp_vs_penalty.robot.arrays import Array
+
+_DEGREE, _QUARTER = float(np.pi / 180.0), 0.5 * np.pi
+#: Numbers that stay below this are no degrees of a motion.
+_LEAST = 6.0
+#: True time over the file's that is tried; those of doubled and halved rates come first.
+_RATES, _ROUND = (0.5, 0.75, 1.4, 2.0), (0.5, 2.0)
+#: Nearer to 1 (natural logarithm) no rate is named: the weight tells inertia's size to so much.
+_KNOWN = 0.07
+#: All sets of signs are tried of arms with at most so many joints; of larger ones joint by joint.
+_MANY = 8
+#: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
+_EARTH, _ABOUT = 9.81, 0.25
+
+
+class Degrees(Transformation):
+    """Positions in degrees: of all revolute joints, or of one of them."""
+
+    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+        far = [j for j in scene.revolute if np.abs(scene.reach(now)[:, j]).max() > _LEAST]
+        for joints in [scene.revolute, *([j] for j in far if scene.n > 1)] if far else ():
+            yield now.times("scale", joints, _DEGREE)
+
+    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+        joints = tuple(j for j, s in enumerate(repair.scale) if abs(abs(s) - _DEGREE) < 1e-9)
+        if not joints:
+            return
+        without = repair.times("scale", joints, 1.0 / _DEGREE)
+        reach = float(np.abs(scene.reach(without))[:, joints].max())
+        every, named = joints == tuple(scene.revolute), ", ".join(f"q{j + 1}" for j in joints)
+        what = f"the position of {joints_text(joints)} is in degrees, not in radians"
+        yield Element(
+            "positions in degrees" if every else "position unit", "error", joints,
+            f"{what} (reaching {reach:.4g}).", f"multiply {named} (and dq) by pi / 180", without,
+            c.ODDS if every else len(joints) * choices(scene.n), place=named, figures={"largest": reach},
+        )  # fmt: skip
+
+
+class Clock(Transformation):
+    """A clock at another rate, or rows in reverse order: inertia beside the weight tells the rate,
+    friction the direction."""
+
+    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+        yield replace(now, reversed=not now.reversed)
+        for factor in _RATES if any(now.gravity) else ():
+            yield replace(now, rate=now.rate * factor)
+
+    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+        if repair.reversed:
+            yield Element(
+                "time reversed", "error", (),
+                "the rows are in reverse order: friction would drive the motion.",
+                "reverse q and tau in time", replace(repair, reversed=False), c.ODDS, place="all rows",
+            )  # fmt: skip
+        if (factor := repair.rate) == 1.0:
+            return
+        word = "fast" if factor < 1.0 else "slow"
+        odd = 0.0 if min(abs(factor - x) for x in _ROUND) < 1e-9 else c.ODD_NUMBER
+        yield Element(
+            "clock rate", "error", (),
+            f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
+            "torques does not fit the weight.",
+            f"multiply t by {factor:.3g} (find out the log's true rate)",
+            replace(repair, rate=1.0), c.ODDS + odd,
+            Number.factor(factor, lambda x: replace(repair, rate=x), _KNOWN, 0.4, _ROUND),
+            place="column t", figures={"factor": factor},
+        )  # fmt: skip
+
+
+class Sign(Transformation):
+    """Joints and torques that count the other way: the torque's sign, the position's, or both."""
+
+    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+        n = scene.n
+        # One arm and its joints by themselves agree: signs could make it no better.
+        coupled = float(np.log(score.shares / score.alone)[scene.moving].sum())
+        many = n <= _MANY and coupled > 1.0
+        sets = product((False, True), repeat=n) if many else [*np.eye(n, dtype=bool), (True,) * n]
+        for turned in sets:
+            yield now.times("gain", np.flatnonzero(turned).tolist(), -1.0)
+        for j in scene.joints if scene.poor(score).any() else ():
+            yield now.times("scale", (j,), -1.0)
+            yield now.times("scale", (j,), -1.0).times("gain", (j,), -1.0)
+
+    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+        q, tau = np.array(repair.scale) < 0.0, np.array(repair.gain) < 0.0
+        for j in np.flatnonzero(q).tolist():
+            without, k = repair.times("scale", (j,), -1.0), j + 1
+            kind, what = "position sign", f"the position of joint {k} has the wrong sign."
+            remedy = f"flip the sign of q{k} (and dq{k})"
+            if tau[j]:
+                without = without.times("gain", (j,), -1.0)
+                kind, what = "joint sign", f"joint {k} counts the other way, position and torque alike."
+                remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
+            yield Element(kind, "error", (j,), what, remedy, without, choices(scene.n))
+        if alone := tuple(np.flatnonzero(tau & ~q).tolist()):
+            every = len(alone) == scene.n
+            cost = choices(1) if every else len(alone) * choices(scene.n)
+            what = f"the torque of {'every joint' if every else joints_text(alone)} has the wrong sign."
+            remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
+            without = repair.times("gain", alone, -1.0)
+            yield Element("torque sign", "error", alone, what, remedy, without, cost)
+
+
+class Exchange(Transformation):
+    """Channels of other joints: positions, torques, or both exchanged."""
+
+    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+        poor = scene.poor(score)
+        for a, b in combinations(scene.joints, 2):
+            yield now.with_swap(a, b, positions=False, torques=True)
+            if poor[a] or poor[b]:
+                yield now.with_swap(a, b, positions=True, torques=False)
+                yield now.with_swap(a, b, positions=True, torques=True)
+
+    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+        none, p, s = tuple(range(scene.n)), repair.order, repair.tau_order
+        told = [
+            ("position order", "the positions", "q and dq", p, replace(repair, order=none)),
+            ("torque order", "the torques", "tau", s, replace(repair, tau_order=none)),
+        ]
+        if p == s:
+            without = replace(repair, order=none, tau_order=none)
+            told = [("joint order", "positions and torques", "q, dq and tau", p, without)]
+        for kind, word, names, order, without in told:
+            if changed := tuple(j for j, k in enumerate(order) if j != k):
+                how = ", ".join(f"column {order[j] + 1} is joint {j + 1}'s" for j in changed)
+                what = f"{word} of {joints_text(changed)} are swapped"
+                yield Element(
+                    kind, "error", changed, f"{what}{'' if len(changed) == 2 else f': {how}'}.",
+                    f"rename the columns of {names}", without,
+                    (len(changed) - 1) * choices(scene.n * (scene.n - 1) // 2),
+                    figures={"order": [k + 1 for k in order]},
+                )  # fmt: skip
+
+
+class Zero(Transformation):
+    """Encoders that count from another zero than the robot's kinematics: what is to be added to one
+    joint's position [rad]; of prismatic joints in lengths of the arm."""
+
+    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+        poor = scene.poor(score).any()
+        for j in scene.joints:
+            at, unit = partial(_at, scene, now, j), _unit(scene, j)
+            step = scene.newton(at, now.zero[j], 0.01 * unit, score)
+            steps = [float(np.clip(step, -0.7 * unit, 0.7 * unit))]
+            steps += [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and poor else []
+            yield from (at(now.zero[j] + x) for x in steps if x)
+
+    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+        for j in np.flatnonzero(repair.zero).tolist():
+            x, turns, unit = repair.zero[j], j in scene.revolute, _unit(scene, j)
+            quarter = turns and abs(x / _QUARTER - round(x / _QUARTER)) < 1e-9
+            tolerance = c.CALIBRATED_ZERO * unit * (1.0 if turns else 0.25)
+            text = _degrees if turns else "{:.4g} m".format
+            snaps = tuple(_QUARTER * k for k in (-1, 1, 2)) if turns else ()
+            yield Element(
+                "encoder offset", "error" if abs(x) > c.GROSS_ZERO * tolerance else "warning", (j,),
+                f"the zero of {joints_text([j])} is {text(-x)} away from the robot's kinematics.",
+                f"add {x:+.5g} {scene.problem.robot.position_units[j]} to q{j + 1}",
+                _at(scene, repair, j, 0.0), choices(scene.n) + (0.0 if quarter else c.ODD_NUMBER),
+                Number(x, partial(_at, scene, repair, j), tolerance, 0.35 * unit, text, snaps, _QUARTER),
+                figures={"shifts": [x]},
+            )  # fmt: skip
+
+
+def _unit(scene: Scene, j: int) -> float:
+    return 1.0 if j in scene.revolute else 0.3 * scene.length
+
+
+def _at(scene: Scene, now: Repair, j: int, x: float) -> Repair:
+    """An angle in (-pi, pi]; a length as it is."""
+    wrapped = float(np.pi - (np.pi - x) % (2.0 * np.pi)) if j in scene.revolute else x
+    return now.with_entries("zero", (j,), wrapped)
+
+
+class Mounting(Transformation):
+    """Gravity along another direction of the base: its six axes first, then around the assumed one."""
+
+    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+        given = np.array(now.gravity)
+        size = float(np.linalg.norm(given))
+        known = abs(size - _EARTH) < _ABOUT
+        if any(w != 1.0 for w in now.weight) or 0.0 < size < 1.0:
+            return
+        for axis in (*np.eye(3), *-np.eye(3)):
+            if not known or axis @ given < 0.99 * size:
+                yield replace(now, gravity=_vector((size if known else _EARTH) * axis))
+        if not known:
+            return
+        turned = given
+        for across in np.linalg.svd(given[None, :])[2][1:]:
+            at = _turned(now, given, given + size * across)
+            turned = turned + size * np.clip(scene.newton(at, 0.0, 0.02, score), -0.5, 0.5) * across
+            yield from (at(angle) for angle in (-0.3, 0.3))
+        if np.linalg.norm(turned) > size * (1.0 + 1e-6):
+            yield replace(now, gravity=_vector(size * turned / np.linalg.norm(turned)))
+
+    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+        assumed, g = np.array(scene.problem.robot.gravity), np.array(repair.gravity)
+        if np.array_equal(assumed, g):
+            return
+        given = float(np.linalg.norm(assumed))
+        cosine = assumed @ g / max(given * float(np.linalg.norm(g)), 1e-300)
+        angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        straight, earthly = np.count_nonzero(np.abs(g) > 1e-9) == 1, abs(given - _EARTH) < _ABOUT
+        x, y, z = (float(round(v, 2)) + 0.0 for v in g)
+        kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
+        what = (
+            f"gravity is {np.degrees(angle):.0f} degrees away from the assumed {_text(assumed)}, along "
+            f"{_text(g)} m/s^2."
+        )
+        if not earthly:
+            kind, remedy = "gravity of the problem", f"{remedy}, or correct the problem's gravity"
+            what = (
+                f"the problem assumes gravity {_text(assumed)} m/s^2, but the weight in the torques "
+                f"points along {_text(g)} m/s^2."
+            )
+        yield Element(
+            kind, "warning" if earthly and angle < c.MISMOUNTED else "error", (), what, remedy,
+            replace(repair, gravity=_vector(assumed)), c.ODDS + (1.0 if straight else c.ODD_NUMBER),
+            Number(angle, _turned(repair, assumed, g), c.LEVEL, 0.5, _degrees)
+            if earthly and not straight else None, mends=False, place="the base",
+            figures={"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]},
+        )  # fmt: skip
+
+
+def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repair]:
+    """The repair with gravity turned by an angle from the assumed vector towards g."""
+    size = float(np.linalg.norm(assumed))
+    a = assumed / max(size, 1e-300)
+    across = g - (g @ a) * a
+    across = across / max(float(np.linalg.norm(across)), 1e-300)
+    return lambda v: replace(repair, gravity=_vector(size * (np.cos(v) * a + np.sin(v) * across)))
+
+
+def _degrees(angle: float) -> str:
+    return f"{np.degrees(angle):.4g} degrees"
+
+
+def _vector(g: Array) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in g)
+    return x, y, z
+
+
+def _text(g: Array) -> str:
+    return "(" + ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g) + ")"

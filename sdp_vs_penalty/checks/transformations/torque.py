@@ -1,0 +1,216 @@
+"""What may be wrong with torque channels: gain, delay, filter, weight, bends, drifts and steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.issue import joints_text
+from sdp_vs_penalty.checks.likelihood import Score
+from sdp_vs_penalty.checks.repair import Event, Repair
+from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation, choices
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Factors that are tried: units, and a grid whose steps the refinement bridges.
+_GAINS = (1e-3, 1e-2, 0.1, 0.3, 0.6, 0.85, 1.17, 1.7, 3, 10, 100, 1e3)
+#: Factors of units, and what a channel is in whose torque has to be multiplied by one.
+_UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
+#: Delays (``lead`` of a repair) and time constants (``lag``) that are tried [s].
+_LATE = {"lead": (-0.12, -0.06, -0.025, -0.01, 0.01, 0.025, 0.06, 0.12), "lag": (0.01, 0.04, 0.1, 0.2)}
+#: Shares of the weight that are tried to be left in a channel.
+_LEFT = (0.0, 0.15)
+#: Share of a channel that a plausible arm's weight makes (RMS), for the channel alone to be without it:
+#: the weight that the last link of a wrist holds is within the error of its friction's law.
+_CARRIES = 0.5
+#: Bends that are tried: the largest logged torque over the limit, which it never reaches.
+_BENDS = (0.7, 0.9, 0.98)
+#: Below this bend a channel is as straight as sensors are.
+_STRAIGHT = 0.2
+#: Instants, as shares of the log, at which a step is tried.
+_STEPS = np.linspace(0.12, 0.88, 39)
+#: Share of the time on either side of a step that the joint has to move each way: else it is friction's.
+_WAYS = 0.15
+
+
+class Gain(Transformation):
+    """Channels too large or too small beside their neighbours'. A factor that all have in common is not
+    seen by what joints share: see residual.py."""
+
+    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+        for j in scene.joints if len(scene.joints) > 1 else ():
+            yield from (now.times("gain", (j,), factor) for factor in _GAINS)
+
+    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+        for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
+            g, sign = abs(repair.gain[j]), float(np.sign(repair.gain[j]))
+            unit = next((name for u, name in _UNITS.items() if abs(g / u - 1.0) < 1e-9), None)
+            size = f"{1.0 / g:.3g} times too large" if g < 1.0 else f"{g:.3g} times too small"
+            what = f"the torque of {joints_text([j])} is {size} beside those of its neighbours"
+            at = lambda x, j=j, s=sign: repair.with_entries("gain", (j,), s * x)  # noqa: E731
+            yield Element(
+                "torque gain" if unit is None else "torque unit",
+                "error" if abs(np.log(g)) > c.WRONG_GAIN else "warning", (j,),
+                f"{what}." if unit is None else f"{what}: it is in {unit}.",
+                f"multiply tau{j + 1} by {g:.3g}", at(1.0),
+                choices(scene.n) + (c.ODD_NUMBER if unit is None else 0.0),
+                Number.factor(g, at, c.CALIBRATED_GAIN, 0.5, tuple(_UNITS)), figures={"factor": g},
+            )  # fmt: skip
+
+
+class Delay(Transformation):
+    """Torque later than the motion, or through a causal filter: one channel, or all."""
+
+    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+        each = [(j,) for j in scene.joints] if len(scene.joints) > 1 else []
+        for name, tried in _LATE.items():
+            for joints in (range(scene.n), *each):
+                yield from (now.with_entries(name, joints, x) for x in tried)
+
+    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+        for name in _LATE:
+            values = getattr(repair, name)
+            every = any(values) and len(set(values)) == 1
+            parts = [tuple(range(scene.n))] if every else [(j,) for j in np.flatnonzero(values).tolist()]
+            yield from (self._element(scene, repair, name, joints) for joints in parts)
+
+    def _element(self, scene: Scene, repair: Repair, name: str, joints: tuple[int, ...]) -> Element:
+        every, x = len(joints) == scene.n, getattr(repair, name)[joints[0]]
+        channel = "the torques" if every else f"tau{joints[0] + 1}"
+        beside = "the positions have not" if every else "the other torques have not"
+        if name == "lead":
+            kind, later = "delay", "later" if x > 0.0 else "earlier"
+            what = f"{1e3 * abs(x):.0f} ms {later} than the motion: {channel}; {beside} moved."
+            remedy = f"shift {channel} in time (and log all channels from one source)"
+        else:
+            kind, hertz = "filter", 1.0 / (2.0 * np.pi * max(x, 1e-6))
+            what = f"a causal low-pass of {hertz:.2g} Hz ({1e3 * x:.0f} ms) on {channel}; {beside} one."
+            remedy = f"log {channel} unfiltered, or filter every channel alike and without lag"
+        at = lambda v: repair.with_entries(name, joints, v)  # noqa: E731
+        return Element(
+            f"{'channel ' if not every else 'torque ' * (name == 'lag')}{kind}", "warning", joints,
+            what, remedy, at(0.0),
+            (c.ODDS if every else choices(scene.n)) + c.ODD_NUMBER + (name == "lag"),
+            Number(x, at, c.USUAL_DELAY, 0.06, lambda v: f"{1e3 * v:.0f} ms"), mends=name == "lead",
+            place="all torque channels" if every and scene.n > 1 else joints_text(joints),
+            figures={"seconds": x},
+        )  # fmt: skip
+
+
+class Weight(Transformation):
+    """The arm's weight taken out of one channel, or of all, by the controller."""
+
+    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+        if not any(now.gravity):
+            return
+        held = np.sqrt(np.mean(scene.tried.nominal(now, still=True) ** 2, axis=0))
+        logged = np.sqrt(np.mean(scene.tried.data.torque**2, axis=(0, 1)))
+        for share in _LEFT:
+            yield replace(now, weight=(share,) * scene.n)
+            for j in np.flatnonzero(held > _CARRIES * logged).tolist():
+                yield now.with_entries("weight", (j,), share)
+
+    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+        every = tuple(range(scene.n))
+        changed = [(j,) for j in every if repair.weight[j] != 1.0]
+        common = len(set(repair.weight)) == 1
+        for joints in [every] if changed and common else changed:
+            at = lambda x, some=joints: repair.with_entries("weight", some, 1.0 + x)  # noqa: E731
+            left = repair.weight[joints[0]]
+            gx, gy, gz = (float(round(left * v, 3)) + 0.0 for v in repair.gravity)
+            of = "the torques" if common else f"the torque of {joints_text(joints)}"
+            how = f", or identify with --gravity {gx:g},{gy:g},{gz:g}" if common else ""
+            yield Element(
+                "gravity removed", "error", joints,
+                f"{100.0 * (1.0 - left):.0f} % of the weight is missing from {of}.",
+                f"log the torques before gravity compensation{how}", at(0.0),
+                (c.ODDS if common else choices(scene.n)) + (0.0 if left == 0.0 else c.ODD_NUMBER),
+                Number(left - 1.0, at, 0.2, 0.4, lambda v: f"{-100.0 * v:.0f} %", (-1.0,)),
+                mends=False, figures={"share_left": left},
+            )  # fmt: skip
+
+
+class Saturation(Transformation):
+    """A channel that bends towards a limit: tau_log = s tanh(tau / s), an amplifier near its end."""
+
+    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+        for j in scene.joints:
+            yield from (now.with_entries("bend", (j,), x) for x in _BENDS)
+
+    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+        for j in np.flatnonzero(repair.bend).tolist():
+            x, k = repair.bend[j], repair.tau_order[j]
+            limit, unit = scene.judged.data.largest[k] / x, scene.problem.robot.torque_units[j]
+            at = lambda v, j=j: repair.with_entries("bend", (j,), float(np.clip(v, 0.0, 0.995)))  # noqa: E731
+            what = f"the torque of {joints_text([j])} bends towards a limit of {limit:.3g} {unit}"
+            yield Element(
+                "saturation", "warning", (j,), f"{what}: its sensor or amplifier is near its end.",
+                "record again with a larger range, or slower", at(0.0), choices(scene.n) + c.ODD_NUMBER,
+                Number(x, at, _STRAIGHT, 0.25, lambda v: f"{100.0 * v:.0f} % of the limit is reached"),
+                mends=False, figures={"limit": limit},
+            )  # fmt: skip
+
+
+class Change(Transformation):
+    """A channel that drifts with time, or that steps once: a contact, a load, a zero set anew. Proposed
+    by a score test: of each shape the part that the arm leaves, against the residual."""
+
+    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+        motion = scene.tried.data.motion
+        t, span = motion.t, float(np.ptp(motion.t))
+        events = [None, *(float(t[0] + s * span) for s in _STEPS)]
+        shapes = np.column_stack([Event(0, at).shape(t) for at in events])
+        heard = scene.tried.data.heard.T[list(now.order)]
+        x = score.rows.rest(heard[:, :, None] * shapes)
+        pull = np.einsum("jm,jmk->jk", score.residual, x) ** 2
+        found = np.log1p(pull / np.maximum(np.sum(x**2, axis=1) * score.left[:, None], 1e-280))
+        found[~scene.moving] = 0.0
+        for j in scene.joints:
+            found[j, 1:] *= _both_ways(motion.dq[:, now.order[j]], (t - t[0]) / max(span, 1e-300))
+        for drift in (True, False):
+            some = found[:, :1] if drift else found * (np.arange(len(events)) > 0)
+            j, k = divmod(int(np.argmax(some)), some.shape[1])
+            event = Event(j, events[k])
+            if event not in now.events and found[j, k] > 0.0:
+                yield replace(now, events=(*now.events, event))
+
+    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+        for event in repair.events:
+            j, t = event.joint, event.at
+            name, unit = joints_text([j]), scene.problem.robot.torque_units[j]
+            without = replace(repair, events=tuple(e for e in repair.events if e != event))
+            size = _size(scene, repair, without, event)
+            kind, many, place = "torque drift", scene.n, name
+            how = f"drifts by {size:+.3g} {unit} from the first row to the last"
+            remedy = "let the sensor warm up and set its zero before the run"
+            if t is not None:
+                kind, many, place = "torque step", scene.n * len(_STEPS), f"{name}, t = {t:.4g} s"
+                how = f"steps by {size:+.3g} {unit} at t = {t:.4g} s and stays there"
+                remedy = "cut the run there, or find out what touched the arm"
+            yield Element(
+                kind, "warning", (j,), f"the torque of {name} {how}.", remedy, without,
+                choices(many) + c.SLOW_ODDS, mends=False, place=place,
+                figures={"size": size} | ({} if t is None else {"t": t}),
+            )  # fmt: skip
+
+
+def _size(scene: Scene, repair: Repair, without: Repair, event: Event) -> float:
+    """How far the torque drifts or steps [N m, N]: by how much the fit of its joint needs it."""
+    score, j = scene.judged.score(repair), event.joint
+    lacking, shape = scene.judged.rows(without), event.shape(scene.judged.data.motion.t)
+    heard = scene.judged.data.heard[:, repair.order[j]]
+    x = lacking.rest(np.repeat((heard * shape)[None, :, None], scene.n, axis=0))[j, :, 0]
+    away = score.channels[j] - lacking.raw[j] @ score.theta
+    return float(x @ away / max(x @ x, 1e-300))
+
+
+def _both_ways(dq: Array, u: Array) -> NDArray[np.bool_]:
+    """Per instant whether the joint moves both ways on either side."""
+    rows = np.searchsorted(u, _STEPS, "right")
+    before = np.append(0, np.cumsum(dq > 0.0))[rows]
+    after = np.sum(dq > 0.0) - before
+    forth = np.array([before / np.maximum(rows, 1), after / np.maximum(len(u) - rows, 1)])
+    return np.asarray(np.min(np.minimum(forth, 1.0 - forth), axis=0) > _WAYS)
