@@ -48,6 +48,7 @@ class Retune(Plain):
 
     @property
     def joints(self) -> tuple[int, ...]:
+        """From 1."""
         return (self.joint,)
 
     @property
