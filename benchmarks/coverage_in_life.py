@@ -114,8 +114,8 @@ def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:
         ("friction", theta[-3 * n :], estimate.uncertainty.standard[-3 * n :]),
     ):
         pairs = [(x, i) for x, i in zip(truth, intervals, strict=True) if np.isfinite(i.std)]
-        held = float(np.mean([i.low <= x <= i.high for x, i in pairs]))
-        out[name] = held, float(np.median([i.high - i.low for _, i in pairs]))
+        held = float(np.mean([i.lower <= x <= i.upper for x, i in pairs]))
+        out[name] = held, float(np.median([i.upper - i.lower for _, i in pairs]))
     return out
 
 

@@ -111,8 +111,6 @@ class Effect(ABC):
     several: ClassVar[bool] = False
     #: How a sentence begins that tells a new value of its shape constant: "Coulomb turns over".
     turns: ClassVar[str] = ""
-    #: True where the effect says over which velocity dry friction turns round, as a shape constant does.
-    widens: ClassVar[bool] = False
     #: The shape constant that is a velocity, beyond that over which dry friction turns round.
     beyond_turning: ClassVar[str] = ""
     #: True where its joints belong together: one parameter acts on all of them.
@@ -131,16 +129,11 @@ class Effect(ABC):
     sized_by: ClassVar[slice] = slice(None)
     #: The shape constant that is as large as the effect itself, and follows it (a delay's).
     sized_shape: ClassVar[str] = ""
-    #: False where sizes cannot be compared, because no one number says how large the effect is.
-    one_number: ClassVar[bool] = True
     #: True where no column holds the sign of a velocity: nothing of it is particular to reversals, and
     #: what looks like it there alone is dry friction's own error.
     signless: ClassVar[bool] = False
     #: True where columns are at most products of states with sines of positions, as the links' are.
     smooth: ClassVar[bool] = False
-    #: Of a cause of the whole robot: the effect on one joint that is named where it alone says most of
-    #: the same.
-    mostly: ClassVar[str] = ""
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
         self.robot = robot
@@ -306,12 +299,6 @@ class Effect(ABC):
         return (
             "less than one wave was travelled: all that changes slowly along it looks so" if slow else ""
         )
-
-    @classmethod
-    def doubt(cls, joint: int, found: Sequence[Mapping[str, float]]) -> str:
-        """Why effects of this kind with the ``found`` shape constants are no physical cause on one
-        joint (from 1), if they are not."""
-        return ""
 
     @property
     def text(self) -> str:

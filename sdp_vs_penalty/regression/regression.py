@@ -330,17 +330,26 @@ def compress_cells(
     model: Model,
     settings: Preprocessing,
     folds: Cells,
+    workers: Workers = ALONE,
 ) -> Regression:
     """The same with one block for each cell (of folds by phase), whichever runs and periods show it."""
-    growing, samples = _Growing(), 0.0
-    for index, run in enumerate(measurements.runs()):
-        repeated = rows_per_sample(run, settings)
-        for rows in instrumented_rows(run, model, settings):
-            samples += len(rows.torque) / repeated
-            growing.take(rows, folds.cell(index, rows.motion.t))
+    one = partial(_cells_of_run, model=model, settings=settings, folds=folds)
+    found = workers.map(one, list(enumerate(measurements.runs())))
     blocks = [TimeBlock(*place) for place in folds.places]
+    factors = [factor for own, _ in found for factor in own]
+    return _regression(model, blocks, factors, sum(samples for _, samples in found))
+
+
+def _cells_of_run(
+    numbered: tuple[int, Measurements], model: Model, settings: Preprocessing, folds: Cells
+) -> tuple[list[Factor], float]:
+    """One run's factors by cell, and its independent samples."""
+    (index, run), growing, count = numbered, _Growing(), 0
+    for rows in instrumented_rows(run, model, settings):
+        count += len(rows.torque)
+        growing.take(rows, folds.cell(index, rows.motion.t))
     factors = [replace(f, block=b) for b, found in growing.blocks() for f in found]
-    return _regression(model, blocks, factors, samples)
+    return factors, count / rows_per_sample(run, settings)
 
 
 class _Growing:
