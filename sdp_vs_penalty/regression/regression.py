@@ -155,15 +155,17 @@ class Regression:
         return len(self.parameters)
 
     def select(self, blocks: Iterable[int]) -> Regression:
-        """Only these blocks (by index, repeats allowed: a bootstrap resample)."""
-        wanted = list(blocks)
-        by_block: dict[int, list[Factor]] = {}
-        for factor in self.factors:
-            by_block.setdefault(factor.block, []).append(factor)
-        factors = [
-            replace(factor, block=new) for new, b in enumerate(wanted) for factor in by_block.get(b, [])
-        ]
-        return replace(self, blocks=tuple(self.blocks[b] for b in wanted), factors=tuple(factors))
+        """Only these blocks, by index; one that comes k times (in a bootstrap resample) counts as k: its
+        rows times sqrt(k)."""
+        numbers, counts = np.unique(np.fromiter(blocks, np.intp), return_counts=True)
+        place, times = dict(zip(numbers, range(len(numbers)), strict=True)), np.sqrt(counts)
+        factors = []
+        for f in self.factors:
+            new = place.get(f.block)
+            if new is not None:
+                rows = int(counts[new]) * f.rows
+                factors.append(replace(f, block=new, triangle=times[new] * f.triangle, rows=rows))
+        return replace(self, blocks=tuple(self.blocks[b] for b in numbers), factors=tuple(factors))
 
     def keeping(self, wanted: NDArray[np.bool_]) -> Regression:
         """The same of only the wanted (p,) parameters; rows keep their order."""
