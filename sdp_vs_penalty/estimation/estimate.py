@@ -26,8 +26,8 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, write_text
+from sdp_vs_penalty.problem.fields import problem_from_dict, problem_to_dict
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import Shown, Summary, Table

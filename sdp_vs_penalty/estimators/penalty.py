@@ -332,7 +332,8 @@ def fit_penalty(
         )
         # A run that could not be made feasible counts behind every one that could.
         rank = objective if violation <= 1e-9 else np.inf
-        if best is None or rank < best[0]:
+        # One that is lower by less than it violates is no better: its multipliers may be worse.
+        if best is None or rank < best[0] * (1.0 - 1e-7):
             best = (rank, theta, minimum)
         task.progress(
             f"run {run + 1} of {starts}: best {min(r['objective'] for r in runs):.6g}, "

@@ -104,14 +104,15 @@ class Problem(Shown):
 
     def __post_init__(self) -> None:
         n, (low, high) = self.robot.links, self.total_mass
-        for name, value, shape in (
+        shapes: Sequence[tuple[str, Any, tuple[int, ...]]] = (
             ("bounds", self.box, (n, 10, 2)),
             ("nominal links", self.nominal_links, (n, 10)),
             ("default bounds", self.defaults, (n, 2)),
             ("bodies", self.bodies, (n,)),
             ("nominal_from", self.nominal_from, (n,)),
             ("gains", self.gains, (n,)),
-        ):
+        )
+        for name, value, shape in shapes:
             if value is not None and np.shape(value) != shape:
                 raise InputError(
                     f"the {name} are of another robot than {self.robot.name} ({n} links)",

@@ -16,7 +16,7 @@ from random_robots import link_parameters, tree
 from sdp_vs_penalty import Problem, add, identify, load_estimate, load_problem
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.problem.bodies import link_bodies
-from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
+from sdp_vs_penalty.problem.fields import problem_from_dict, problem_to_dict
 from sdp_vs_penalty.robot import Body, Joint, Robot, inertia
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.body import around

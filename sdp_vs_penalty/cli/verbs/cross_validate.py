@@ -34,7 +34,7 @@ def verb(
     from sdp_vs_penalty.data.cli_parsing import numbers
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.estimation.cross_validation import cross_validate
-    from sdp_vs_penalty.estimation.servo_scale import parsed_known
+    from sdp_vs_penalty.estimation.known_load import parsed_known
     from sdp_vs_penalty.parallel import Workers
     from sdp_vs_penalty.problem.load import load_problem
     from sdp_vs_penalty.show import plain_unit

@@ -39,9 +39,8 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import as_told, runs_as_told
-    from sdp_vs_penalty.estimation.known_load import parsed_known_load
+    from sdp_vs_penalty.estimation.known_load import parsed_known, parsed_known_load
     from sdp_vs_penalty.estimation.pose import PoseOptions
-    from sdp_vs_penalty.estimation.servo_scale import parsed_known
     from sdp_vs_penalty.exporters.sdp import write_posed
 
     robot = as_told(problem, gravity, bounds, filters)

@@ -48,8 +48,7 @@ def verb(
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.diagnosis.comparison import identified
-    from sdp_vs_penalty.estimation.known_load import parsed_known_load
-    from sdp_vs_penalty.estimation.servo_scale import parsed_known
+    from sdp_vs_penalty.estimation.known_load import parsed_known, parsed_known_load
     from sdp_vs_penalty.estimators import with_solver
     from sdp_vs_penalty.parallel import Workers
 
