@@ -322,9 +322,9 @@ class Effect(ABC):
         return {"effect": self.name, "joints": joints, "shape": dict(self.shape)}
 
 
-def follows_alone(effect: Effect, signal: Literal["q", "dq"], joint: int | None = None) -> bool:
+def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
     """Whether the torque changes with the joints' position, or velocity, or not at all, and with nothing
-    else; joint : with that of this joint (from 0) alone."""
+    else."""
     other = effect.needs_torque or effect.needs_links or effect.needs_temperature
     if other or effect.needs_command or effect.has_memory:
         return False
@@ -332,8 +332,7 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"], joint: int | None 
 
     def columns(x: float) -> list[Block]:
         still = np.full_like(own, x)
-        kept = own if joint is None else np.where(np.arange(own.shape[1]) == joint, own, still)
-        q, dq = (kept if s == signal else still for s in ("q", "dq"))
+        q, dq = (own if s == signal else still for s in ("q", "dq"))
         return effect.blocks(Motion(still[:, 0], q, dq, still))
 
     first, second = columns(0.0), columns(0.7)
