@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import (
     APART,
@@ -48,29 +47,6 @@ Alone = Callable[[Sequence[int]], Array]
 
 
 @dataclass(frozen=True)
-class Left:
-    """What a model leaves: residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it;
-    rest."""
-
-    residual: Array
-    odd: NDArray[np.bool_]
-    rest: Remainder
-
-    @property
-    def matters(self) -> tuple[int, ...]:
-        return self.rest.matters
-
-
-@dataclass(frozen=True)
-class OfferedCurve:
-    """A curve; before : held-out error of its joint without it, errors (n,) : with it."""
-
-    curve: Measured
-    before: float
-    errors: Array
-
-
-@dataclass(frozen=True)
 class Found:
     """What a search came to: first : the model as it was given; estimate : with the constants of its own
     that explain most; shapes : those constants; search : the findings beside it, in order; left : by
@@ -81,19 +57,19 @@ class Found:
     estimate: Estimate
     shapes: tuple[ShapeEstimate, ...]
     search: Search
-    left: Left
+    left: Remainder
     held_out: HeldOut
     offered: tuple[int, ...]
     before: Array
-    curves: tuple[OfferedCurve, ...] = ()
+    curves: tuple[Measured, ...] = ()
 
 
-def what_is_left(search: Search) -> Left:
+def what_is_left(search: Search) -> Remainder:
     """Of the rows beside all terms of a search."""
     data, fit = search.data, search.fit
     residual = refitted(data, [t.form.effect for t in search.terms])[1]
     odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
-    return Left(residual, odd, remainder(data, fit, residual, odd))
+    return remainder(data, fit, residual, odd)
 
 
 def conclude(
@@ -104,7 +80,7 @@ def conclude(
     motion; seed : of the draws of a curve's band."""
     search, data = found.search, found.search.data
     rows, noise = data.rows, data.noise
-    left, residual = found.left.rest, found.left.residual
+    left, residual = found.left, found.left.residual
     happened = events(data, found.left.odd, residual, left.matters)
     count = len(found.offered) + 1
     errors = np.array([found.held_out.errors(found.offered[:k]) for k in range(count)])
@@ -162,17 +138,17 @@ def in_pieces(term: Term, search: Search) -> bool:
 def _told(found: Found, seed: int) -> tuple[Curve, ...]:
     out, noise = [], found.search.data.noise
     for k, o in enumerate(found.curves):
-        j, after = o.curve.joint, float(o.errors[o.curve.joint])
+        j, after = o.joint, float(o.errors[o.joint])
         floor = float(noise.floor[j]) if found.search.data.known else 0.0
         excess = max(o.before**2 - floor**2, 1e-300)
         share = float(np.clip((o.before**2 - after**2) / excess, 0.0, 1.0))
-        out.append(o.curve.told(seed + k, share, o.before, after))
+        out.append(o.told(seed + k, share, o.before, after))
     return tuple(out)
 
 
 def _stood_in(found: Found, findings: Sequence[Finding]) -> list[Finding]:
     """The findings; those that curves stand instead of are weak, and cannot be told apart from one."""
-    gone = {t for o in found.curves for t in o.curve.replaced}
+    gone = {t for o in found.curves for t in o.replaced}
     return [
         replace(
             f,
@@ -237,7 +213,7 @@ def _reasons(
 ) -> dict[str, str]:
     """Why a finding is weak, with what is said of it; errors (2, n) : held out, before and after it."""
     search, effect, on = found.search, term.form.effect, sorted(term.joints)
-    rows, left, plausible = search.data.rows, found.left.rest, effect.plausible
+    rows, left, plausible = search.data.rows, found.left, effect.plausible
     torque = np.mean((spread_columns(rows, effect) @ known.beta) ** 2, axis=1)
     absorbed, shared = _shares(search, term)
     explained = np.sum(np.maximum(errors[0, on] ** 2 - errors[1, on] ** 2, 0.0))

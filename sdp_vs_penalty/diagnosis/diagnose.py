@@ -11,15 +11,14 @@ import numpy as np
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.conclude import Found, OfferedCurve, conclude, what_is_left
-from sdp_vs_penalty.diagnosis.constants import APART, OUTSIDE, RAISES
+from sdp_vs_penalty.diagnosis.conclude import Found, conclude, what_is_left
+from sdp_vs_penalty.diagnosis.constants import OUTSIDE, RAISES
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, folds_of, lowers, on_folds, on_test, raises
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.retunes import shape_estimate, told
-from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import size_of_term
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare, with_estimate
@@ -180,7 +179,7 @@ def _offered(search: Search, judge: _Judge) -> Found:
         now, beside, shapes = first, search, []
     now, beside = referred(beside, now)
     named = [t for t in beside.terms if not t.form.own]
-    terms = in_order(beside.limited(named, APART).terms)
+    terms = sorted(beside.limited(named).terms, key=lambda t: -t.J)
     held_out = judge.of(beside, [t.form.effect for t in terms], now)
     if not shapes:
         before = held_out.errors(())
@@ -205,11 +204,11 @@ def _alone(found: Found, judge: _Judge, chosen: Sequence[int]) -> Array:
 def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Found:
     """Those curves that lower their joint's held-out error by more than what is minor, raise no other's,
     and whose tables the test run does not leave; each with what it does to the errors."""
-    named, out = [t.form.effect for t in found.search.terms], list[OfferedCurve]()
+    named, out = [t.form.effect for t in found.search.terms], list[Measured]()
     for curve in curves:
-        gone = {t for c in (*(o.curve for o in out), curve) for t in c.replaced}
+        gone = {t for c in (*out, curve) for t in c.replaced}
         terms = [k for k, t in enumerate(found.search.terms) if t not in gone]
-        every = [*(o.curve for o in out), curve]
+        every = [*out, curve]
         effects = [*named, *(c.table for c in every)]
         held = judge.of(
             found.search,
@@ -226,7 +225,7 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Fou
             and not raises(before, after)
             and judge.outside(curve.table) <= OUTSIDE
         ):
-            out.append(OfferedCurve(curve, float(before[curve.joint]), after))
+            out.append(replace(curve, before=float(before[curve.joint]), errors=after))
     return replace(found, curves=tuple(out))
 
 
@@ -250,14 +249,3 @@ def referred(search: Search, estimate: Estimate) -> tuple[Estimate, Search]:
         estimate = replace(estimate, theta=theta)
         search = search.carried(estimate)
     return estimate, search
-
-
-def in_order(terms: Sequence[Term]) -> list[Term]:
-    """Those that explain most first; a finer form of an effect comes after the plainer."""
-    out = sorted(terms, key=lambda t: -t.J)
-    for term in list(out):
-        place = out.index(term)
-        plainer = [k for k, t in enumerate(out) if term.form.refines(t.form)]
-        if plainer and max(plainer) > place:
-            out.insert(max(plainer), out.pop(place))
-    return out

@@ -19,12 +19,11 @@ from sdp_vs_penalty.diagnosis.constants import MOST_EVENTS, MOST_OF_IT
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import FAINT, REPETITION, SAME_PHASE, differences, rate_features
+from sdp_vs_penalty.signals.noise import REPETITION, SAME_PHASE, differences
 from sdp_vs_penalty.signals.outliers import (
     FALSE_EVENT,
     local_excess,
     lone_windows,
-    noise_profile,
     robust_scale,
 )
 from sdp_vs_penalty.signals.repetition import consecutive, later_rows
@@ -80,12 +79,10 @@ def _loudest(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
 def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
     """(M, n) rows of which the residual, white (M, n), is an outlier beside what repeats."""
     rows, noise = data.rows, data.noise
-    out, faint = np.zeros((2, *white.shape), bool)
-    rates = rate_features(rows)
+    out = np.zeros(white.shape, bool)
     for j in range(rows.n):
-        steady = white[:, j] / noise_profile(white[:, j], rates[j], rates[j])
         # The noise may be larger than was thought; its median does not see an event.
-        steady = steady / max(robust_scale(steady[steady != 0.0]), 1.0)
+        steady = white[:, j] / max(robust_scale(white[white[:, j] != 0.0, j]), 1.0)
         # Friction that turns round lets go a little elsewhere each time.
         slow = rows.slow[:, j] > SLOW
         steady[slow] /= max(np.sqrt(np.mean(steady[slow] ** 2)), 1.0) if slow.any() else 1.0
@@ -95,10 +92,7 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
             found &= _lone(white[:, j], rows, j)
         if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
             out[:, j] = found
-            faint[:, j] = found | local_excess(FAINT * steady, rows.pieces(j), rows.n, degrees)
-    out &= ~_comes_back(out, faint, data)
-    out |= _odd_ones(data, residual)
-    return out & ~_of_reversals(out, residual**2, rows)
+    return out | _odd_ones(data, residual)
 
 
 def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
@@ -108,29 +102,6 @@ def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
         [s.low_pass @ np.gradient(s.motion.ddq[:, joint], s.motion.t) for s in rows.segments]
     )
     return lone_windows(white, rows.pieces(joint), slow, jerk, rows.rate, rows.n)
-
-
-def _of_reversals(mask: Mask, energy: Array, rows: SegmentedRuns) -> Mask:
-    """(M, n) the windows of which most energy (M, n) is of rows in which the joint is slow."""
-    out = np.zeros_like(mask)
-    for j in range(rows.n):
-        slowly, marked = energy[:, j] * (rows.slow[:, j] > SLOW), np.flatnonzero(mask[:, j])
-        for piece in np.split(marked, np.flatnonzero(np.diff(marked) != 1) + 1):
-            out[piece, j] = slowly[piece].sum() > 0.5 * energy[piece, j].sum()
-    return out
-
-
-def _comes_back(mask: Mask, faint: Mask, data: WhiteData) -> Mask:
-    """(M, n) windows that come back at the same phase of the motion, if only faintly: error of the
-    model, no event."""
-    out, near = np.zeros_like(mask), _widened(faint, data.rows)
-    for repeat in data.noise.repeats:
-        later = later_rows(data.rows.segments, repeat)
-        out[repeat.rows] |= mask[repeat.rows] & near[later]
-        back = np.zeros_like(mask)
-        np.logical_or.at(back, later, near[repeat.rows])
-        out |= mask & back
-    return out
 
 
 def _odd_ones(data: WhiteData, residual: Array) -> Mask:

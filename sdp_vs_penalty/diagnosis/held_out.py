@@ -88,7 +88,7 @@ class HeldOut:
 
     def offered(self, count: int) -> list[int]:
         """Of effects, the likeliest first, those that raise no joint's error by more than RAISES beside
-        the others; in an order in which they raise none where they are added, if there is one."""
+        the others."""
         kept = list(range(count))
         while kept:
             every = self.errors(kept)
@@ -97,13 +97,7 @@ class HeldOut:
             if rise[worst] <= RAISES:
                 break
             del kept[worst]
-        order = list[int]()
-        while kept:
-            before = self.errors(order)
-            steps = (k for k in kept if harm(before, self.errors([*order, k])) <= RAISES)
-            order.append(next(steps, kept[0]))
-            kept.remove(order[-1])
-        return order
+        return kept
 
 
 def harm(before: Array, after: Array) -> float:

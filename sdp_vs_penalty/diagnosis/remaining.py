@@ -28,7 +28,7 @@ class Remainder:
     """share (n,) : variance of what is left over that of the noise, less one; beyond (n,) [N m or N] :
     its RMS beyond the noise while the joint slides, slow (n,) : while it is slow; floor (n,) : of the
     noise; matters : the joints (from 0) on which something is left that matters; known : whether the
-    noise is."""
+    noise is; residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it."""
 
     share: Array
     beyond: Array
@@ -36,13 +36,15 @@ class Remainder:
     floor: Array
     matters: tuple[int, ...]
     known: bool
+    residual: Array
+    odd: NDArray[np.bool_]
 
 
-def remainder(data: WhiteData, fit: Fit, residual: Array, ignore: NDArray[np.bool_]) -> Remainder:
-    """residual (M, n) [N m or N], white in ``fit``; ignore (M, n) : rows of events."""
+def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]) -> Remainder:
+    """residual (M, n) [N m or N], white in ``fit``; odd (M, n) : rows of events, left out."""
     rows, noise = data.rows, data.noise
     white = (fit.residual * fit.level[:, None]).T
-    keep = rows.keep & (white != 0.0) & (noise.worth > 0.5) & (rows.still <= STILL) & ~ignore
+    keep = rows.keep & (white != 0.0) & (noise.worth > 0.5) & (rows.still <= STILL) & ~odd
     slides = keep & (rows.slow <= SLOW)
     leverage = np.sum(fit.Q**2, axis=2).T
 
@@ -63,7 +65,9 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, ignore: NDArray[np.boo
         raised = np.hypot(beyond, noise.floor) / noise.floor - 1.0
     found = (variance > least) & (raised > MATTERS) & data.known
     matters = tuple(np.flatnonzero(found).tolist())
-    return Remainder(mean(white**2, keep) - 1.0, beyond, slow, noise.floor, matters, data.known)
+    return Remainder(
+        mean(white**2, keep) - 1.0, beyond, slow, noise.floor, matters, data.known, residual, odd
+    )
 
 
 def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:

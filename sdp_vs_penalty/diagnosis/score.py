@@ -28,7 +28,7 @@ import scipy.linalg
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED, ALPHA
 from sdp_vs_penalty.diagnosis.library import Batch, Form
-from sdp_vs_penalty.diagnosis.whitening import WhiteData
+from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Share of a column below which what others leave of it is rounding.
@@ -210,9 +210,7 @@ class Score:
         k = T.shape[2]
         scores = np.sum(T * left[:, :, None], axis=0)
         best, out = 1.0, np.tensordot(T, T, axes=((0, 1), (0, 1)))
-        for labels in self.data.clusters:
-            u = np.zeros((int(labels.max()) + 1, k))
-            np.add.at(u, labels, scores)
+        for u in cluster_sums(self.data.clusters, scores):
             S = u.T @ u
             times = float(np.trace(inverse @ S)) / k
             if times > best:

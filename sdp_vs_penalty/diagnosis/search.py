@@ -269,21 +269,14 @@ class Search:
         out.fit = out.score.fit(out.terms)
         return out
 
-    def limited(self, terms: Sequence[Term], least: float = -np.inf) -> Search:
-        """The search with some of its terms only, each judged beside those; the worst goes while it has
-        less than ``least``."""
-        out = Search(self.data, self.library)
-        while True:
-            fit = out.score.fit(terms)
-            found = []
-            for t in terms:
-                others = out.score.fit([x for x in terms if x != t], fit.level)
-                found.append(replace(out.score.judged(others, t.form, t.columns), rivals=t.rivals))
-            worst = min(range(len(found)), key=lambda k: found[k].J, default=None)
-            if worst is None or least <= found[worst].J:
-                break
-            terms = [t for k, t in enumerate(terms) if k != worst]
-        out.terms, out.fit = found, fit
+    def limited(self, terms: Sequence[Term]) -> Search:
+        """The search with some of its terms only, each judged beside those."""
+        out, fit = Search(self.data, self.library), self.score.fit(terms)
+        for t in terms:
+            others = out.score.fit([x for x in terms if x != t], fit.level)
+            again = out.score.judged(others, t.form, t.columns)
+            out.terms.append(replace(again, rivals=t.rivals))
+        out.fit = fit
         return out
 
 

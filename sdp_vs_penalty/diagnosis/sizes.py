@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.library import Form
 from sdp_vs_penalty.diagnosis.score import Fit, Term
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.whitening import WhiteData, model_columns
+from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums, model_columns
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, free_constants, prior_deviation
 from sdp_vs_penalty.robot.arrays import Array
@@ -58,42 +57,22 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
     through = inverse @ np.hstack([inside, _torque(T, fit, errors)])
     covariance = through @ through.T
     least = inverse @ (A - np.diag(prior)) @ inverse
-    grown = np.maximum(np.diagonal(covariance), np.diagonal(least)) / np.maximum(
-        np.diagonal(covariance), 1e-300
-    )
+    variances = np.diagonal(covariance)
+    grown = np.maximum(variances, np.diagonal(least)) / np.maximum(variances, 1e-300)
     covariance = covariance * np.sqrt(grown[:, None] * grown)
     deviations = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))[k : k + len(own)]
     constants = {
         name: float(d * prior_deviation(term.form.effect, name))
         for name, d in zip(own, deviations, strict=False)
     }
-    return Size(beta, covariance[:k, :k] + _between(search, fit, term), constants)
-
-
-def _between(search: Search, fit: Fit, term: Term) -> Array:
-    """(k, k) spread of the coefficients between the laws with which a search begins, each as likely as
-    its score says (model averaging: Hoeting et al., Statistical Science 1999): where rows hardly tell a
-    constant, an expansion about its best value is no measure of it."""
-    effect, (name, joint) = term.form.effect, term.key
-    if term.form.own or not free_constants(effect) or effect.sized_shape:
-        return np.zeros((term.form.k, term.form.k))
-    start = min(float(s.motion.t[0]) for s in search.data.rows.segments)
-    known = {x: v for x, v in effect.shape.items() if effect.shapes[x].bounds is None}
-    kin = type(effect).candidates(effect.robot, joint, start)
-    same = [e for e in kin if known.items() <= e.shape.items()]
-    others = [search.judged(fit, Form((name, joint), e)) for e in same]
-    J, far = np.array([t.J for t in others]), np.array([t.beta - term.beta for t in others])
-    weight = np.exp(0.5 * np.minimum(J - term.J, 0.0))
-    return np.asarray((weight * far.T) @ far / (1.0 + weight.sum()))
+    return Size(beta, covariance[:k, :k], constants)
 
 
 def _factor(search: Search, fit: Fit, T: Array, left: Array) -> Array:
     """(K, C) a factor of S, of the clusters that make it largest."""
     scores = np.sum(T * left[:, :, None], axis=0)
     best: Array | None = None
-    for labels in search.data.clusters:
-        u = np.zeros((int(labels.max()) + 1, T.shape[2]))
-        np.add.at(u, labels, scores)
+    for u in cluster_sums(search.data.clusters, scores):
         # As many degrees of freedom as there are clusters, less those that the fit has taken.
         count = len(u)
         u *= np.sqrt(count / max(count - T.shape[2], 1.0))

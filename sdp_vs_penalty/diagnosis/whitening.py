@@ -3,6 +3,7 @@ clusters."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -88,6 +89,14 @@ class WhiteData:
             full = filled(block.columns, block.parameters, len(effect.parameters))
             out[block.joint] = self.white(full, block.joint)
         return out
+
+
+def cluster_sums(clusters: Sequence[NDArray[np.intp]], scores: Array) -> Iterator[Array]:
+    """(clusters, k) sums of scores (M, k), by each way to cluster rows."""
+    for labels in clusters:
+        u = np.zeros((int(labels.max()) + 1, scores.shape[1]))
+        np.add.at(u, labels, scores)
+        yield u
 
 
 def prepare(

@@ -35,20 +35,6 @@ def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     """Solve to the accuracy asked for (relative gap and feasibility)."""
     import clarabel
 
-    settings, cones = _settings(accuracy), _cones(problem)
-    start = time.perf_counter()
-    if np.max(np.abs(problem.b), initial=0.0) >= _INFINITE:
-        x, z = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
-        return Solution(x, z, "failed", "data beyond 1e20", 0, 0.0, 0.0)
-    solver = clarabel.DefaultSolver(problem.P, problem.q, problem.A, problem.b, cones, settings)
-    ready = time.perf_counter()
-    result = solver.solve()
-    return _solution(result, ready - start, time.perf_counter() - ready)
-
-
-def _settings(accuracy: float) -> Any:
-    import clarabel
-
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
@@ -60,25 +46,22 @@ def _settings(accuracy: float) -> Any:
     settings.static_regularization_constant = 1e-10
     for key, value in options(accuracy).items():
         setattr(settings, key, value)
-    return settings
-
-
-def _cones(problem: ConicProblem) -> list[Any]:
-    import clarabel
-
     kinds = {
         "zero": clarabel.ZeroConeT,
         "nonnegative": clarabel.NonnegativeConeT,
         "soc": clarabel.SecondOrderConeT,
         "psd": clarabel.PSDTriangleConeT,
     }
-    return [
+    cones = [
         clarabel.ExponentialConeT() if c.kind == "exp" else kinds[c.kind](c.size) for c in problem.cones
     ]
-
-
-def _solution(result: Any, setup: float, seconds: float) -> Solution:
-    status = str(result.status)
-    claims = _CLAIMS.get(status, "failed")
-    x, z = np.array(result.x), np.array(result.z)
-    return Solution(x, z, claims, status, int(result.iterations), setup, seconds)
+    start = time.perf_counter()
+    if np.max(np.abs(problem.b), initial=0.0) >= _INFINITE:
+        x, z = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
+        return Solution(x, z, "failed", "data beyond 1e20", 0, 0.0, 0.0)
+    solver = clarabel.DefaultSolver(problem.P, problem.q, problem.A, problem.b, cones, settings)
+    ready = time.perf_counter()
+    result = solver.solve()
+    status, x, z = str(result.status), np.array(result.x), np.array(result.z)
+    claims, steps = _CLAIMS.get(status, "failed"), int(result.iterations)
+    return Solution(x, z, claims, status, steps, ready - start, time.perf_counter() - ready)

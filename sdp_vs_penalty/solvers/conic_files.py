@@ -24,7 +24,7 @@ def sdpa_text(problem: ConicProblem) -> str:
         " ".join(str(s) for s in sizes),
         " ".join(f"{x:.17g}" for x in problem.q),
     ]
-    block, i, j, factor = _entries(problem.cones)
+    block, i, j, factor = svec_entries(problem.cones)
     whole = sparse.hstack([sparse.csc_matrix(problem.b[:, None]), problem.A], "csc").tocoo()
     for row, k, value in zip(whole.row, whole.col, -whole.data * factor[whole.row], strict=True):
         if value != 0.0:
@@ -49,7 +49,7 @@ def cbf_text(problem: ConicProblem) -> str:
     order = np.concatenate(rows)
     if cones:
         lines += ["CON", f"{len(order)} {len(cones)}", *cones, ""]
-    block, i, j, factor = _entries(problem.cones)
+    block, i, j, factor = svec_entries(problem.cones)
     number, matrix = np.cumsum(psd) - 1, sparse.csr_matrix(-problem.A)
     matrices = np.flatnonzero(psd[block])
     part = matrix[matrices].tocoo()
@@ -78,7 +78,7 @@ def _section(name: str, *columns: Any) -> list[str]:
     return [name, str(len(found)), *found, ""] if found else []
 
 
-def _entries(cones: Sequence[Cone]) -> tuple[Any, Any, Any, Any]:
+def svec_entries(cones: Sequence[Cone]) -> tuple[Any, Any, Any, Any]:
     """For each row its block, row and column and the factor that turns svec into entries."""
     parts = []
     for number, cone in enumerate(cones):

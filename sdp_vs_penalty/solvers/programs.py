@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
-from sdp_vs_penalty.solvers.conic_files import sdpa_text
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.conic_files import sdpa_text, svec_entries
 from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities, reorder
 
 #: From what a program printed and its exit code to (claims, its own words, iterations).
@@ -69,19 +69,11 @@ def read_solution(file: Path, problem: ConicProblem) -> tuple[Array, Array] | No
         return None
     if len(x) != len(problem.q):
         return None
-    z = np.zeros(len(problem.b))
-    starts = np.cumsum([0, *(c.rows for c in problem.cones)])
-    for matrix, block, i, j, value in entries.reshape(-1, 5):
+    z, (block, i, j, factor) = np.zeros(len(problem.b)), svec_entries(problem.cones)
+    rows = {place: k for k, place in enumerate(zip(block, i, j, strict=True))}
+    for matrix, number, *place, value in entries.reshape(-1, 5):
         if int(matrix) == 2:
-            cone = problem.cones[int(block) - 1]
-            z[starts[int(block) - 1] + _row(cone, int(i) - 1, int(j) - 1)] = value * _weight(cone, i, j)
+            low, high = sorted(int(x) - 1 for x in place)
+            k = rows[int(number) - 1, low, high]
+            z[k] = value / factor[k]
     return x, z
-
-
-def _row(cone: Cone, i: int, j: int) -> int:
-    low, high = min(i, j), max(i, j)
-    return high if cone.kind == "nonnegative" else high * (high + 1) // 2 + low
-
-
-def _weight(cone: Cone, i: float, j: float) -> float:
-    return 1.0 if cone.kind == "nonnegative" or i == j else float(np.sqrt(2.0))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +12,7 @@ from random_robots import link_parameters, sines, tree
 from sdp_vs_penalty import InputError, Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.signals import Kernel, Preprocessing, filtered_torque, preprocessing
-from sdp_vs_penalty.signals.preprocessing import filtered_rows, low_passed
-from sdp_vs_penalty.signals.runs import moving_joints
+from sdp_vs_penalty.signals.preprocessing import filtered_rows
 
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
 
@@ -31,20 +28,6 @@ def responses(cutoff: float, dt: float, share: float) -> np.ndarray:
     wave = np.exp(-1j * w * taps(kernel))
     orders = (kernel.value, kernel.first, kernel.second)
     return np.array([h @ wave / (1j * w) ** k for k, h in enumerate(orders)])
-
-
-@pytest.mark.parametrize(("cutoff", "dt"), CASES)
-def test_kernel_is_exact_on_polynomials_of_degree_seven(cutoff: float, dt: float) -> None:
-    kernel = Kernel(cutoff, dt)
-    t = np.arange(4 * kernel.half) * dt
-    u = t / t[-1] - 0.5
-    c = np.random.default_rng(0).normal(size=8)
-    p = np.polynomial.Polynomial(c)
-    inner = slice(kernel.half, -kernel.half)
-    found = kernel.states(p(u)[:, None])
-    for order, values in enumerate(found):
-        exact = (p.deriv(order) if order else p)(u[inner]) / t[-1] ** order
-        np.testing.assert_allclose(values[:, 0], exact, atol=1e-9 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize(("cutoff", "dt"), CASES)
@@ -224,56 +207,6 @@ def test_what_cannot_be_filtered_is_refused() -> None:
     noise = np.random.default_rng(0).normal(size=run.q.shape)
     with pytest.raises(InputError, match="does not move"):
         Preprocessing().resolve(Measurements(run.t, 1e-5 * noise, run.tau))
-
-
-@pytest.mark.real_data
-@pytest.mark.parametrize("joint", [2, 5])
-def test_a_real_arms_idle_joints_do_not_set_the_filters(data_folder: Path, joint: int) -> None:
-    """Files of the UR10e in which one joint is driven (joint 5's with its neighbour 6)."""
-    rows = np.genfromtxt(data_folder / "ur10e" / f"ur-20_01_22-joint_{joint}.csv", delimiter=",")
-    run = Measurements(rows[:, 0], rows[:, 1:7], rows[:, 13:19])
-    moving = moving_joints(run)
-    assert (np.flatnonzero(moving) + 1).tolist() == ([2] if joint == 2 else [5, 6])
-    alone = Measurements(run.t, run.q[:, moving], run.tau[:, moving])
-    assert Preprocessing().resolve(run) == Preprocessing().resolve(alone)
-
-
-@pytest.mark.real_data
-def test_the_panda_runs_standstill_is_dropped(panda_run: Measurements) -> None:
-    """About 1100 rows at its start repeat one position."""
-    from sdp_vs_penalty import load_problem
-
-    problem = load_problem("panda")
-    settings = problem.preprocessing.resolve(panda_run)
-    t = filtered_torque(panda_run, problem.model(["torque_offset"]), settings).motion.t
-    margin = 2.0 / 5.0 + 2.0 / 8.0
-    moved = panda_run.t[np.argmax(np.abs(panda_run.q - panda_run.q[0]).max(axis=1) > 1e-3)]
-    assert t[0] > moved - 0.5
-    assert t[0] < moved + margin + 0.1
-    assert np.diff(t).max() < 0.1
-
-
-def test_a_long_run_is_judged_by_what_lies_around_the_chosen_instants() -> None:
-    """The same states and torques as from the whole run, and next to no memory beside the data."""
-    run = model_and_run(seconds=400.0)[2]
-    settings = Preprocessing(state_cutoff=5.0, torque_cutoff=8.0)
-    motion, tau = low_passed(run, settings, 200)
-    dt = float(np.median(np.diff(run.t)))
-    kernel = Kernel(5.0, dt)
-    q, dq, ddq = kernel.states(run.q)
-    smooth, *_ = kernel.states(run.tau)
-    at = np.round((motion.t - run.t[0]) / dt).astype(int) - kernel.half
-    for got, whole in (
-        (motion.q, q), (motion.dq, dq), (motion.ddq, ddq), (tau, smooth)
-    ):  # fmt: skip
-        assert np.abs(got - whole[at]).max() <= 1e-7 * np.abs(whole).max()
-    assert len(motion.t) == 200
-    assert motion.t[-1] - motion.t[0] > 398.0
-    tracemalloc.start()
-    low_passed(run, settings, 200)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 2 * run.q.nbytes  # the whole run filtered at once takes 14 times as much
 
 
 @pytest.mark.parametrize("cutoffs", [(5.0, 8.0), (20.0, 8.0), (3.0, 12.0)])

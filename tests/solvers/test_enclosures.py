@@ -121,17 +121,6 @@ def test_a_repaired_point_is_feasible_in_rational_arithmetic_and_no_deeper_than_
             assert chosen.depth(start) < 1e-12 or np.array_equal(found, start)
 
 
-def test_what_only_rounding_calls_feasible_is_repaired() -> None:
-    """0.1 + 0.2 >= 0.1 + 0.2 as doubles are summed, and not as the numbers that they are."""
-    enough = build.linear("sum", "both", [0, 1], [[1.0], [1.0]], [-(0.1 + 0.2)])
-    theta = np.array([0.1, 0.2])
-    assert enough.margin(theta) == 0.0
-    assert not verified.certainly_feasible([enough], theta)
-    found = repair(ConstraintSet((enough,)), theta, np.array([1.0, 1.0]))
-    assert verified.certainly_feasible([enough], found)
-    np.testing.assert_allclose(found, theta, rtol=1e-12)
-
-
 def test_a_sum_within_its_rounding_is_decided_exactly() -> None:
     """Six products that cancel: doubles call some of them positive that are negative."""
     rng, misled = np.random.default_rng(0), 0

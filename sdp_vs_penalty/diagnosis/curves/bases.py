@@ -20,8 +20,6 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 _DEGREE = 3
 #: Splines along a position, along anything else, and along each variable of a pair.
 _POSITION, _OTHER, _PAIR = 32, 20, 9
-#: Splines of a curve at most.
-_LARGEST = 240
 #: Values of the table that is written down, along one variable and along each of a pair.
 _POINTS, _PAIR_POINTS = 81, 25
 #: Waves of a function of a phase, and how often a motion must go through the phase to show it.
@@ -76,7 +74,7 @@ class Axis:
         if self.is_phase:
             return np.diag(np.tile(np.arange(1.0, _WAVES + 1) ** 4, 2))
         first, second = (np.diff(np.eye(self.count), k, axis=0) for k in (1, 2))
-        level = 0.0 if self.count in (_PAIR, 2 * _PAIR - _DEGREE) else (2.0 * np.pi / self.count) ** 2
+        level = 0.0 if self.count == _PAIR else (2.0 * np.pi / self.count) ** 2
         return np.asarray(second.T @ second + level * first.T @ first)
 
     def points(self, count: int) -> Array:
@@ -89,13 +87,6 @@ class Basis:
     """Splines over one variable, or the products of those over two."""
 
     axes: tuple[Axis, ...]
-
-    @property
-    def finer(self) -> Basis | None:
-        """The same with knots halfway between these; None where there are too many, or a phase."""
-        axes = [a if a.is_sign else replace(a, count=2 * a.count - _DEGREE) for a in self.axes]
-        made = Basis(tuple(axes))
-        return None if made.size > _LARGEST or any(a.is_phase for a in axes) else made
 
     @property
     def of(self) -> tuple[str, ...]:

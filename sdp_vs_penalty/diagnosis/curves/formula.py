@@ -148,14 +148,7 @@ def _amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
     gram, pull = np.where(known[:, None, None], gram, 0.0), np.where(known[:, None], pull, 0.0)
     scale = np.sqrt(np.maximum(np.einsum("smm->sm", gram), 1e-300))
     gram, pull = gram / (scale[:, :, None] * scale[:, None, :]), pull / scale
-    if pull.shape[1] == 1:  # what a dictionary is mostly made of
-        a = pull * (gram[:, 0] > 0.5)
-    elif pull.shape[1] == 2:  # sums and differences of both do not overlap
-        turn = np.sqrt(0.5) * np.array([[1.0, 1.0], [1.0, -1.0]])
-        seen = 1.0 + gram[:, 0, 1:] * np.array([1.0, -1.0])
-        a = np.where(seen > 1e-9, pull @ turn, 0.0) / np.maximum(seen, 1e-9) @ turn
-    else:
-        a = (np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ pull[:, :, None])[:, :, 0]
+    a = (np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ pull[:, :, None])[:, :, 0]
     return a / scale, np.sum(a * pull, axis=1)
 
 

@@ -4,7 +4,7 @@ findings, and the law that it may be. One score decides, the one of all other fo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,8 @@ _Rated = tuple[float, SplineFit, LawFit | None]
 @dataclass(frozen=True)
 class Measured:
     """A curve as an effect: table, and by fold the values that the other folds' rows make; replaced :
-    the terms that it stands instead of; J : score."""
+    the terms that it stands instead of; J : score; before : held-out error of its joint without it,
+    errors (n,) : with it, where it is offered."""
 
     fitted: SplineFit
     law: LawFit | None
@@ -42,6 +43,8 @@ class Measured:
     variables: Variables
     replaced: tuple[Term, ...]
     J: float
+    before: float = np.nan
+    errors: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def joint(self) -> int:
@@ -120,7 +123,8 @@ def _instead(own: Sequence[Term], alone: _Rated, beside: _Rated | None) -> bool:
     """Whether a curve alone stands in the place of a joint's terms: where these need a curve besides, or
     have more constants than its law, it only has to be as good."""
     J, _, law = alone
-    named = sum(t.J for t in own) + (0.0 if beside is None else beside[0])
+    # A term that others make by now is worth nothing: its score is minus infinity.
+    named = sum(max(t.J, 0.0) for t in own) + (0.0 if beside is None else beside[0])
     least = EQUIVALENT + FORM * named
     simpler = law is not None and law.size < sum(t.form.k + t.form.constants for t in own)
     return named + (-least if beside is not None or simpler else least) < J

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.constants import ABSORBED_CURVE, ALPHA
 from sdp_vs_penalty.diagnosis.curves.bases import Basis
 from sdp_vs_penalty.diagnosis.score import Fit, Score
+from sdp_vs_penalty.diagnosis.whitening import cluster_sums
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Weights of the roughness that are tried, relative to the data's.
@@ -54,22 +55,12 @@ class Columns:
             v = _inflation(score, T, fit.residual - T @ c, D, raw / count)
         return cls(fit, joint, z, C, D, s, raw, count, v + count / ALPHA)
 
-    def gain(self, drop: Array) -> Array:
-        """Of twice the log likelihood by drops of the weighted squared error."""
-        fit, j = self.fit, self.joint
-        before, degrees = fit.rss[j], fit.degrees[j]
-        after = np.maximum(before - drop * fit.level[j] ** 2, 0.0)
-
-        def deviance(x: Array) -> Array:
-            variance = np.maximum(x / degrees, fit.floor)
-            return np.asarray(degrees * np.log(variance) + x / variance)
-
-        return deviance(np.asarray(before)) - deviance(after)
-
     def score(self, drop: float, freedom: float, looked: int) -> float:
-        """The score of something that takes ``drop`` with so much freedom, of so many looked at."""
-        N = max(self.count / self.v, 3.0)
-        gain = float(self.gain(np.asarray(drop)))
+        """The score of something that takes ``drop`` of the weighted squared error with so much freedom,
+        of so many looked at."""
+        fit, N, rss = self.fit, max(self.count / self.v, 3.0), self.fit.rss.copy()
+        rss[self.joint] = max(rss[self.joint] - drop * fit.level[self.joint] ** 2, 0.0)
+        gain = fit.deviance(fit.rss) - fit.deviance(rss)
         return gain / self.v - freedom * np.log(N) - 2.0 * np.log(max(looked, 1))
 
     def without_fold(self, fold: NDArray[np.intp], P: Array) -> Array:
@@ -99,9 +90,7 @@ def _inflation(score: Score, T: Array, left: Array, D: Array, prior: Array) -> f
     inverse = np.linalg.inv(D + prior + 1e-9 * np.trace(D + prior) * np.eye(k))
     scores, best = np.sum(T * left[:, :, None], axis=0), 1.0
     freedom = max(float(np.trace(inverse @ D)), 1.0)
-    for labels in score.data.clusters:
-        u = np.zeros((int(labels.max()) + 1, k))
-        np.add.at(u, labels, scores)
+    for u in cluster_sums(score.data.clusters, scores):
         best = max(best, float(np.sum((u @ inverse) * u)) / freedom)
     return best
 
