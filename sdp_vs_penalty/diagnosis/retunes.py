@@ -48,7 +48,7 @@ class Retune(Plain):
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """From 1."""
+        """Its one joint, as a finding has them."""
         return (self.joint,)
 
     @property
