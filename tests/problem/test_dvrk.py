@@ -49,7 +49,7 @@ def test_tables_without_header_are_read_at_their_rate(tmp_path: Path) -> None:
     assert run.dq is not None
     assert np.array_equal(np.hstack([run.q, run.dq, run.tau]), rows)
     np.testing.assert_allclose(np.diff(run.t), 0.005)
-    for text, words in (("1,2\n3,4\n", "three a joint"), ("1,2,x\n", "as many numbers")):
+    for text, words in (("1,2\n3,4\n", "three a joint"), ("1,2,x\n", "not a number")):
         path.write_text(text)
         with pytest.raises(InputError, match=words):
             convert(path, rate=200.0)
