@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import time
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -32,6 +31,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot.trajectory import random_trajectory
 from sdp_vs_penalty.shootout.standard_instances import chain_problem, thin_links
+from sdp_vs_penalty.show import markdown_table
 
 Array = NDArray[np.float64]
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
@@ -114,8 +114,8 @@ def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:
         ("friction", theta[-3 * n :], estimate.uncertainty.standard[-3 * n :]),
     ):
         pairs = [(x, i) for x, i in zip(truth, intervals, strict=True) if np.isfinite(i.std)]
-        held = float(np.mean([i.low <= x <= i.high for x, i in pairs]))
-        out[name] = held, float(np.median([i.high - i.low for _, i in pairs]))
+        held = float(np.mean([i.lower <= x <= i.upper for x, i in pairs]))
+        out[name] = held, float(np.median([i.upper - i.lower for _, i in pairs]))
     return out
 
 
@@ -123,35 +123,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--draws", type=int, default=160, help="of each situation")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--minutes", type=float, default=60.0, help="begin no draw after so many")
     parser.add_argument("--out", type=Path, default=Path("results/coverage_in_life.md"))
     chosen = parser.parse_args()
-    begin, found = time.monotonic(), {closed: [] for closed in (False, True)}
-    for k in range(chosen.draws):
-        for closed, draws in found.items():
-            if time.monotonic() - begin < 60.0 * chosen.minutes:
-                draws.append(draw(chosen.seed + k, closed))
-    lines = ["| situation | draws | quantity | coverage [%] | Wilson 95 % | median width |"]
-    lines += ["| --- | --- | --- | --- | --- | --- |"]
-    for closed, draws in found.items():
+    seeds = range(chosen.seed, chosen.seed + chosen.draws)
+    found = {
+        word: [draw(k, word == "closed loop") for k in seeds] for word in ("planned", "closed loop")
+    }
+    lines = []
+    for word, draws in found.items():
         for name in draws[0]:
             shares = [d[name][0] for d in draws]
             low, high = wilson(float(np.sum(shares)), len(shares))
-            lines.append(
-                f"| {'closed loop' if closed else 'planned'} | {len(draws)} | {name} | "
-                f"{100 * np.mean(shares):.1f} | {100 * low:.1f} to {100 * high:.1f} | "
-                f"{np.median([d[name][1] for d in draws]):.2g} |"
-            )
-    head = (__doc__ or "").split("\n\n")
-    text = ["# Coverage of 95 % intervals, in life", "", *head[2].splitlines(), ""]
-    text += [
-        f"    python benchmarks/coverage_in_life.py --draws {chosen.draws} --seed {chosen.seed}",
-        "",
-        *lines,
-        "",
-    ]
+            cells = f"{100 * np.mean(shares):.1f}", f"{100 * low:.1f} to {100 * high:.1f}"
+            width = f"{np.median([d[name][1] for d in draws]):.2g}"
+            lines.append([word, str(len(draws)), name, *cells, width])
+    head = ["situation", "draws", "quantity", "coverage [%]", "Wilson 95 %", "median width"]
+    about = (__doc__ or "").split("\n\n")[2]
+    call = f"    python benchmarks/coverage_in_life.py --draws {chosen.draws} --seed {chosen.seed}"
+    text = ["# Coverage of 95 % intervals, in life", "", *about.splitlines(), "", call, ""]
+    text += [*markdown_table(head, lines), ""]
     write_text(chosen.out, "\n".join(text))
-    print("\n".join(lines))
+    print("\n".join(text))
 
 
 if __name__ == "__main__":

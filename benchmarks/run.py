@@ -42,7 +42,7 @@ def measure(part: str, given: argparse.Namespace) -> list[dict[str, Any]]:
     import speed
 
     from sdp_vs_penalty import load_measurements, load_problem
-    from sdp_vs_penalty.estimation.certify import versions
+    from sdp_vs_penalty.estimation.identify import versions
 
     problem, folder = load_problem("panda"), given.data / "panda"
     run = load_measurements(folder, joints=7)

@@ -24,7 +24,7 @@ import numpy as np
 from sdp_vs_penalty import Estimate, cross_validate, identify, load_measurements
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.estimation.certify import build_estimate
+from sdp_vs_penalty.estimation.identify import build_estimate
 from sdp_vs_penalty.estimation.identify import identify as estimated
 from sdp_vs_penalty.estimation.pose import Posed, pose
 from sdp_vs_penalty.estimators import make_estimator

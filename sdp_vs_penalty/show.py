@@ -86,6 +86,11 @@ def joints(numbers: Sequence[int]) -> str:
     return f"joint{'s' if len(numbers) > 1 else ''} {words(numbers)}"
 
 
+def times(x: float) -> str:
+    """ "3.5", "26", "180": a ratio in two digits, from 100 on a whole number."""
+    return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
+
+
 def count(number: int, noun: str) -> str:
     """ "1 problem", "2 problems"."""
     return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -20,14 +20,6 @@ from sdp_vs_penalty.simulation.worlds.world import World
 USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
 #: What can be hidden from a model that is refitted.
 EFFECTS: Mapping[str, Maker] = {**FRICTION, **MACHINE}
-#: What gears and grease do, counted by itself as well.
-NEW = (
-    "transmission_friction",
-    "load_dependent_hysteresis",
-    "position_dependent_friction",
-    "warming_friction",
-    "maxwell_slip",
-)
 #: Energy, white and with the model partialled out, from which a hidden effect counts as identifiable.
 IDENTIFIABLE = 30.0
 #: Links that stand farther from where the encoders say [rad, m] belong to no machine.
@@ -37,16 +29,13 @@ FARTHEST = 0.3
 @dataclass(frozen=True)
 class CaseClass:
     """what : none, effects, unknown, curves, disturbance or payload; level : of LEVELS; count : effects;
-    among : of which effects, if not all; wrist : on the arm's last joints; frozen : the model was
-    identified before, without them."""
+    frozen : the model was identified before, without them."""
 
     name: str
     what: str
     level: str = "strong"
     count: int = 1
     one_run: bool = False
-    among: tuple[str, ...] = ()
-    wrist: bool = False
 
     @property
     def frozen(self) -> bool:
@@ -61,7 +50,7 @@ class CaseClass:
         if self.what != "effects":
             return []
         if self.count == 1:
-            every = self.among or tuple(EFFECTS)
+            every = tuple(EFFECTS)
             order = np.random.default_rng([seed, zlib.crc32(self.name.encode())]).permutation(len(every))
             return [every[order[index % len(every)]]]
         others = [name for name in EFFECTS if name not in USUAL]
@@ -79,8 +68,7 @@ class CaseClass:
         }
         makers = [EFFECTS[name] for name in names] or [kinds[x] for x in (self.what,) if x in kinds]
         coarse = [m.thinned(10) for m in motions]
-        n = world.arm.n
-        made = [make(world, n - 1 if self.wrist else int(rng.integers(n)), rng) for make in makers]
+        made = [make(world, int(rng.integers(world.arm.n)), rng) for make in makers]
         return [one.sized(world, coarse, LEVELS[self.level]) for one in made]
 
 
@@ -99,7 +87,5 @@ CLASSES: Mapping[str, CaseClass] = {
         CaseClass("unknown", "curves", "strong"),
         CaseClass("disturbance", "disturbance", "strong"),
         CaseClass("payload", "payload", "strong"),
-        CaseClass("new_effects", "effects", "strong", among=NEW),
-        CaseClass("wrist", "effects", "strong", among=("transmission_friction",), wrist=True),
     )
 }

@@ -13,8 +13,6 @@ from sdp_vs_penalty.show import markdown_table
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
 
 SINGLE = ("strong", "medium", "weak")
-#: All in which one effect of the library is hidden.
-ONE = (*SINGLE, "new_effects", "wrist")
 HEADINGS = ("class", "counted", "cases", "share", "interval", "to reach")
 
 #: What is counted in which class: (class, what is counted, how, figure to reach).
@@ -28,7 +26,7 @@ MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
     *((name, "truth in the equivalence set", judge.in_set, ">= 99 %") for name in SINGLE),
     *((name, "nothing named besides", lambda r: not judge.extras(r), "") for name in SINGLE),
     *((name, "nothing confident besides", judge.nothing_else_confident, ">= 98 %") for name in SINGLE),
-    *((x, "no curve", lambda r: not judge.has_curves(r), ">= 98 %") for x in (*SINGLE, "new_effects")),
+    *((name, "no curve", lambda r: not judge.has_curves(r), ">= 98 %") for name in SINGLE),
     ("one_run", "first named effect right", judge.first_right, ">= 95 %"),
     ("pairs", "both named", judge.all_named, ">= 95 %"),
     ("triples", "all three named", judge.all_named, ">= 90 %"),
@@ -37,10 +35,6 @@ MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
     ("disturbance", "flagged as event or unknown", judge.flagged, ""),
     ("disturbance", "an event at the right time", judge.found_in_time, ">= 90 %"),
     ("payload", "payload named first", judge.first_right, ""),
-    ("new_effects", "first named effect right", judge.first_right, ">= 97 %"),
-    ("new_effects", "nothing confident besides", judge.nothing_else_confident, ""),
-    ("wrist", "combination and ratios named first", judge.first_right, ">= 95 %"),
-    ("wrist", "combination and ratios named", judge.all_named, ">= 95 %"),
     ("unknown", "right variables", judge.right_variables, ">= 90 %"),
     ("unknown", ">= 80 % of the missing energy removed", judge.mostly_removed, ""),
 )
@@ -139,7 +133,7 @@ def _numbers(records: Sequence[Record]) -> list[str]:
 
 def effect_lines(records: Sequence[Record]) -> list[str]:
     """By effect: cases, who was taken for whom, and how honest its size is."""
-    mine = [r for r in records if r["class"] in ONE]
+    mine = [r for r in records if r["class"] in SINGLE]
     rows = []
     for effect in sorted({t["effect"] for r in mine for t in r["truth"]}):
         group = [r for r in mine if r["truth"][0]["effect"] == effect]

@@ -142,19 +142,10 @@ def clean(arm: Arm) -> list[Case]:
         span = run.t[-1] - run.t[0]
         for a, b in ((0.0, span), (0.0, 0.5 * span), (0.5 * span, span)):
             (report,) = check(arm.problem, run.window(a, b).runs()[0])
-            outcome = (
-                "false error" if report.meaningless else "false warning" if report.problems else "silent"
-            )
-            case = Case(
-                arm.name,
-                "(clean)",
-                run.names[0],
-                f"{a:.3g}-{b:.3g} s",
-                outcome,
-                None,
-                _said(report.problems),
-            )
-            cases.append(replace(case, contradicts=contradicts(report)))
+            outcome = "false warning" if report.problems else "silent"
+            outcome = "false error" if report.meaningless else outcome
+            what = arm.name, "(clean)", run.names[0], f"{a:.3g}-{b:.3g} s", outcome, None
+            cases.append(Case(*what, _said(report.problems), contradicts(report)))
     return cases
 
 

@@ -62,7 +62,7 @@ def _deleted(g: Glance, gone: Rows, joints: Sequence[int] = ()) -> Iterator[Find
     more = f" and {len(places) - 1} more parts" if len(places) > 1 else ""
     named = joints_text(joints) if joints else ""
     where = f"{named}{', ' if named else ''}rows {places[0][0] + 2} to {places[0][1] + 1}{more}"
-    figures = {"seconds": seconds, "parts": len(places), "rows": int(gone.sum())}
+    figures: dict[str, Any] = {"seconds": seconds, "parts": len(places), "rows": int(gone.sum())}
     figures |= {"named": named, "joints": [j + 1 for j in joints]}
     yield where, lambda r: r.rows(~gone), figures
 

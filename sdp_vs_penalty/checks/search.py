@@ -1,4 +1,4 @@
-"""The search over compositions of transformations: add the best, refine its numbers, drop.
+"""The search over compositions of transformations: add the best, refine its numbers.
 
 What is maximised is one posterior, L + log p(physics) - cost of the repair (see likelihood.py). A
 repair that is added has to predict parts of the log that the arm was not fitted to, and its number has
@@ -70,7 +70,7 @@ class Search:
             better = self.added(now)
             if better is None:
                 break
-            now = self.dropped(better)
+            now = better
         return self.found(now)
 
     def proposals(self, now: Repair) -> list[Repair]:
@@ -117,12 +117,7 @@ class Search:
         return bool(np.mean(change) > c.SIGNIFICANT * error and np.median(change) > 0.0)
 
     def _determined(self, number: Number) -> bool:
-        """Beyond what is usual, and its interval is closed: far to either side it explains less."""
-        far = number.apart if number.value in number.snaps else number.reach
-        values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
-        here, *sides = self.scene.judged.scores([number.at(x) for x in values])
-        if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < c.CLOSED:
-            return False
+        """Beyond what is usual, with its interval."""
         return abs(number.value) > number.tolerance + c.SIGMAS * self.scene.deviation(number)
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
@@ -142,15 +137,6 @@ class Search:
             tried = [number.at(x) for x in near] or [number.at(best), repair]
             repair = max(tried, key=self.posterior)
         return repair
-
-    def dropped(self, repair: Repair) -> Repair:
-        """Without whatever it does better without."""
-        while True:
-            others = [e.without for e in self.elements(repair) if e.without != self.scene.none]
-            better = max(others, key=self.posterior, default=repair)
-            if better == repair or self.posterior(better) < self.posterior(repair) - c.MIN_GAIN:
-                return repair
-            repair = better
 
     def found(self, repair: Repair) -> Found:
         told = tuple(

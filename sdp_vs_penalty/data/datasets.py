@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -136,39 +137,26 @@ def clean_stretch(text: str, width: int, gap: float = 0.1) -> tuple[Array, str]:
 
     >>> clean_stretch("0.3,9\\n7.00,1\\n7.01,2\\n7.02", 2)
     (array([[7.  , 1.  ],
-           [7.01, 2.  ]]), 'row 1 (no running clock before row 2) and row 4 (cut short or not numbers)')
+           [7.01, 2.  ]]), 'row 1 and row 4 (cut short, not numbers, or no running clock)')
     """
-    lines = text.splitlines()
-    while lines and not lines[-1].strip():
-        lines.pop()
+    lines = text.rstrip().splitlines()
     rows = np.full((len(lines), width), np.nan)
     for k, line in enumerate(lines):
         cells = line.split(",")
-        if len(cells) == width:
-            try:
-                rows[k] = [float(cell) for cell in cells]
-            except ValueError:
-                continue
+        with suppress(ValueError):
+            rows[k] = [float(cell) for cell in cells] if len(cells) == width else np.nan
     whole = np.all(np.isfinite(rows), axis=1)
-    with np.errstate(invalid="ignore", over="ignore"):
-        steps = np.diff(rows[:, 0])
-    joined = whole[1:] & whole[:-1] & (steps > 0.0) & (steps <= gap)
-    if not whole.any():
-        return rows[:0], _row_range(1, len(lines)) + " (cut short or not numbers)" if lines else ""
-    edges = np.concatenate([[0], np.flatnonzero(~joined) + 1, [len(lines)]])
-    longest = int(np.argmax(np.diff(edges) * whole[edges[:-1]]))
-    start, stop = int(edges[longest]), int(edges[longest + 1])
-    unused = []
-    if start > 0:
-        unused.append(f"{_row_range(1, start)} (no running clock before row {start + 1})")
-    if stop < len(lines):
-        why = "cut short or not numbers" if not whole[stop] else "no running clock"
-        unused.append(f"{_row_range(stop + 1, len(lines))} ({why})")
-    return rows[start:stop], " and ".join(unused)
-
-
-def _row_range(first: int, last: int) -> str:
-    return f"row {first}" if first == last else f"rows {first} to {last}"
+    start = stop = len(lines)
+    if whole.any():
+        with np.errstate(over="ignore"):
+            steps = np.diff(np.where(whole, rows[:, 0], np.nan))
+        breaks = np.flatnonzero(~((steps > 0.0) & (steps <= gap))) + 1
+        edges = np.concatenate([[0], breaks, [len(lines)]])
+        longest = int(np.argmax(np.diff(edges) * whole[edges[:-1]]))
+        start, stop = edges[longest : longest + 2].tolist()
+    spans = [(a, b) for a, b in ((1, start), (stop + 1, len(lines))) if a <= b]
+    unused = " and ".join(f"row {a}" if a == b else f"rows {a} to {b}" for a, b in spans)
+    return rows[start:stop], unused + " (cut short, not numbers, or no running clock)" * bool(unused)
 
 
 def _emps_runs(folder: Path, say: Say) -> dict[str, Measurements]:

@@ -25,11 +25,17 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.certify import certify, certify_beside, on_bounds, record, versions
 from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.identify import (
+    certify,
+    certify_beside,
+    identify,
+    on_bounds,
+    record,
+    versions,
+)
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.shape_constants import free_constants, sensitivities, settled
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes

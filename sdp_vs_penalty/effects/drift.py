@@ -16,7 +16,6 @@ class Drift(JointEffect):
     from which time counts: the measurements' first instant."""
 
     follows_clock = True
-    one_number = False  # per second in linear forms
     time_constant = Shape(300.0, "s", grid=(10.0, 30.0, 100.0), bounds=(3.0, 3000.0))
     clock = Shape(0.0, "s", signed=True, role="clock")
     shapes = {"form": Shape(1.0, choices=(1.0, 2.0)), "T": time_constant, "t0": clock}

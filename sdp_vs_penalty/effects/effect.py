@@ -111,8 +111,6 @@ class Effect(ABC):
     several: ClassVar[bool] = False
     #: How a sentence begins that tells a new value of its shape constant: "Coulomb turns over".
     turns: ClassVar[str] = ""
-    #: True where the effect says over which velocity dry friction turns round, as a shape constant does.
-    widens: ClassVar[bool] = False
     #: The shape constant that is a velocity, beyond that over which dry friction turns round.
     beyond_turning: ClassVar[str] = ""
     #: True where its joints belong together: one parameter acts on all of them.
@@ -131,16 +129,11 @@ class Effect(ABC):
     sized_by: ClassVar[slice] = slice(None)
     #: The shape constant that is as large as the effect itself, and follows it (a delay's).
     sized_shape: ClassVar[str] = ""
-    #: False where sizes cannot be compared, because no one number says how large the effect is.
-    one_number: ClassVar[bool] = True
     #: True where no column holds the sign of a velocity: nothing of it is particular to reversals, and
     #: what looks like it there alone is dry friction's own error.
     signless: ClassVar[bool] = False
     #: True where columns are at most products of states with sines of positions, as the links' are.
     smooth: ClassVar[bool] = False
-    #: Of a cause of the whole robot: the effect on one joint that is named where it alone says most of
-    #: the same.
-    mostly: ClassVar[str] = ""
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
         self.robot = robot
@@ -307,12 +300,6 @@ class Effect(ABC):
             "less than one wave was travelled: all that changes slowly along it looks so" if slow else ""
         )
 
-    @classmethod
-    def doubt(cls, joint: int, found: Sequence[Mapping[str, float]]) -> str:
-        """Why effects of this kind with the ``found`` shape constants are no physical cause on one
-        joint (from 1), if they are not."""
-        return ""
-
     @property
     def text(self) -> str:
         """How the effect is written on the command line."""
@@ -335,9 +322,9 @@ class Effect(ABC):
         return {"effect": self.name, "joints": joints, "shape": dict(self.shape)}
 
 
-def follows_alone(effect: Effect, signal: Literal["q", "dq"], joint: int | None = None) -> bool:
+def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
     """Whether the torque changes with the joints' position, or velocity, or not at all, and with nothing
-    else; joint : with that of this joint (from 0) alone."""
+    else."""
     other = effect.needs_torque or effect.needs_links or effect.needs_temperature
     if other or effect.needs_command or effect.has_memory:
         return False
@@ -345,8 +332,7 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"], joint: int | None 
 
     def columns(x: float) -> list[Block]:
         still = np.full_like(own, x)
-        kept = own if joint is None else np.where(np.arange(own.shape[1]) == joint, own, still)
-        q, dq = (kept if s == signal else still for s in ("q", "dq"))
+        q, dq = (own if s == signal else still for s in ("q", "dq"))
         return effect.blocks(Motion(still[:, 0], q, dq, still))
 
     first, second = columns(0.0), columns(0.7)

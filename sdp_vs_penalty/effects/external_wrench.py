@@ -18,7 +18,6 @@ class ExternalWrench(Effect):
     whole_robot = True
     signless = smooth = True
     sized_by = slice(0, 3)  # the force
-    one_number = False
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -30,8 +30,6 @@ class KinematicError(Effect):
     needs_links = True
     whole_robot = True
     signless = True
-    one_number = False
-    mostly = "joint_zero_error"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -20,7 +20,6 @@ class ServoPosition(Servo):
         "kd d ddq, to first order, which no motion without torque tells from a link that is lighter."
     )
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.5"
-    one_number = False
     sized_by = slice(0, 1)
     position_gains = slice(0, None, 2)
     shapes = {**Servo.shapes, "d": Shape(0.0, "s", scale="linear", signed=True)}

@@ -20,7 +20,6 @@ class SigmoidFriction(JointEffect):
     symbol = "f_sg"
     lower = 0.0
     refines = ("coulomb_friction",)
-    widens = True
     shapes = {"v0": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 2.0))}
 
     def column(self, motion: Motion, joint: int) -> Array:

@@ -71,8 +71,7 @@ class TorqueFilter(Effect):
 
 def lagging(x: Array, t: Array, T: float) -> Array:
     """(N, n) y with T dy/dt + y = x, at rest at the start; exact where x is linear between samples."""
-    # scipy.signal.lfilter does it too; its import takes longer than a short search.
-    from scipy.linalg import solve_banded
+    from scipy.signal import lfilter
 
     if len(t) < 2:
         return x
@@ -82,6 +81,4 @@ def lagging(x: Array, t: Array, T: float) -> Array:
     driven = (1.0 - mean) * x
     driven[1:] += (mean - decay) * x[:-1]
     driven[0] += mean * x[0]
-    # y_k - decay y_(k-1) = driven_k.
-    recursion = np.array([[1.0], [-decay]]) * np.ones(len(t))
-    return np.asarray(solve_banded((1, 0), recursion, driven, check_finite=False))
+    return np.asarray(lfilter([1.0], [1.0, -decay], driven, axis=0))

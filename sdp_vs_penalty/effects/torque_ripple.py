@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -78,16 +78,3 @@ class TorqueRipple(Effect):
     def _pair(self, motion: Motion, joint: int) -> Array:
         phase = self.shape["k"] * motion.q[:, joint]
         return np.column_stack([np.cos(phase), np.sin(phase)])
-
-    @classmethod
-    def doubt(cls, joint: int, found: Sequence[Mapping[str, float]]) -> str:
-        """Orders that are no multiples of the lowest, or three and more: an unknown function of the
-        position, written as a sum of waves."""
-        orders = [shape["k"] for shape in found]
-        related = all(abs(k / min(orders) - round(k / min(orders))) <= 0.02 for k in orders)
-        if related and len(orders) < 3:
-            return ""
-        return (
-            f"Several unrelated ripples on joint {joint}: read them as one unknown function of its "
-            "position, not as ripples."
-        )

@@ -1,21 +1,21 @@
 """A log without torque, as one with: the torque that the identified law of its servos makes of it.
 
-What judges models (comparison, diagnosis, report) then works as on any log. The drives leave the model,
-which keeps links and friction; the damping kd, which holds viscous friction too, is the drives'. Errors
-are in the units of torque that the scale gives; an error that drives and plant share is not seen.
+The drives leave the model, which keeps links and friction; the damping kd, which holds viscous friction
+too, is the drives'. An error that drives and plant share is not seen.
 
 Instruments are the motion that a model makes of the command alone. In a closed loop the noise of
-positions is in both sides of tau = Y theta (the servo answers it), and least squares are biased
-whatever the length of the run. Columns computed on the simulated motion share the signal and not
-the noise: two-stage least squares with them are consistent, and convex under the same constraints
-(Janot, Vandanjon, Gautier, IEEE Trans. Control Systems Technology 2014).
+positions is in both sides of tau = Y theta; columns computed on the simulated motion share the signal
+and not the noise: two-stage least squares with them are consistent, and convex under the same
+constraints (Janot, Vandanjon, Gautier, IEEE Trans. Control Systems Technology 2014).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Motion
@@ -34,15 +34,19 @@ _STEP, _WINDOW, _RUN_IN = 8e-3, 0.5, 0.5
 
 def with_simulated_motion(measurements: Measurements, model: Model, theta: Array) -> Measurements:
     """The same runs with the positions "qsim" that the model's servo loop makes of their commands."""
-    loop = ServoLoop(model, theta)
-    runs = []
+    loop, runs = ServoLoop(model, theta), []
     for run in measurements.runs():
         q, path = run.q.copy(), np.zeros_like(run.q)
-        for part in stretches(run):
-            inside = (run.t >= part.t[0]) & (run.t <= part.t[-1])
+        for part, inside in _parts(run):
             q[inside], path[inside] = _simulated(part, loop)
         runs.append(replace(run, commanded={**run.commanded, "qsim": q, "isim": path}))
     return runs[0] if len(runs) == 1 else concatenate(runs)
+
+
+def _parts(run: Measurements) -> Iterator[tuple[Stretch, NDArray[np.bool_]]]:
+    """The stretches of a run, each with the samples (N,) that lie in it."""
+    for part in stretches(run):
+        yield part, (run.t >= part.t[0]) & (run.t <= part.t[-1])
 
 
 def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
@@ -100,8 +104,7 @@ def with_drive_torque(model: Model, theta: Array, measurements: Measurements) ->
     loop, runs = ServoLoop(model, theta), []
     for run in measurements.runs():
         tau = np.array(run.tau)
-        for part in stretches(run):
-            inside = (run.t >= part.t[0]) & (run.t <= part.t[-1])
+        for part, inside in _parts(run):
             rate = np.gradient(part.q, part.t, axis=0)
             told = sampled_command(part)
             faster = np.gradient(rate, part.t, axis=0)

@@ -7,17 +7,11 @@ For W(x), the stacked base regressor of a trajectory with coefficients x = (a, b
              -log det W^T W / p   ("d-optimal": the volume of the confidence ellipsoid)
 
 subject to limits of position, velocity and acceleration at every instant (Swevers et al., T-RA 1997;
-Gautier, Khalil, IJRR 1992). States are linear in x, so that the limits are linear inequalities and
-every step of the sequential linear programming below is exact in them: all iterates are feasible.
-The gradient goes through the regressor by central differences in the 3 n states, not in x.
-Collisions are not looked at: choose position limits within which the robot is free.
+Gautier, Khalil, IJRR 1992): linear inequalities in x, which every step of the sequential linear
+programming keeps. Collisions are not looked at: choose position limits within which the robot is free.
 
-The run that weighs a load (:func:`payload_run`) is a short motion of the wrist beside an arm that
-is known.
-
-The arm's model stays fixed, so that the load's ten parameters alone are estimated; with W (N n, 10) its
-rows over each joint's noise, their covariance is (W' W)^-1 of independent rows. The motion makes its
-determinant as small as the limits allow (D-optimality: Swevers et al., T-RA 1997).
+The run that weighs a load (:func:`payload_run`) is a short motion of the wrist beside an arm that stays
+fixed, so that the load's ten parameters alone are estimated, d-optimally.
 """
 
 from __future__ import annotations
@@ -39,6 +33,7 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.regression.partial import deviations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.trajectory import (
@@ -75,14 +70,9 @@ class Regressor:
         """Ratio of the extreme singular values of W."""
         return float(np.linalg.cond(self.along(trajectory, rate)))
 
-
-@dataclass(frozen=True)
-class BaseRegressor(Regressor):
-    """The columns that a model's base parameters meet."""
-
     @classmethod
-    def of(cls, problem: Problem, effects: str | None = None) -> BaseRegressor:
-        """In the problem's own base parameters. Raises InputError for effects with a memory."""
+    def of(cls, problem: Problem, effects: str | None = None) -> Regressor:
+        """The columns of a problem's own base parameters; InputError for effects with a memory."""
         model = problem.model(effects)
         for effect in model.effects:
             if effect.has_memory or depends(effect):
@@ -203,7 +193,7 @@ def excite(
     if start is None:
         start = random_trajectory(problem.robot, seed, duration, harmonics, frequency, blend)
     return optimised(
-        BaseRegressor.of(problem, effects), bounds, start, objective, iterations, progress=progress
+        Regressor.of(problem, effects), bounds, start, objective, iterations, progress=progress
     )
 
 
@@ -447,14 +437,6 @@ def payload_run(
     found = optimised(regressor, limits, start, "d-optimal", iterations, moving, progress)
     return PayloadRun(
         found.trajectory,
-        _deviation(regressor.along(found.trajectory, rate)),
-        _deviation(regressor.along(start, rate)),
+        deviations(regressor.along(found.trajectory, rate)),
+        deviations(regressor.along(start, rate)),
     )
-
-
-def _deviation(rows: Array) -> Array:
-    """(10,) standard deviations from rows of noise one; infinite where the rows do not determine one."""
-    _, s, vt = np.linalg.svd(rows, full_matrices=False)
-    known = s > 1e-9 * s[0]
-    out = np.sqrt(np.sum((vt[known].T / s[known]) ** 2, axis=1))
-    return np.where(np.any(np.abs(vt[~known]) > 1e-6, axis=0), np.inf, out)

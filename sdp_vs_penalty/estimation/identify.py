@@ -1,28 +1,319 @@
-"""The verb ``identify``: from a problem and measurements to a certified estimate."""
+"""The verb ``identify``: from a problem and measurements to a certified estimate.
+
+Who determines a parameter (:func:`record`): of a linear function a^T theta the data alone know the
+variance a^T H^-1 a, H = R^T R in units of the residual variance (infinite where no torque shows
+it), the prior alone a^T H_prior^-1 a. H_prior is one independent measurement a link: 1/2 P0^-1 (x)
+P0^-1, the curvature of the entropic pull at the nominal robot P0, and of the joints' own parameters
+one over their scale squared. The data's share of what both know, prior variance over the sum of the
+two, decides: above one half the parameter is from the data. For a method without a prior the rest
+is where its answer is an accident of the bounds.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import platform
+import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.linalg
 
 from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import Infeasible, InputError
-from sdp_vs_penalty.estimation.certify import build_estimate, proved
+from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation.constants import DATA_SHARE
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
-from sdp_vs_penalty.estimation.pose import PoseOptions, pose, readable
+from sdp_vs_penalty.estimation.pose import Posed, PoseOptions, in_columns, pose, readable
+from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
+from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Progress, Task, no_progress
+from sdp_vs_penalty.estimators.estimator import (
+    Estimator,
+    Fit,
+    Progress,
+    Task,
+    no_progress,
+    sample_variance,
+)
+from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.black_box import BlackBox
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import ConstraintSet
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.solvers.proof import infeasibility_proof, write_proof
+from sdp_vs_penalty.solvers.certificate import repair
+from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof, write_proof
+from sdp_vs_penalty.solvers.verified import feasible_point, violations
+from sdp_vs_penalty.version import __version__
+
+DATA = "data"
+
+
+def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[str, Any]:
+    """For the details of an estimate: the parameters that the data leave open, and all base parameters
+    with name, value, nominal value and who determines them.
+
+    rest : what decides where the data do not (:attr:`Estimator.rest`).
+    """
+    own, base_own = np.split(
+        data_share(task, np.vstack([np.eye(len(theta)), base.rows])) > DATA_SHARE, [len(theta)]
+    )
+    values = zip(base.names, base.rows @ theta, base.rows @ task.nominal, base_own, strict=True)
+    open_ones = [p.name for p, seen in zip(task.model.parameters, own, strict=True) if not seen]
+    return {
+        "undetermined": dict.fromkeys(open_ones, rest),
+        "base_parameters": [
+            {
+                "name": name,
+                "value": float(value),
+                "nominal": float(nominal),
+                "source": DATA if seen else rest,
+            }
+            for name, value, nominal, seen in values
+        ],
+    }
+
+
+def data_share(task: Task, rows: Array) -> Array:
+    """(b,) the data's share of the information on linear functions, rows (b, p), of theta: 0 to 1."""
+    half = _prior_factor(task)
+    # In coordinates z = half theta the prior is the identity: H becomes A^T A.
+    into = scipy.linalg.solve_triangular(half, np.eye(len(half)), lower=False)
+    a = rows @ into
+    _, s, vt = np.linalg.svd(task.data.R @ into, full_matrices=True)
+    information = np.zeros(len(half))
+    information[: len(s)] = s**2
+    weight = (a @ vt.T) ** 2
+    # Information of the data in a direction that no torque shows, in the prior's.
+    data, prior = weight @ (1.0 / np.maximum(information, 1e-12)), weight.sum(axis=1)
+    return np.asarray(prior / (prior + data))
+
+
+def _prior_factor(task: Task) -> Array:
+    """(p, p) upper triangular U with U^T U the prior's information."""
+    p = len(task.bound)
+    variance = max(sample_variance(task), 1e-18 * task.data.tau_squared) or 1.0
+    scale = np.full(p, np.inf) if task.joint_scale is None else task.joint_scale
+    out = np.diag(np.sqrt(variance) / np.where(np.isfinite(scale), scale, task.bound))
+    for indices, p0 in zip(task.links, inertia.pseudo_inertia(task.prior_links), strict=True):
+        root = np.linalg.inv(np.linalg.cholesky(p0))
+        whitened = (root @ inertia.PSEUDO_INERTIA_BASIS @ root.T).reshape(10, 16)
+        # -log det has the curvature |P0^-1 dP|^2 / 2 beside |R theta|^2.
+        information = 0.5 * DEFAULT_ENTROPY * variance * (whitened @ whitened.T)
+        out[np.ix_(indices, indices)] = _upper(information)
+    return out
+
+
+def _upper(information: Array) -> Array:
+    """U (d, d) with U^T U = information, balanced first: masses and moments differ by 1e6."""
+    size = np.sqrt(np.diagonal(information))
+    return np.asarray(scipy.linalg.cholesky(information / np.outer(size, size)) * size)
+
+
+def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Workers = ALONE) -> Estimate:
+    """Certify a fit and put everything that made it into an Estimate."""
+    problem, task, measurements = posed.problem, posed.task, posed.measurements
+    theta, certificate = certify(task, fit)
+    certificate = replace(certificate, **link_figures(problem, theta[task.links]))
+    base = base_rows(problem, task.model)
+    wide, data = with_sensitivities(task.model, theta), posed.regression
+    if wide is not task.model and isinstance(measurements, Measurements):
+        data = in_columns(measurements, wide, posed.preprocessing, workers)
+    uncertainty = of_regression(
+        problem,
+        task.model,
+        data,
+        theta,
+        base=base,
+        weighting=posed.weighting,
+        constrained=certificate.worst == 0.0,
+        gain_errors=posed.gain_errors,
+        own=posed.regression,
+    )
+    bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
+    decided = record(task, theta, base, estimator.rest)
+    decided["undetermined"].update(dict.fromkeys(task.model.known, "given"))
+    for entry in decided["base_parameters"]:
+        entry["source"] = "given" if entry["name"] in task.model.known else entry["source"]
+    settings = {
+        **asdict(estimator),  # type: ignore[call-overload]
+        "weighting": posed.weighting,
+    }
+    provenance = {
+        "seed": task.seed,
+        "data_hash": measurements.data_hash,
+        "runs": list(measurements.names),
+        "samples": measurements.samples,
+        "versions": dict(versions()),
+    }
+    return Estimate(
+        problem,
+        task.model,
+        theta,
+        uncertainty,
+        estimator.name,
+        certificate,
+        posed.preprocessing,
+        settings,
+        {
+            **{k: v for k, v in fit.details.items() if k != "interior"},
+            "on_bounds": bounds,
+            **decided,
+        },
+        provenance,
+        record_motion(measurements, posed.preprocessing)
+        if isinstance(measurements, Measurements)
+        else None,
+    )
+
+
+def proved(
+    task: Task, fit: Fit, theta: Array, method: str, made_of: Mapping[str, str] | None = None
+) -> Proof:
+    """The proof that the objective of a certified theta is within its interval of the optimum; made_of :
+    the hashes of model and data that it names.
+
+    Raises InputError where the method is not convex, or has no constraints: nothing bounds it.
+    """
+    if fit.multipliers is None:
+        raise InputError(
+            f"method {method} has no lower bound to prove",
+            "choose one that solves the SDP, such as lmi-sdp, or penalty",
+        )
+    return optimum_proof(
+        fit.objective,
+        fit.constraints,
+        fit.multipliers,
+        theta,
+        task.bound,
+        fit.entropy_slopes,
+        [parameter.name for parameter in task.model.parameters],
+        made_of,
+    )
+
+
+def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
+    """Masses, extents and ranges on their bounds: there the bound speaks, not the data."""
+    found = []
+    for c in constraints.convex:
+        if c.family in ("mass", "bounding ellipsoid", "body", "range"):
+            size = np.abs(c.constant) + np.abs(c.coefficients.T) @ np.abs(theta[c.indices])
+            if np.any(c.value(theta) <= 1e-6 * size):
+                found.append(f"{c.family} of {c.name}")
+    return found
+
+
+def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
+    """The estimate, moved into the feasible set where the method promises that, and its certificate."""
+    theta = fit.theta
+    upper = lower = gap = None
+    if fit.multipliers is not None and fit.interior is not None:
+        theta = repair(fit.constraints, theta, fit.interior)
+        written = feasible_point(fit.constraints.convex, theta, fit.interior, as_written=True)
+        theta = theta if written is None else written
+    # The loss is the same, but a link's known parameter may have been moved by constraints and priors.
+    theta = task.model.with_known(theta)
+    if fit.multipliers is not None and fit.interior is not None:
+        upper = fit.objective.value(theta)
+        same = np.array_equal(theta, fit.theta) and fit.bound is not None
+        lower = (fit if same else replace(fit, theta=theta, bound=task.bound)).lower
+        scale = max(fit.objective.least_squares.loss(theta), 1e-12 * task.data.tau_squared)
+        gap = (upper - lower) / scale if scale > 0.0 else 0.0
+    return theta, Certificate(
+        violations=violations(fit.constraints, theta),
+        loss=task.data.loss(theta),
+        upper=upper,
+        lower=lower,
+        gap=gap,
+    )
+
+
+def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certificate) -> Certificate:
+    """The certificate of a whole model of which only the last effects were optimised.
+
+    model, theta : the whole, beginning with the estimate's own; part : the certificate of the new
+    effects alone, whose objective and gap remain. Every constraint of the problem is judged at the
+    whole theta; what only the estimate's method demanded of it (a thickness) stays as it was judged.
+    """
+    return replace(
+        part,
+        violations={
+            **estimate.certificate.violations,
+            **part.violations,
+            **violations(estimate.problem.constraints(model), theta),
+        },
+        held=[effect.text for effect in estimate.model.effects],
+        **link_figures(estimate.problem, estimate.links),
+    )
+
+
+def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
+    """What a certificate says of the links (n, 10) themselves; empty for a model without them."""
+    if not len(links):
+        return {}
+    gyration = inertia.gyration(links)
+    bodies = problem.link_bodies
+    densities = [
+        float(mass / body.volume)
+        for mass, body in zip(links[:, 0], bodies, strict=True)
+        if body.volume is not None
+    ]
+    follows = consistent(links)
+    return {
+        "positive_mass_matrices": 1.0 if follows else positive_mass_matrices(problem.robot, links),
+        "at_every_pose": follows,
+        "smallest_thickness": float(inertia.thickness(links).min()),
+        "largest_gyration": float(gyration.max()),
+        "body_share": float(np.max(gyration / [body.reach for body in bodies])),
+        "density": [min(densities), max(densities)] if densities else None,
+    }
+
+
+def consistent(links: Array) -> bool:
+    """Whether every pseudo-inertia is positive definite, beyond rounding.
+
+    Then so is every spatial inertia, and with it M(q) = sum J_i^T I_i J_i at every q, since whatever
+    moves a joint moves a link (Traversaro et al., IROS 2016).
+    """
+    eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(links))
+    return bool(np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]))
+
+
+def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000, seed: int = 0) -> float:
+    """Share of random poses at which the joint-space inertia matrix M(q) is positive definite."""
+    matrices = robot.mass_matrices(links, robot.random_configurations(poses, seed))
+    with contextlib.suppress(np.linalg.LinAlgError):  # ten times faster, where it is so everywhere
+        np.linalg.cholesky(matrices)
+        return 1.0
+    return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that took part in a figure."""
+    found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
+    parts = {
+        "numpy": "numpy",
+        "scipy": "scipy",
+        "pinocchio": "pin",
+        "clarabel": "clarabel",
+        "cvxpy": "cvxpy",
+    }
+    loaded = ((name, sys.modules.get(module)) for module, name in parts.items())
+    return found | {name: module.__version__ for name, module in loaded if module is not None}
 
 
 def identify(
@@ -82,7 +373,8 @@ def identify(
     fit = _fitted(posed.task, estimator, proof)
     estimate = build_estimate(posed, estimator, fit, workers)
     if refined:
-        estimate = refine(estimate, posed, estimator)
+        linear, fit = refine(estimate, posed, estimator)
+        estimate = replace(build_estimate(linear, estimator, fit), method=OUTPUT_ERROR)
     estimate = replace(estimate, details={**estimate.details, **posed.details})
     if proof is not None:
         progress("proving the optimum")
@@ -104,15 +396,15 @@ def _fitted(task: Task, estimator: Estimator, proof: str | Path | None) -> Fit:
 
 def _check_method(estimator: Estimator, refined: bool, black_box: bool, proof: bool) -> None:
     """InputError where method, data and a wanted proof do not fit each other."""
-    if refined and proof:
-        raise InputError("proof: a simulation's error is not convex", "leave it out, or take lmi-sdp")
-    if black_box and proof:
-        what = "proof: a black box's answers are fitted without constraints"
-        raise InputError(what, "leave it out")
-    if black_box and refined:
-        raise InputError(f"method {OUTPUT_ERROR} needs measured runs", "choose another method")
     if estimator.needs_black_box and not black_box:
         raise InputError(
             f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix",
             "choose another method for measured runs",
         )
+    for wrong, what in (
+        (refined and proof, "proof: a simulation's error is not convex: leave it out, or take lmi-sdp"),
+        (black_box and proof, "proof: a black box's answers are fitted without constraints"),
+        (black_box and refined, f"method {OUTPUT_ERROR} needs measured runs"),
+    ):
+        if wrong:
+            raise InputError(what, "choose another method, or leave the proof out")

@@ -58,15 +58,13 @@ def parsed_known_load(text: str) -> tuple[Path, float]:
     """
     name, _, mass = text.removeprefix("mass=").rpartition(":")
     try:
-        return Path(name or _no_run(text)), float(mass)
+        if name:
+            return Path(name), float(mass)
+        raise ValueError(text)
     except ValueError:
         raise InputError(
             f"--known-load {text!r}", "write the run with the load and its mass in kg, load.csv:2.805"
         ) from None
-
-
-def _no_run(text: str) -> str:
-    raise ValueError(text)
 
 
 def independent_gains(uncertainty: float | Array, joints: int) -> Array:

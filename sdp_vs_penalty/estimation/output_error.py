@@ -2,11 +2,10 @@
 
     minimise sum_k |q_sim(t_k; theta) - q(t_k)|^2 / s^2   subject to every constraint of the problem
 
-Inverse dynamics weighs every torque error alike, a simulation those that add up. Started at another
-method's estimate; each Gauss-Newton step is that method's own convex problem, in which the linearised
-simulation takes the place of the torques, so that every iterate is consistent and the last one is
-certified like any other (a lower bound of the linearised problem, not of the simulation's own).
-Where the simulation cannot stay with the motion (an arm under gravity), it is restarted in windows.
+Started at another method's estimate; in each Gauss-Newton step, that method's own convex problem, the
+linearised simulation takes the place of the torques: every iterate is consistent, the last one certified
+(a lower bound of the linearised problem, not of the simulation's own). Where the simulation cannot stay
+with the motion (an arm under gravity), it is restarted in windows.
 """
 
 from __future__ import annotations
@@ -21,10 +20,9 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.forward import Plant, State, advance
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.certify import build_estimate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.pose import Posed
-from sdp_vs_penalty.estimators.estimator import Estimator, Task
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
@@ -105,8 +103,8 @@ class _Window:
     q: Array
 
 
-def refine(start: Estimate, posed: Posed, estimator: Estimator) -> Estimate:
-    """The estimate with the least error of a simulation, found from ``start``.
+def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, Fit]:
+    """The fit with the least error of a simulation, found from ``start``, and what it solves.
 
     posed : the problem that ``start`` solves; estimator : whose constraints and prior hold.
     Raises InputError for a model that cannot accelerate.
@@ -139,8 +137,7 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> Estimate:
     linearised, fit = made
     fit = replace(fit, theta=theta, details={**fit.details, "window_s": seconds})
     fit.details["simulation_rms"] = [_rms(begin * size), _rms(error * size)]
-    estimate = build_estimate(replace(posed, task=linearised), estimator, fit)
-    return replace(estimate, method=OUTPUT_ERROR)
+    return replace(posed, task=linearised), fit
 
 
 def _chosen(plant: Plant, courses: Sequence[Course], size: Array) -> tuple[list[_Window], float]:

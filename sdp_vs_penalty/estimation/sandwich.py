@@ -145,18 +145,15 @@ class Sandwich:
         return self.response(torques)
 
 
-def sandwich(
-    regression: Regression, weights: Array, prior_scale: Array | None = None, white: float | None = None
-) -> Sandwich:
+def sandwich(regression: Regression, weights: Array, prior_scale: Array | None = None) -> Sandwich:
     """The sandwich of weighted least squares on compressed data.
 
     prior_scale : (p,) standard deviations of parameters that are known beforehand to be zero, infinite
-    for all others. white : variance of white rows; by default that of the residual.
+    for all others.
     """
     scale = np.full(regression.p, np.inf) if prior_scale is None else prior_scale
     data = regression.least_squares(weights)
-    if white is None:
-        white = white_variance(data, regression.oversampling)
+    white = white_variance(data, regression.oversampling)
     # Where the torque is fitted to rounding, a prior weighs that much and no less.
     strength = max(white, 1e-24 * data.tau_squared / max(data.rows, 1))
     whole = data.with_prior(scale, strength) if np.any(np.isfinite(scale)) else data

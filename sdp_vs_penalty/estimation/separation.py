@@ -5,16 +5,14 @@ from everything that the model with B can make by
 
     delta^2 = theta' A' (1 - P_[X B]) A theta                     (Atkinson, Fedorov, Biometrika 1975)
 
-and the sum of squares that the wrong model leaves exceeds that of the right one by delta^2 +- 2 delta:
-it is taken for the right one with probability Phi(-delta / 2), but for what their parameters cost.
-delta^2 grows with the length of the run. theta has the size that a user names, in the direction of A's
-parameters that B can make best; the smaller of A against B and B against A counts. Of one effect alone
-the other hypothesis is that it is not there: B has no columns.
+and the wrong model is taken for the right one with probability Phi(-delta / 2), but for what their
+parameters cost; delta^2 grows with the run. theta has the size that a user names, in the direction of
+A's parameters that B can make best; the smaller of A against B and B against A counts. Of one effect
+alone the other hypothesis is that it is not there.
 
-Motions go from point to point: points, how slow each move is, and pauses are free. Random motions are
-drawn, the best is changed at random as long as that helps (a (1 + 1) evolution strategy: Rechenberg
-1973), and each that is looked at keeps the limits of position, velocity, acceleration, jerk and
-torque, and does not touch the arm itself.
+Motions go from point to point. Random ones are drawn, the best is changed at random as long as that
+helps (a (1 + 1) evolution strategy: Rechenberg 1973); each keeps the limits of position, velocity,
+acceleration, jerk and torque, and does not touch the arm itself.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
+from scipy import optimize, special
 
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
@@ -144,16 +142,14 @@ class Hypotheses:
 
     def needed(self, delta2: float, seconds: float) -> float:
         """Seconds of the motion, repeated, for LEVEL; infinity where it never tells."""
-        low, high = 0.0, 1e7
-        if self.right(delta2 * high / seconds, high) < LEVEL:
-            return float("inf")
-        while high - low > 1e-3 * high:
-            middle = 0.5 * (low + high)
-            if self.right(delta2 * middle / seconds, middle) < LEVEL:
-                low = middle
-            else:
-                high = middle
-        return high
+
+        def short(log: float) -> float:
+            return self.right(delta2 * np.exp(log) / seconds, np.exp(log)) - LEVEL
+
+        first, last = np.log([1e-3, 1e7])
+        if short(last) < 0.0 or short(first) >= 0.0:
+            return float("inf") if short(last) < 0.0 else 1e-3
+        return float(np.exp(optimize.brentq(short, first, last, xtol=1e-4)))
 
 
 def _apart(X: Array, A: Array, B: Array) -> float:

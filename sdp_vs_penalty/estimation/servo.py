@@ -2,10 +2,8 @@
 
 The laws are effects, linear in their gains: 0 = Y theta - kp e + kd dq ..., homogeneous, so that motion
 shows everything up to one factor, which a known parameter sets in the end (servo_scale.py). Before that
-nothing sees what is known: the law (servo_law.py), the ratios of the gains, the delay,
-and the motion that the law makes of the command alone, attached to the measurements as instruments,
-which the noise of positions does not bias. What is then posed is one convex problem
-(regression/instruments.py).
+come the law (servo_law.py), the ratios of the gains, the delay, and the motion that the law makes of the
+command alone, attached as instruments (regression/instruments.py) to one convex problem.
 """
 
 from __future__ import annotations

@@ -24,8 +24,8 @@ from sdp_vs_penalty.estimation.drive_torque import with_drive_torque
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.bounded_least_squares import least_squares
-from sdp_vs_penalty.regression.partial import partialled, visible
-from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
+from sdp_vs_penalty.regression.partial import partialled, smallest, visible
+from sdp_vs_penalty.regression.regression import Regression, compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
@@ -194,8 +194,8 @@ def factor_of_loads(
         runs = as_measurements(source, robot.n, robot.joint_names, "identify(known_loads=...)")
         left = compress(runs, wide, settings).beside(theta)
         data = left.least_squares()
-        data = left.least_squares(joint_weights(left, _least(data)))
-        x = _least(data)
+        data = left.least_squares(joint_weights(left, smallest(data.R, data.rho)))
+        x = smallest(data.R, data.rho)
         if data.own_torque[0] <= SCALE_TOLD * data.column_norms[0] or x[0] <= 0.0:
             raise InputError(
                 f"--known-load: these runs do not show {mass:g} kg", "move the joints that lift the load"
@@ -204,12 +204,6 @@ def factor_of_loads(
         found.append(mass / x[0])
         information.append(x[0] ** 2 * data.own_torque[0] ** 2 / max(variance, 1e-300))
     return float(np.average(found, weights=information)), float(np.sum(information) ** -0.5)
-
-
-def _least(data: LeastSquares) -> Array:
-    """(p,) of the smallest least-squares theta."""
-    U, V = visible(data.R)
-    return np.asarray(V @ (U.T @ data.rho))
 
 
 def words_of_scale(

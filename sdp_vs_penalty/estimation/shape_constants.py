@@ -1,14 +1,12 @@
 """Shape constants as nuisances: what an estimated constant adds to the spread of linear parameters.
 
-The columns Y(s) of an effect depend on shape constants s that were found from the same measurements as
-theta. To first order an error ds of a constant is one more linear parameter, whose column is
-(dY/ds) theta: with it in the regression the covariance of theta is no longer conditional on s (Seber,
+To first order an error ds of a constant s of the columns Y(s) is one more linear parameter, whose column
+is (dY/ds) theta: with it in the regression the covariance of theta is no longer conditional on s (Seber,
 Wild, Nonlinear Regression 1989, ch. 5). Before anything is measured a constant lies in its range,
-uniformly in its own scale: a prior that keeps a constant which data do not show from widening all else.
+uniformly in its own scale.
 
-:func:`settled` finds several constants together: one after the other they stop beside the least squared
-error where one takes what is the other's. They minimise what least squares leave (variable projection,
-as in :mod:`~sdp_vs_penalty.estimation.shapes`), with the same columns; a step is a pass over the data.
+:func:`settled` finds several constants together, since one takes what is the other's: they minimise what
+least squares leave, with the same columns; a step is a pass over the data.
 """
 
 from __future__ import annotations
@@ -25,7 +23,7 @@ from sdp_vs_penalty.effects.model import Model, turning
 from sdp_vs_penalty.estimation.sandwich import white_variance
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.regression.bounded_least_squares import least_squares
-from sdp_vs_penalty.regression.partial import partialled, visible
+from sdp_vs_penalty.regression.partial import partialled, smallest
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -242,8 +240,7 @@ class _Search:
         data = wide.least_squares(self.weights)
         if np.isfinite(self.plausible).any():
             data = data.with_prior(np.append(self.plausible, np.full(wide.p - p, np.inf)), self.white)
-        U, V = visible(data.R[:, :p])
-        return data, V @ (U.T @ data.rho)
+        return data, smallest(data.R[:, :p], data.rho)
 
     def descended(self, model: Model, theta: Array) -> Settled:
         """From one choice of the constants on a grid; theta (p,) : the parameters there."""

@@ -1,29 +1,26 @@
 """The open shape constants of a model, estimated from measurements by variable projection.
 
-A constant u (the velocity over which Coulomb friction turns round) is no coefficient, but for every u
-the coefficients theta(u) are those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a
-function of the constants alone (Golub, Pereyra, SIAM J. Numerical Analysis 1973), which
-Levenberg and Marquardt minimise with the Jacobian of Kaufman (BIT 1975). The columns are
-computed on a grid of u once; between its values they are cubic splines of ln u, so that everything is
-small algebra on compressed data. Where these tell a constant more finely than the grid does, columns
-at the value itself follow (:mod:`~sdp_vs_penalty.estimation.shape_constants`): exact data give exact
-constants.
+For every constant u (the velocity over which Coulomb friction turns round) the coefficients theta(u) are
+those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a function of the constants alone
+(Golub, Pereyra, SIAM J. Numerical Analysis 1973), minimised with the Jacobian of Kaufman (BIT 1975).
+Columns are computed on a grid of u once, and are cubic splines of ln u between its values. Where data
+tell a constant more finely, columns at the value itself follow (:func:`shape_constants.settled`).
 
-In-sample, slow noise and what the model lacks look like evidence. So every fold of the motion is left
-out once, all constants are found anew from the rest, and the fold is predicted with a constant as found
-there and as the model has it. With r what the former leaves of the torque and d the difference of the
-two predictions, sum_k |d_k|^2 + 2 r_k'd_k is what it takes from the squared error of all folds k. A
-constant is confirmed where that exceeds Student's 95 % quantile times its own deviation: the larger of
-sqrt(sum_k (2 r_k'd_k)^2), which holds for noise of any colour, and what white noise would make of it.
-Else the model's own value stays: the simpler model unless another is significantly better (Breiman et
-al., Classification and Regression Trees, 1984, sec. 3.4.3).
+Every fold of the motion is left out once, all constants are found anew from the rest, and the fold
+is predicted with a constant as found there and as the model has it. With r what the former leaves
+of the torque and d the difference of the two predictions, sum_k |d_k|^2 + 2 r_k'd_k is what it
+takes from the squared error of all folds k. A constant is confirmed where that exceeds Student's 95
+% quantile times its own deviation: the larger of sqrt(sum_k (2 r_k'd_k)^2), which holds for noise
+of any colour, and what white noise would make of it. Else the model's own value stays: the simpler
+model unless another is significantly better (Breiman et al., Classification and Regression Trees,
+1984, sec. 3.4.3).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -115,8 +112,12 @@ def estimate_shapes(
     model = model.reference_free
 
     def compressed(part: Model, count: int = 1) -> Regression:
-        return _compressed(part, measurements, settings, count, chosen, workers)
+        """The chosen rows in the columns of a model, a block a fold of the motion that has some."""
+        cells = _Cells(PhaseFolds(clocks if count > 1 else (), count), chosen)
+        found = compress_cells(measurements, part, settings, cells, workers)
+        return found.select(sorted({f.block for f in found.factors if f.block < count}))
 
+    clocks = motion_clocks(tracks_of(measurements))
     wide, base, banks = _with_banks(model, wanted, beyond)
     folds = compressed(wide, SHAPE_FOLDS)
     weights = np.ones(model.robot.n)
@@ -146,46 +147,18 @@ def estimate_shapes(
 
 @dataclass(frozen=True)
 class _Cells:
-    """One run's rows by folds of the motion; the last cell holds those that take no part."""
+    """Rows by folds of the motion; the last cell holds those that take no part."""
 
     folds: PhaseFolds
     chosen: Chosen | None
-    run: int = 0
 
     @property
     def places(self) -> list[tuple[int, float, float]]:
         return [(0, 0.0, 0.0)] * (self.folds.count + 1)
 
-    def cell(self, _: int, t: Array) -> NDArray[np.intp]:
-        fold = self.folds.fold(self.run, t) if self.folds.count > 1 else np.zeros(len(t), np.intp)
-        return (
-            fold if self.chosen is None else np.where(self.chosen(self.run, t), fold, self.folds.count)
-        )
-
-
-def _compressed(
-    model: Model,
-    measurements: Measurements,
-    settings: Preprocessing,
-    count: int,
-    chosen: Chosen | None,
-    workers: Workers,
-) -> Regression:
-    """The chosen rows in the columns of a model, a block a fold of the motion that has some."""
-    clocks = motion_clocks(tracks_of(measurements)) if count > 1 else ()
-    one = partial(_of_run, model, settings, _Cells(PhaseFolds(clocks, count), chosen))
-    runs = workers.map(one, list(enumerate(measurements.runs())))
-    factors = tuple(f for run in runs for f in run.factors if f.block < count)
-    rows = [sum(f.rows for f in run.factors if f.joint == 0) for run in runs]
-    samples = sum(n / run.oversampling for n, run in zip(rows, runs, strict=True))
-    found = replace(runs[0], factors=factors, oversampling=sum(rows) / samples)
-    return found.select(sorted({f.block for f in factors}))
-
-
-def _of_run(
-    model: Model, settings: Preprocessing, cells: _Cells, numbered: tuple[int, Measurements]
-) -> Regression:
-    return compress_cells(numbered[1], model, settings, replace(cells, run=numbered[0]))
+    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
+        fold = self.folds.fold(run, t) if self.folds.count > 1 else np.zeros(len(t), np.intp)
+        return fold if self.chosen is None else np.where(self.chosen(run, t), fold, self.folds.count)
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,11 @@
 """What the data determine, and how well: intervals for parameters and a band for torques.
 
-Intervals come from the runs that a model was identified from, by the sandwich of sandwich.py: they hold
-what noise of any colour and the model's own errors do to least squares, and with the columns of
-shape_constants.py what the shape constants' errors do. Standard deviations are half-widths of 95 %
-intervals over 1.96, so that value +- 1.96 std covers although they come from few blocks.
+Intervals come from the runs that a model was identified from: the sandwich of sandwich.py holds what
+noise of any colour and the model's own errors do to least squares, the columns of shape_constants.py
+what the shape constants' errors do. Standard deviations are half-widths of 95 % intervals over 1.96.
 
-Where an estimate satisfies constraints its intervals do too: they are those of least squares, cut to the
-physical range of the parameter and extended to the value where constraints have moved it out.
+Where an estimate satisfies constraints its intervals are cut to the physical range of the parameter and
+extended to the value where constraints have moved it out.
 """
 
 from __future__ import annotations
@@ -14,19 +13,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.estimation.constants import IDENTIFIABLE_WIDTH, LEVEL, NORMAL_95, WEAK_WIDTH
 from sdp_vs_penalty.estimation.sandwich import Sandwich, sandwich
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.estimator import joint_weights, with_plausible
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
-from sdp_vs_penalty.regression.partial import visible
+from sdp_vs_penalty.regression.partial import smallest
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, nearest_least_squares
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -34,11 +33,11 @@ IDENTIFIABLE, WEAKLY, NOT_SEEN = "identifiable", "weakly", "not seen"
 
 
 @dataclass(frozen=True)
-class Interval:
+class Interval(Plain):
     """One standard or base parameter: its estimate, what the data say of it, and a verdict.
 
     value : of the model; std : standard deviation, NaN where the data do not determine the parameter;
-    low, high : bounds of the 95 % interval, infinite there. verdict : "identifiable" (half-width up to
+    lower, upper : ends of the 95 % interval, infinite there. verdict : "identifiable" (half-width up to
     a quarter of the value), "weakly" (up to the value), or "not seen"; half-widths up to 0.25 % and 10 %
     of the largest value that the problem's bounds or the measured torque allow count as well.
     """
@@ -47,39 +46,28 @@ class Interval:
     unit: str
     value: float
     std: float
-    low: float
-    high: float
+    lower: float
+    upper: float
     verdict: str
 
     def to_dict(self) -> dict[str, Any]:
         """As in model.json: null where the data say nothing."""
-        std, low, high = (None if not np.isfinite(x) else x for x in (self.std, self.low, self.high))
-        return {
-            "name": self.name,
-            "unit": self.unit,
-            "value": self.value,
-            "std": std,
-            "lower": low,
-            "upper": high,
-            "verdict": self.verdict,
-        }
+        own = super().to_dict()
+        return {k: None if isinstance(x, float) and not np.isfinite(x) else x for k, x in own.items()}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Interval:
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What :meth:`to_dict` wrote."""
-        ends = (("std", np.nan), ("lower", -np.inf), ("upper", np.inf))
-        std, low, high = (none if data[k] is None else float(data[k]) for k, none in ends)
-        return cls(
-            data["name"], data["unit"], float(data["value"]), std, low, high, str(data["verdict"])
-        )
+        none = {"std": np.nan, "lower": -np.inf, "upper": np.inf}
+        return super().from_dict({k: none.get(k) if x is None else x for k, x in data.items()})
 
     def widened(self, extra: float) -> Interval:
         """With an independent error of the standard deviation ``extra`` more; a lower end at zero is a
         bound and stays."""
         std = float(np.hypot(self.std, extra))
         more = NORMAL_95 * (std - self.std)
-        low = self.low if self.low == 0.0 else self.low - more
-        return replace(self, std=std, low=low, high=self.high + more)
+        lower = self.lower if self.lower == 0.0 else self.lower - more
+        return replace(self, std=std, lower=lower, upper=self.upper + more)
 
 
 def intervals_of(
@@ -138,13 +126,6 @@ def counts(intervals: Sequence[Interval]) -> dict[str, int]:
         verdict: sum(i.verdict == verdict for i in intervals)
         for verdict in (IDENTIFIABLE, WEAKLY, NOT_SEEN)
     }
-
-
-def coverage(truth: ArrayLike, intervals: Sequence[Interval]) -> float:
-    """Share of the finite intervals that hold the true values: for judging intervals in simulation."""
-    values = np.asarray(truth, float)
-    held = [i.low <= x <= i.high for x, i in zip(values, intervals, strict=True) if np.isfinite(i.low)]
-    return float(np.mean(held)) if held else 1.0
 
 
 @dataclass(frozen=True)
@@ -315,14 +296,8 @@ class _Evidence:
         least loss: constants that stay on a grid, or were given, are not at it."""
         if self.known.regression.p == self.p:
             return 0.0
-        return np.asarray(rows @ (self.known.solution[: self.p] - self.narrow_solution))
-
-    @cached_property
-    def narrow_solution(self) -> Array:
-        """(p,) the smallest least-squares theta with the shape constants as they are."""
         data = self._plausible(self._weighted)
-        V = visible(data.R)[1]
-        return np.asarray(V @ (V.T @ (data.R.T @ data.rho)))
+        return np.asarray(rows @ (self.known.solution[: self.p] - smallest(data.R, data.rho)))
 
     @cached_property
     def largest(self) -> Array:

@@ -175,7 +175,7 @@ def _fit(errors: Errors) -> Line:
         none &= over > ABOVE_NOISE
         above = np.flatnonzero(over > ABOVE_NOISE)
         grade = "good" if not len(above) else "usable"
-        said = f"Error over noise, joint by joint: {', '.join(f'{x:.2g}' for x in over)}"
+        said = f"Error over noise, joint by joint: {', '.join(map(show.times, over))}"
         if errors.source == SPECTRUM:
             said += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
         if not beyond <= NO_MODEL:
@@ -199,7 +199,7 @@ def _prediction(errors: Errors, forward: str) -> Line:
         grade = "do not use" if not beyond <= NO_MODEL else "usable" if far or beyond > CLOSE else "good"
         said = f"{errors.relative:.3g} % relative error on motion of which {percent} is new to the model"
     if errors.outside > 0.0:
-        said += f"; {100.0 * errors.outside:.2g} % of the rows lie outside of a measured curve's table"
+        said += f"; {100.0 * errors.outside:.0f} % of the rows lie outside of a measured curve's table"
     return Line(PREDICTION, grade, f"{said}.{f' {forward}' if forward else ''}")
 
 

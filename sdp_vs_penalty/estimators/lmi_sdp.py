@@ -3,11 +3,10 @@
     minimise |R theta - rho|^2 + residual_norm^2   subject to   P_i(theta) >= 0, bounds, signs
 
 (Sousa, Cortesao, IJRR 2014, with the 4x4 pseudo-inertia of Wensing et al. 2018, which contains the
-triangle inequalities). Plain, its optimum makes rods of most links, and weightless wheels of some:
-torque data hardly see thickness or the first links' masses, and the least loss sits on a vertex of the
-bounds. Three convex remedies: a body that a link's mass must lie in, an entropic pull towards a nominal
-robot that comes from the problem, never from published estimates, and a minimum thickness. The default
-is the first two (results/default_method.md).
+triangle inequalities). Plain, its optimum makes rods of most links: torque hardly sees thickness or the
+first links' masses. Three convex remedies: a body that a link's mass must lie in, an entropic pull
+towards a nominal robot that comes from the problem, never from published estimates, and a minimum
+thickness. The default is the first two (results/default_method.md).
 """
 
 from __future__ import annotations
@@ -36,10 +35,9 @@ class LmiSdp(Estimator):
     entropy : weight of the Bregman divergence from the nominal robot, in units of the residual
         variance of one filtered torque row (1: the nominal counts like one row a link); 0: none.
     joint_prior : weight, in the same unit, of the pull of friction, offsets and other joint parameters
-        to zero; one that alone would make all of its joint's torque costs one row (0: none). Where
-        a joint does not reverse, Coulomb friction and offset have the same column and only this
-        keeps them from growing against each other without end. On the Panda it costs under
-        1e-7 of the loss at 14 s of motion; results/table_data shows what it saves at 1 s.
+        to zero; one that alone would make all of its joint's torque costs one row (0: none). Where a
+        joint does not reverse, only this keeps Coulomb friction and offset from growing against each
+        other without end (results/table_data).
     total_spread : relative standard deviation of the total mass that a file or bounds state, which
         counts like ``entropy`` rows (0: no prior on it). Torque shows no mass of a first link, and the
         divergence alone lets masses follow moments: an arm of 33.5 kg came out at 17, at 26 with this.

@@ -8,10 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
+from sdp_vs_penalty.regression.partial import deviations, visible
 from sdp_vs_penalty.solvers.objective import Objective
-
-#: Singular values of the column-scaled regressor below this share of the largest are rounding.
-_RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -54,18 +52,8 @@ def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
     the filters' band; where a model error dominates it, the true error is larger.
     """
     w = base_regressor(task)
-    norms = np.linalg.norm(w, axis=0)
-    seen = norms > 1e-10 * norms.max(initial=0.0)
-    _, s, vt = np.linalg.svd(w[:, seen] / norms[seen], full_matrices=False)
-    good = s > _RANK_TOLERANCE * s[0]
-    degrees = max(task.data.rows / oversampling - int(good.sum()), 1.0)
-    variance = task.data.loss(task.ols) / degrees
-    # diag((W^T W)^-1) on the row space; a parameter outside it, even in part, is undetermined.
-    spread = np.sum((vt[good] / s[good, None]) ** 2, axis=0)
-    inside = np.sum(vt[good] ** 2, axis=0) > 1.0 - 1e-6
-    out = np.full(len(norms), np.inf)
-    out[seen] = np.where(inside, np.sqrt(variance * spread) / norms[seen], np.inf)
-    return task.base @ task.ols, out
+    degrees = max(task.data.rows / oversampling - visible(w)[0].shape[1], 1.0)
+    return task.base @ task.ols, np.sqrt(task.data.loss(task.ols) / degrees) * deviations(w)
 
 
 @dataclass(frozen=True)

@@ -1,24 +1,18 @@
 """Penalty-based retrieval at its strongest: an exact penalty, from several seeded starts.
 
-It receives the convex constraints of the SDP as the same arrays, and the barycentric bounds that
-are not convex as they are. What it finds is feasible; its shifts are multipliers, from which the
-certificate computes a lower bound on the optimum as it does for the SDP.
-
-The squared distance to each cone is shifted until a finite weight suffices. For constraints F_i(x)
-in cones K_i (self-dual), weight w and shifts S_i,
+It receives the SDP's convex constraints as the same arrays, and the barycentric bounds that are not
+convex as they are. What it finds is feasible; its shifts are multipliers, from which the certificate
+bounds the optimum. For constraints F_i(x) in cones K_i (self-dual), weight w and shifts S_i,
 
     L(x; S, w) = f(x) + 1 / (2 w) sum_i (|Pi_K(S_i - w F_i(x))|^2 - |S_i|^2)
 
-is smooth; with S = 0 it is the quadratic penalty w / 2 dist(F, K)^2, which reaches feasibility only
-as w -> infinity. Shifting by S <- Pi_K(S - w F(x)) after each minimisation makes the minimiser
-feasible at a finite w, and S tends to the multipliers (Powell 1969, Hestenes 1969, Rockafellar
-1974: the augmented Lagrangian). The weight starts far too small and grows tenfold while the
-violation does not fall to a quarter, so that every minimisation starts next to its answer.
+is smooth; S <- Pi_K(S - w F(x)) after each minimisation makes the minimiser feasible at a finite w,
+and S tends to the multipliers (Powell 1969, Hestenes 1969, Rockafellar 1974: the augmented
+Lagrangian). The weight starts far too small and grows tenfold while the violation does not fall to
+a quarter.
 
-Each minimisation is a damped semismooth Newton method (Zhao, Sun, Toh, SIAM J. Optim. 2010): f is
-quadratic and Pi_K piecewise smooth, so few steps do (the Panda: 120 in 0.06 s, where
-SciPy's trust-exact takes 1.4 s and SLSQP and L-BFGS-B stop 1.5 % above the optimum: the curvatures of
-loss and penalty differ by ten orders of magnitude).
+Each minimisation is a damped semismooth Newton method (Zhao, Sun, Toh, SIAM J. Optim. 2010): the
+curvatures of loss and penalty differ by ten orders of magnitude, too much for SciPy's quasi-Newton ones.
 """
 
 from __future__ import annotations
@@ -42,9 +36,9 @@ from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import (
+    Alike,
     Constraint,
     ConstraintSet,
-    ConstraintStack,
     project,
     projection_curvature,
 )
@@ -76,7 +70,7 @@ class Part(Protocol):
 
 @dataclass(frozen=True)
 class AffinePart:
-    """F(x) = constant + matrix x, the cones of a ConstraintStack in scaled variables."""
+    """F(x) = constant + matrix x, a group of equal cones in scaled variables."""
 
     cone: str
     shape: tuple[int, ...]
@@ -85,7 +79,7 @@ class AffinePart:
     scale: Array  # (g, ...): F here is scale * F of the stack, entry by entry
 
     @classmethod
-    def of(cls, stack: ConstraintStack, theta_scale: Array, reference: Array) -> AffinePart:
+    def of(cls, stack: Alike, theta_scale: Array, reference: Array) -> AffinePart:
         """Scaled so that every cone has about unit size at the reference: the set stays the same."""
         at = stack.values(reference)
         matrix = np.zeros((len(stack.matrix), len(theta_scale)))
@@ -96,13 +90,13 @@ class AffinePart:
             root = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
             scale = root[:, :, None] * root[:, None, :]
         else:
-            size = np.abs(matrix).max(axis=1) + np.abs(stack.constant)
+            size = np.abs(matrix).max(axis=1) + np.abs(stack.constant.ravel())
             size = np.where(size > 0.0, size, 1.0).reshape(at.shape)
             if stack.cone == "soc":
                 size = np.broadcast_to(size.max(axis=1, keepdims=True), size.shape)
             scale = 1.0 / size
         flat = scale.ravel()
-        return cls(stack.cone, at.shape, stack.constant * flat, matrix * flat[:, None], scale)
+        return cls(stack.cone, at.shape, stack.constant.ravel() * flat, matrix * flat[:, None], scale)
 
     def values(self, x: Array) -> Array:
         return (self.constant + self.matrix @ x).reshape(self.shape)
@@ -272,10 +266,8 @@ class Penalty(Estimator):
     body : whether each link's mass must lie inside of its body, as for ``lmi-sdp``.
     thickness : smallest radius of gyration of a link [m]; 0 for none.
     starts : runs; the first from the problem's nominal robot, the others from seeded random points
-        of the barycentric box, moved towards it until the convex constraints hold. With convex
-        constraints only and motion that excites the arm, all end at the same loss; on a second or two
-        of motion, where the data leave directions open, a run may stop some per cent above the optimum,
-        and its certified gap says so.
+        of the barycentric box, moved towards it until the convex constraints hold. Where the data
+        leave directions open a run may stop above the optimum, and its certified gap says so.
     tolerance : of violation and complementarity, relative to the size of each constraint's values.
     """
 
@@ -398,7 +390,7 @@ class ScaledProblem:
         received = ConstraintSet(_not_implied(constraints.convex)).plus(
             implied_by_centre(bounds, centre)
         )
-        parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.stacks]
+        parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.groups]
         if bounds:
             parts.append(BarycentricPart.of(bounds, theta_scale, interior))
         reach = 2.0 * task.bound / theta_scale
@@ -408,11 +400,11 @@ class ScaledProblem:
     def multipliers(self, constraints: ConstraintSet, minimum: Minimum) -> list[Array]:
         """The shifts as dual variables of the convex constraints, in units of loss per F."""
         found: dict[Constraint, Array] = {}
-        stacks = self.received.stacks  # the first of the parts, in this order
-        for stack, part, shift in zip(stacks, self.penalty.parts, minimum.shifts, strict=False):
+        groups = self.received.groups  # the first of the parts, in this order
+        for group, part, shift in zip(groups, self.penalty.parts, minimum.shifts, strict=False):
             assert isinstance(part, AffinePart)
-            for member, scale, multiplier in zip(stack.members, part.scale, shift, strict=True):
-                found[member] = self.loss_scale * scale * multiplier
+            for place, scale, multiplier in zip(group.places, part.scale, shift, strict=True):
+                found[self.received.convex[place]] = self.loss_scale * scale * multiplier
         return [found.get(c, np.zeros_like(c.constant)) for c in constraints.convex]
 
 

@@ -24,7 +24,7 @@ from sdp_vs_penalty.estimators.barycentric import BarycentricBox, barycentric_bo
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.constraint import ConstraintStack
+from sdp_vs_penalty.robot.constraint import Alike
 from sdp_vs_penalty.solvers.objective import Objective
 
 QUICK_BUDGET = 3_000
@@ -163,12 +163,11 @@ class PenalisedLoss:
         self.data, self.box, self.free, self.fixed = data, box, free, fixed
         self.width = (box.upper - box.lower)[free]
         self.masses = task.links[:, 0]
-        families = task.constraints.with_families(lambda f: f == "total mass").stacks
-        cones = task.constraints.with_families(lambda f: f == "centre of mass cone").stacks
-        #: Stacks whose margins are demanded of the masses, and of (1, c) in place of (m, m c).
-        self.demands: list[tuple[str, ConstraintStack]] = [
-            *(("total mass", stack) for stack in families),
-            *(("centre of mass cone", stack) for stack in cones),
+        #: What is demanded of the masses, and of (1, c) in place of (m, m c).
+        self.demands = [
+            (family, group)
+            for family in ("total mass", "centre of mass cone")
+            for group in task.constraints.with_families(family.__eq__).groups
         ]
 
     def p(self, u: Array) -> Array:
@@ -241,7 +240,7 @@ def _triangle_excess(entries: Array) -> tuple[Array, Array]:
     return moments[:, 2] - 0.5 * moments.sum(axis=1), vectors[:, :, 2]
 
 
-def _margins(stack: ConstraintStack, point: Array) -> tuple[Array, Array]:
+def _margins(stack: Alike, point: Array) -> tuple[Array, Array]:
     """Margins (k,) of linear or second-order constraints and their gradients (k, p')."""
     values = stack.values(point)
     rows = stack.matrix.reshape(*values.shape, -1)

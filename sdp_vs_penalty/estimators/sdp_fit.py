@@ -58,10 +58,9 @@ def solve_sdp(
 ) -> Fit:
     """Solve one SDP until our own certificate is tight; the answer lies inside the constraints.
 
-    Identification SDPs are degenerate (their optimal faces are flat where the data see little), and
-    a solver may stall short of what it was asked for. So every answer is certified, and where the
-    gap is above ``_TIGHT`` the same problem is solved again as seen from the answer, each cone scaled
-    by a point a little inside of it. The tightest answer is kept, what a solver gave up on included.
+    Identification SDPs are degenerate, and a solver may stall short of what it was asked for. So every
+    answer is certified, and where the gap is above ``_TIGHT`` the same problem is solved again as seen
+    from the answer, each cone scaled by a point a little inside of it. The tightest answer is kept.
     solver_name None: our own interior-point method, then Clarabel where its answer is not tight.
     Raises InputError where the constraints admit no interior point, or nothing near an optimum came.
     """

@@ -19,7 +19,7 @@ from typing import Any
 
 from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.certify import certify, proved
+from sdp_vs_penalty.estimation.identify import certify, proved
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Fit, Progress, Task, no_progress

@@ -6,7 +6,7 @@ And the names of a link's bounds in tables and files: m1, c1x, I1xx, as the pape
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError
@@ -83,29 +83,25 @@ def check_fields(data: Mapping[str, Any]) -> None:
     for section, fields in SECTIONS.items():
         if section not in data:
             continue
-        given = data[section]
-        brackets = f"[[{section}]]" if section in _MANY else f"[{section}]"
-        if section in _MANY:
-            if not (isinstance(given, list) and all(isinstance(x, dict) for x in given)):
-                raise InputError(
-                    f"{section} is no list of sections", f"write {brackets} above its fields"
-                )
-        elif not isinstance(given, dict):
-            raise InputError(f"{section} is no section", f"write {brackets} above its fields")
-        for part in given if section in _MANY else [given]:
-            wanted = fields
-            if section == "kinematics" and "urdf" in part:
-                wanted = {name: replace(field, needed=False) for name, field in fields.items()}
-            _table(brackets, part, wanted)
+        many = section in _MANY
+        brackets = f"[[{section}]]" if many else f"[{section}]"
+        parts = data[section] if many else [data[section]]
+        if not (isinstance(parts, list) and all(isinstance(x, dict) for x in parts)):
+            what = f"{section} is no {'list of sections' if many else 'section'}"
+            raise InputError(what, f"write {brackets} above its fields")
+        for part in parts:
+            _table(brackets, part, fields, section == "kinematics" and "urdf" in part)
 
 
-def _table(section: str, data: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
+def _table(
+    section: str, data: Mapping[str, Any], fields: Mapping[str, Field], optional: bool = False
+) -> None:
     where = section or "the top level"
     for key in data:
         if key not in fields:
             raise InputError(f"{key!r} is unknown in {where}", f"choose from {', '.join(fields)}")
     for key, field in fields.items():
-        if field.needed and key not in data:
+        if field.needed and not optional and key not in data:
             raise InputError(f"the field {key!r} is missing in {where}", "add it")
     joints = data.get("a")
     for name, value in data.items():
@@ -122,30 +118,29 @@ def _table(section: str, data: Mapping[str, Any], fields: Mapping[str, Field]) -
             raise InputError(f"{label} has {len(value)} entries, {length} are needed", needed)
 
 
+#: What a value of each kind is, in Python and in words.
+_KINDS: dict[str, tuple[tuple[type, ...], str]] = {
+    "text": ((str,), "a text"),
+    "whole": ((int,), "a whole number"),
+    "number": ((int, float), "a number"),
+}
+
+
 def _kind(label: str, value: Any, field: Field) -> None:
     hint = f"write {field.hint}" if field.hint else ""
-    if field.kind in ("texts", "numbers"):
-        if not isinstance(value, list):
-            hint = hint or _EXAMPLE[field.kind]
-            raise InputError(f"{label} is {_shown(value)}, not a list of {field.kind}", hint)
-        one = field.kind[:-1]
-        for k, entry in enumerate(value, start=1):
-            if not _is(entry, one):
-                raise InputError(f"entry {k} is {_shown(entry)}, not a {one}", "correct it", label)
-    elif not _is(value, field.kind):
-        a = {"text": "a text", "whole": "a whole number", "number": "a number"}[field.kind]
-        raise InputError(f"{label} is {_shown(value)}, not {a}", hint or "correct it")
+    several, one = field.kind in ("texts", "numbers"), field.kind.removesuffix("s")
+    if several and not isinstance(value, list):
+        what = f"{label} is {_shown(value)}, not a list of {field.kind}"
+        raise InputError(what, hint or _EXAMPLE[field.kind])
+    types, name = _KINDS[one]
+    for k, entry in enumerate(value if several else [value], start=1):
+        if not isinstance(entry, types) or isinstance(entry, bool):
+            if several:
+                raise InputError(f"entry {k} is {_shown(entry)}, not {name}", "correct it", label)
+            raise InputError(f"{label} is {_shown(entry)}, not {name}", hint or "correct it")
 
 
 _EXAMPLE = {"numbers": "write [0.0, 0.1]", "texts": 'write ["one", "two"]'}
-
-
-def _is(value: Any, kind: str) -> bool:
-    if kind == "text":
-        return isinstance(value, str)
-    if isinstance(value, bool):
-        return False
-    return isinstance(value, int) if kind == "whole" else isinstance(value, int | float)
 
 
 def _shown(value: Any) -> str:

@@ -1,7 +1,7 @@
 """A shared problem definition: robot, bounds, nominal inertia, published values.
 
-A problem is a folder with a problem.toml (problems/ travels with the package), or a URDF file. Both
-estimators read the same :class:`Problem`; what each can take of it is decided in the estimators.
+A problem is a folder with a problem.toml (problems/ travels with the package), or a URDF file; all
+estimators read the same :class:`Problem`.
 """
 
 from __future__ import annotations
@@ -108,20 +108,13 @@ class Problem(Shown):
             ("bounds", self.box, (n, 10, 2)),
             ("nominal links", self.nominal_links, (n, 10)),
             ("default bounds", self.defaults, (n, 2)),
+            ("bodies", self.bodies, (n,)),
+            ("nominal_from", self.nominal_from, (n,)),
+            ("gains", self.gains, (n,)),
         ):
-            if value is not None and value.shape != shape:
+            if value is not None and np.shape(value) != shape:
                 raise InputError(
                     f"the {name} are of another robot than {self.robot.name} ({n} links)",
-                    "give a row a link",
-                )
-        for what, items in (
-            ("bodies", self.bodies),
-            ("nominal_from", self.nominal_from),
-            ("gains", self.gains),
-        ):
-            if items is not None and len(items) != n:
-                raise InputError(
-                    f"the {what} are of another robot than {self.robot.name} ({n} links)",
                     "give one a link",
                 )
         if not np.all(self.box[..., 0] <= self.box[..., 1]):

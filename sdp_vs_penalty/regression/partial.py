@@ -27,6 +27,20 @@ def visible(A: Array) -> tuple[Array, Array]:
     return u[:, good], V
 
 
+def smallest(A: Array, b: Array) -> Array:
+    """The smallest theta (p,) that minimises |A theta - b|, in the directions that A (r, p) shows."""
+    U, V = visible(A)
+    return np.asarray(V @ (U.T @ b))
+
+
+def deviations(A: Array) -> Array:
+    """(p,) standard deviations of least squares in columns A (r, p) whose rows have noise one; infinite
+    where they do not determine a parameter."""
+    U, V = visible(A)
+    known = np.einsum("kr,rk->k", V, U.T @ A) > 1.0 - 1e-6
+    return np.where(known, np.linalg.norm(V, axis=1), np.inf)
+
+
 def partialled(A: Array, others: Array) -> Array:
     """(r, ...) what least squares in the columns A (r, p) leave of other columns (r, ...)."""
     U, _ = visible(A)

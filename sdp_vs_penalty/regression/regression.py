@@ -155,15 +155,17 @@ class Regression:
         return len(self.parameters)
 
     def select(self, blocks: Iterable[int]) -> Regression:
-        """Only these blocks (by index, repeats allowed: a bootstrap resample)."""
-        wanted = list(blocks)
-        by_block: dict[int, list[Factor]] = {}
-        for factor in self.factors:
-            by_block.setdefault(factor.block, []).append(factor)
-        factors = [
-            replace(factor, block=new) for new, b in enumerate(wanted) for factor in by_block.get(b, [])
-        ]
-        return replace(self, blocks=tuple(self.blocks[b] for b in wanted), factors=tuple(factors))
+        """Only these blocks, by index; one that comes k times (in a bootstrap resample) counts as k: its
+        rows times sqrt(k)."""
+        numbers, counts = np.unique(np.fromiter(blocks, np.intp), return_counts=True)
+        place, times = dict(zip(numbers, range(len(numbers)), strict=True)), np.sqrt(counts)
+        factors = []
+        for f in self.factors:
+            new = place.get(f.block)
+            if new is not None:
+                rows = int(counts[new]) * f.rows
+                factors.append(replace(f, block=new, triangle=times[new] * f.triangle, rows=rows))
+        return replace(self, blocks=tuple(self.blocks[b] for b in numbers), factors=tuple(factors))
 
     def keeping(self, wanted: NDArray[np.bool_]) -> Regression:
         """The same of only the wanted (p,) parameters; rows keep their order."""
@@ -328,17 +330,26 @@ def compress_cells(
     model: Model,
     settings: Preprocessing,
     folds: Cells,
+    workers: Workers = ALONE,
 ) -> Regression:
     """The same with one block for each cell (of folds by phase), whichever runs and periods show it."""
-    growing, samples = _Growing(), 0.0
-    for index, run in enumerate(measurements.runs()):
-        repeated = rows_per_sample(run, settings)
-        for rows in instrumented_rows(run, model, settings):
-            samples += len(rows.torque) / repeated
-            growing.take(rows, folds.cell(index, rows.motion.t))
+    one = partial(_cells_of_run, model=model, settings=settings, folds=folds)
+    found = workers.map(one, list(enumerate(measurements.runs())))
     blocks = [TimeBlock(*place) for place in folds.places]
+    factors = [factor for own, _ in found for factor in own]
+    return _regression(model, blocks, factors, sum(samples for _, samples in found))
+
+
+def _cells_of_run(
+    numbered: tuple[int, Measurements], model: Model, settings: Preprocessing, folds: Cells
+) -> tuple[list[Factor], float]:
+    """One run's factors by cell, and its independent samples."""
+    (index, run), growing, count = numbered, _Growing(), 0
+    for rows in instrumented_rows(run, model, settings):
+        count += len(rows.torque)
+        growing.take(rows, folds.cell(index, rows.motion.t))
     factors = [replace(f, block=b) for b, found in growing.blocks() for f in found]
-    return _regression(model, blocks, factors, samples)
+    return factors, count / rows_per_sample(run, settings)
 
 
 class _Growing:

@@ -61,7 +61,7 @@ def standard_rows(estimate: Estimate) -> list[Row]:
 
 
 def _row(i: Interval, source: str, nominal: float) -> Row:
-    figures = {"value": i.value, "low": i.low, "high": i.high, "nominal": nominal}
+    figures = {"value": i.value, "low": i.lower, "high": i.upper, "nominal": nominal}
     known = {name: float(x) if np.isfinite(x) else None for name, x in figures.items()}
     return {"name": i.name, "verdict": i.verdict, "source": source, **known, "unit": i.unit}
 

@@ -73,7 +73,7 @@ def around(
     ch. 3) over the extremes of the cloud, then enlarged until all points are inside.
     """
     cloud = np.asarray(points, float)
-    few = np.array_split(_directions(), 20)  # a cloud may have many points
+    few = np.array_split(directions(_DIRECTIONS), 20)  # a cloud may have many points
     extremes = cloud[np.unique([np.argmax(cloud @ d.T, axis=0) for d in few])]
     lifted = np.column_stack([extremes, np.ones(len(extremes))])
     weights = np.full(len(lifted), 1.0 / len(lifted))
@@ -106,9 +106,9 @@ def balls(centres: ArrayLike, radius: float) -> Array:
     return np.concatenate([np.asarray(c, float) + ends for c in np.atleast_2d(centres)])
 
 
-def _directions() -> Array:
-    """(d, 3) unit vectors, spread over the sphere by the golden angle."""
-    k = np.arange(_DIRECTIONS) + 0.5
-    z, turn = 1.0 - 2.0 * k / _DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
+def directions(count: int) -> Array:
+    """(count, 3) unit vectors, spread over the sphere by the golden angle."""
+    k = np.arange(count) + 0.5
+    z, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5.0**0.5) * k
     across = np.sqrt(1.0 - z**2)
     return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])

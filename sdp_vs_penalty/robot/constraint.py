@@ -226,7 +226,7 @@ class ConstraintSet:
     def depth(self, theta: ArrayLike) -> float:
         """How far inside the convex constraints theta lies, free of units: at most about one."""
         x = np.asarray(theta, float)
-        depths = (cone_depths(s.cone, s.values(x), s.terms(x)).min() for s in self.stacks)
+        depths = (cone_depths(s.cone, s.values(x), s.terms(x)).min() for s in self.groups)
         return float(min(depths, default=np.inf))
 
     def with_families(self, keep: Callable[[str], bool]) -> ConstraintSet:
@@ -243,16 +243,12 @@ class ConstraintSet:
     @cached_property
     def entries(self) -> Entries:
         """All numbers of the convex constraints end to end."""
-        return Entries.of(alike(self.convex))
+        return Entries.of(self.groups)
 
     @cached_property
-    def stacks(self) -> tuple[ConstraintStack, ...]:
-        """The convex constraints grouped by cone and size, for methods that evaluate them often."""
-        groups: dict[tuple[str, tuple[int, ...]], list[Constraint]] = {}
-        for constraint in self.convex:
-            groups.setdefault((constraint.cone, constraint.constant.shape), []).append(constraint)
-        size = 1 + max((int(c.indices.max(initial=-1)) for c in self.convex), default=-1)
-        return tuple(ConstraintStack.of(cone, group, size) for (cone, _), group in groups.items())
+    def groups(self) -> tuple[Alike, ...]:
+        """The convex constraints side by side, for methods that evaluate them often."""
+        return tuple(alike(self.convex))
 
 
 @dataclass(frozen=True)
@@ -267,6 +263,25 @@ class Alike:
     indices: NDArray[np.intp]
     constant: Array
     coefficients: Array
+
+    @cached_property
+    def matrix(self) -> Array:
+        """(g d, p') with F.ravel() = constant.ravel() + matrix theta[:p'], entry by entry."""
+        g, k = self.indices.shape
+        flat = self.coefficients.reshape(g, k, -1)
+        out = np.zeros((g, flat.shape[2], 1 + int(self.indices.max(initial=-1))))
+        out[np.arange(g)[:, None], :, self.indices] = flat
+        return out.reshape(-1, out.shape[2])
+
+    def values(self, theta: Array) -> Array:
+        """(g, ...) all F(theta)."""
+        flat = self.matrix @ theta[: self.matrix.shape[1]]
+        return self.constant + flat.reshape(self.constant.shape)
+
+    def terms(self, theta: Array) -> Array:
+        """(g, ...) |F_0| + sum |theta_i F_i|: the size of what :meth:`values` sums up."""
+        flat = np.abs(self.matrix) @ np.abs(theta[: self.matrix.shape[1]])
+        return np.abs(self.constant) + flat.reshape(self.constant.shape)
 
 
 def alike(constraints: Sequence[Constraint]) -> list[Alike]:
@@ -330,41 +345,6 @@ def margins(constraints: Sequence[Constraint], theta: ArrayLike) -> tuple[Array,
         terms = np.abs(group.constant) + np.abs(parts).sum(axis=1)
         size[group.places] = terms.reshape(len(terms), -1).max(axis=1)
     return margin, size
-
-
-@dataclass(frozen=True)
-class ConstraintStack:
-    """Equal cones of equal size side by side: F (g, ...) = constant + matrix theta."""
-
-    cone: str
-    shape: tuple[int, ...]
-    constant: Array  # (g * d,) flattened
-    matrix: Array  # (g * d, p')
-    members: tuple[Constraint, ...]
-
-    @classmethod
-    def of(cls, cone: str, members: Sequence[Constraint], size: int) -> ConstraintStack:
-        shape = members[0].constant.shape
-        entries = int(np.prod(shape))
-        matrix = np.zeros((len(members), entries, size))
-        for k, c in enumerate(members):
-            matrix[k][:, c.indices] = c.coefficients.reshape(len(c.indices), entries).T
-        constant = np.concatenate([c.constant.ravel() for c in members])
-        return cls(cone, shape, constant, matrix.reshape(-1, size), tuple(members))
-
-    def values(self, theta: Array) -> Array:
-        """(g, *shape) all F(theta)."""
-        flat = self.constant + self.matrix @ theta[: self.matrix.shape[1]]
-        return flat.reshape(len(self.members), *self.shape)
-
-    def terms(self, theta: Array) -> Array:
-        """(g, *shape) |F_0| + sum |theta_i F_i|: the size of what :meth:`values` sums up."""
-        flat = np.abs(self.constant) + self._absolute @ np.abs(theta[: self.matrix.shape[1]])
-        return flat.reshape(len(self.members), *self.shape)
-
-    @cached_property
-    def _absolute(self) -> Array:
-        return np.abs(self.matrix)
 
 
 def pseudo_inertia(name: str, indices: ArrayLike) -> Constraint:

@@ -17,6 +17,7 @@ import numpy as np
 
 from sdp_vs_penalty.files import LARGEST_MESH, reading
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.body import directions
 from sdp_vs_penalty.robot.urdf import placed_links, pose_of
 
 #: Corners of the polygons that stand for circles, around them.
@@ -63,10 +64,7 @@ def _hull(points: Array) -> Array | None:
     """Triangles (k, 3, 3) around what reaches farthest; None for points in a plane."""
     from scipy.spatial import ConvexHull, QhullError
 
-    turn = np.arange(_DIRECTIONS) + 0.5  # a spiral of Fibonacci: directions all around
-    z, angle = 1.0 - 2.0 * turn / _DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * turn
-    ways = np.stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z])
-    points = points[np.unique(np.argmax(points @ ways, axis=0))]
+    points = points[np.unique(np.argmax(points @ directions(_DIRECTIONS).T, axis=0))]
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import warnings
-from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -22,14 +21,6 @@ from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS
 CVXPY_ACCURACY = 1e-5
 #: Starts of the penalty.
 _STARTS = 3
-
-
-def cvxpy_version() -> str:
-    return metadata.version("cvxpy")
-
-
-def scipy_version() -> str:
-    return metadata.version("scipy")
 
 
 def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answer:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib import metadata
 from types import ModuleType
 from typing import Any
 
@@ -37,7 +38,7 @@ class Contestant:
     name: str
     description: str
     solve: Callable[[Instance, float], Answer]
-    version: Callable[[], str]
+    version: Callable[[], str] = lambda: __version__
     absent: str | None = None
     options: Options | None = None
     promise: float = DEFAULT_ACCURACY
@@ -93,7 +94,9 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
 def _shipped() -> Contestant:
     """What ``identify`` runs: the interior point in NumPy, Clarabel where its answer is not tight."""
     words = "our default: the NumPy interior point, certified; Clarabel where the certified gap is loose"
-    return Contestant("lmi-sdp", words, partial(_in_our_loop, solver=None, finest=_FINEST), _ours)
+    return Contestant(
+        "lmi-sdp", words, partial(_in_our_loop, solver=None, finest=_FINEST), lambda: __version__
+    )
 
 
 def _conic(name: str, module: ModuleType, *variant: str) -> Contestant:
@@ -176,7 +179,7 @@ def _baselines() -> list[Contestant]:
         "cvxpy",
         "CVXPY as a user meets it: the formulas, prob.solve(), no options",
         partial(baselines.solve_cvxpy, solver=None),
-        baselines.cvxpy_version,
+        partial(metadata.version, "cvxpy"),
         promise=baselines.CVXPY_ACCURACY,
         warm_up=through_cvxpy.warm_up,
     )
@@ -193,7 +196,6 @@ def _baselines() -> list[Contestant]:
             "penalty",
             "the exact penalty, multi-start (no SDP solver)",
             baselines.solve_penalty,
-            _ours,
             options=baselines.penalty_options,
             entropy=False,
         ),
@@ -201,11 +203,7 @@ def _baselines() -> list[Contestant]:
             "log-cholesky L-BFGS",
             "log-Cholesky variables, augmented Lagrangian, SciPy's L-BFGS-B (no SDP solver)",
             augmented_lagrangian.solve,
-            baselines.scipy_version,
+            partial(metadata.version, "scipy"),
             options=augmented_lagrangian.options,
         ),
     ]
-
-
-def _ours() -> str:
-    return __version__

@@ -154,13 +154,13 @@ def _seeds(seed: int, n: int, draw: int) -> list[int]:
     return [seed, n] + ([draw] if draw else [])
 
 
-def chain_task(n: int, samples: int = 60, draw: int = 0) -> Task:
+def chain_task(n: int, draw: int = 0) -> Task:
     """Random states, torque of thin random links with friction, white noise of 1 % of each joint's.
 
     draw : another arm of the same size, with another motion.
     """
     rng = np.random.default_rng(_seeds(_CHAIN_SEED + 1, n, draw))
-    problem = chain_problem(n, draw)
+    problem, samples = chain_problem(n, draw), 60
     model = problem.model()
     q = problem.robot.random_configurations(samples, _CHAIN_SEED)
     dq, ddq = rng.normal(size=(samples, n)), 3.0 * rng.normal(size=(samples, n))

@@ -62,7 +62,7 @@ def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
                 "asked for: use the same version and data on all machines"
             )
         # Work that belongs to no contestant: done before the fork, so that children have it.
-        _ = made.interior, made.near, made.constraints.stacks, made.task.ols
+        _ = made.interior, made.near, made.constraints.groups, made.task.ols
         return task, list(_runs(task, made)) if task.solver else [_proved(made, task.memory)]
     except Exception as error:  # an answer must come: the other side waits for it
         return task, [{"error": f"{type(error).__name__}: {error}"}]

@@ -44,8 +44,6 @@ REPETITION, SPECTRUM, RESIDUAL = "repetition", "spectrum", "residual"
 SPECTRUM_KNOWN = "right within a factor of two"
 #: Fewest differences from which a floor is believed.
 _FEWEST = 60
-#: Share of a guessed noise that is left a row later, at most.
-_FADES = 0.95
 #: Independent values that a median of squares is worth, a value: its efficiency.
 _MEDIAN_WORTH = 0.37
 #: Events are rare: what fills more than this share of the differences is noise of another kind.
@@ -129,17 +127,9 @@ def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
     moving = [_without(runs.pieces(j), runs.still[:, j] >= STILL) for j in range(n)]
     parts = [autoregression(residual[:, j], moving[j]) for j in range(n)]
     ar, sigma, degrees = (np.array(values) for values in zip(*parts, strict=True))
-    ar *= np.array([_forgetting(a) for a in ar])
     floor = np.array([residual[np.concatenate(p), j].std() if p else 0.0 for j, p in enumerate(moving)])
     suspect = np.zeros_like(runs.keep)
     return Noise(floor, ar, sigma, degrees, RESIDUAL, suspect, np.ones_like(residual), runs.held)
-
-
-def _forgetting(a: Array) -> Array:
-    """(ORDER,) factors that make an autoregression forget: what never fades is an error of the model,
-    and a whitening that takes it out would leave offsets free to be anything."""
-    largest = float(np.abs(np.roots(np.concatenate([[1.0], -a]))).max(initial=0.0))
-    return np.asarray(min(1.0, _FADES / max(largest, 1e-12)) ** np.arange(1, ORDER + 1))
 
 
 def _without(pieces: Pieces, marked: NDArray[np.bool_]) -> Pieces:

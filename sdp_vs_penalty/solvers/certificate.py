@@ -320,7 +320,7 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
     another order, finds no violation. An interior point that is no deeper is what comes out.
     """
     ways = []
-    for stack in constraints.stacks:
+    for stack in constraints.groups:
         value, terms = stack.values(theta), stack.terms(theta)
         ahead, above = stack.values(interior) - value, stack.terms(interior) - terms
         ways.append((stack, value, ahead, terms, above))
@@ -329,7 +329,7 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
         # The terms of a point between two others are at most those in between.
         return all(
             cone_depths(stack.cone, value + step * ahead, terms + step * above).min()
-            >= safe_depth(stack.shape[0])
+            >= safe_depth(stack.constant.shape[1])
             for stack, value, ahead, terms, above in ways
         )
 

@@ -126,9 +126,9 @@ def least_squares_sdp(
     finer = loss_scale / torque if fine else 1.0
     scale = np.where(seen, np.minimum(bound, finer * unit), unit)
     rows *= scale / unit
-    pieces = _RowBuilder(p + r)
+    pieces = RowBuilder(p + r)
     # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
-    pieces.dense("zero", np.hstack([rows / loss_scale, -np.eye(r)]), rho / loss_scale)
+    pieces.rows("zero", np.hstack([rows / loss_scale, -np.eye(r)]), rho / loss_scale)
     placed = pieces.constraints(constraints, centre, scale, reference)
     quadratic = np.concatenate([np.zeros(p), 2.0 * np.ones(r)])
     linear = np.zeros(p + r)
@@ -163,18 +163,18 @@ def largest_margin(constraints: Sequence[Constraint], reference: Array, scale: A
     x = (theta / scale, t); t < 0 at the optimum proves that no theta satisfies all constraints.
     """
     p = len(scale)
-    pieces = _RowBuilder(p + 1)
+    pieces = RowBuilder(p + 1)
     placed = pieces.constraints(constraints, np.zeros(p), scale, reference, slack=p)
     top = np.zeros((1, p + 1))
     top[0, p] = 1.0
-    pieces.dense("nonnegative", top, np.ones(1))
+    pieces.rows("nonnegative", top, np.ones(1))
     linear = np.zeros(p + 1)
     linear[p] = -1.0
     conic = pieces.problem(sparse.csc_matrix((p + 1, p + 1)), linear)
     return SdpProblem(conic, np.zeros(p), scale, 1.0, placed)
 
 
-class _RowBuilder:
+class RowBuilder:
     """Collects the rows of A and b cone by cone."""
 
     def __init__(self, width: int) -> None:
@@ -186,9 +186,26 @@ class _RowBuilder:
         self.b: list[Array] = []
         self.cones: list[Cone] = []
 
-    def dense(self, kind: str, matrix: Array, b: Array) -> None:
-        i, j = np.nonzero(matrix)
-        self._add(i, j, matrix[i, j], b, Cone(kind, len(b)))
+    def rows(self, kind: str, matrix: Array | sparse.csr_matrix, b: Array) -> None:
+        """Append rows of one of the cones that are no matrices."""
+        entries = sparse.coo_matrix(matrix)
+        self._add(entries.row, entries.col, entries.data, b, Cone(kind, len(b)))
+
+    def place(
+        self, c: Constraint, scale: Array, constant: Array, columns: Array, slack: int | None = None
+    ) -> Placed:
+        """Append F(theta) [- t e], constant + sum theta_k columns_k, in its cone."""
+        k, row = np.nonzero(columns)
+        i, j, v = row, c.indices[k], -columns[k, row]
+        if slack is not None:
+            direction = svec(c.identity) if c.cone == "psd" else c.identity
+            where = np.flatnonzero(direction)
+            i = np.concatenate([i, where])
+            j = np.concatenate([j, np.full(len(where), slack)])
+            v = np.concatenate([v, direction[where]])
+        placed = Placed(c, self.count, scale)
+        self._add(i, j, v, constant, Cone(c.cone, len(c.constant)))
+        return placed
 
     def _add(self, i: ArrayLike, j: ArrayLike, v: ArrayLike, b: Array, cone: Cone) -> None:
         self.i.append(np.asarray(i, np.intp) + self.count)
@@ -215,19 +232,8 @@ class _RowBuilder:
             made = _scaled(group, theta_scale, around, central, whiten=slack is None)
             for place, *one in zip(group.places.tolist(), *made, strict=True):
                 scaled[place] = (one[0], one[1], one[2])
-        placed = []
-        for c, (scale, constant, columns) in zip(constraints, scaled, strict=True):
-            k, row = np.nonzero(columns)
-            i, j, v = row, c.indices[k], -columns[k, row]
-            if slack is not None:
-                direction = svec(c.identity) if c.cone == "psd" else c.identity
-                where = np.flatnonzero(direction)
-                i = np.concatenate([i, where])
-                j = np.concatenate([j, np.full(len(where), slack)])
-                v = np.concatenate([v, direction[where]])
-            placed.append(Placed(c, self.count, scale))
-            self._add(i, j, v, constant, Cone(c.cone, len(c.constant)))
-        return tuple(placed)
+        pairs = zip(constraints, scaled, strict=True)
+        return tuple(self.place(c, *made, slack=slack) for c, made in pairs)
 
     def log_det(
         self, entropy: Entropy, centre: Array, theta_scale: Array

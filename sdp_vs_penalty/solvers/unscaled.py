@@ -17,8 +17,8 @@ from scipy import sparse
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, svec
-from sdp_vs_penalty.solvers.identification import Placed, SdpProblem
+from sdp_vs_penalty.solvers.conic import svec
+from sdp_vs_penalty.solvers.identification import RowBuilder, SdpProblem
 
 
 def gram_sdp(
@@ -29,40 +29,29 @@ def gram_sdp(
     P = np.triu(2.0 * (R.T @ R).astype(float))
     q = -2.0 * (R.T @ rho).astype(float)
     offset = float(data.rho @ data.rho) + data.residual_norm**2
-    return _posed(sparse.csc_matrix(P), q, [], np.zeros(0), constraints, len(q), offset)
+    return _posed(RowBuilder(len(q)), len(q), sparse.csc_matrix(P), q, constraints, offset)
 
 
 def rows_sdp(data: LeastSquares, constraints: Sequence[Constraint]) -> SdpProblem:
     """The residual as variables of their own, one for each row of R."""
     r, p = data.R.shape
     P = sparse.diags(np.concatenate([np.zeros(p), np.full(r, 2.0)])).tocsc()
-    equal = sparse.hstack([sparse.csr_matrix(data.R), -sparse.identity(r)])
-    return _posed(P, np.zeros(p + r), [equal], data.rho, constraints, p, data.residual_norm**2)
+    pieces = RowBuilder(p + r)
+    pieces.rows("zero", sparse.hstack([sparse.csr_matrix(data.R), -sparse.identity(r)]), data.rho)
+    return _posed(pieces, p, P, np.zeros(p + r), constraints, data.residual_norm**2)
 
 
 def _posed(
+    pieces: RowBuilder,
+    p: int,
     P: sparse.csc_matrix,
     q: Array,
-    equal: list[Any],
-    right: Array,
     constraints: Sequence[Constraint],
-    p: int,
     offset: float,
 ) -> SdpProblem:
-    blocks, b = list(equal), [right]
-    cones = [Cone("zero", len(right))] if len(right) else []
-    placed, start = [], len(right)
+    placed = []
     for c in constraints:
-        psd = c.cone == "psd"
-        constant = svec(c.constant) if psd else c.constant
-        columns = svec(c.coefficients) if psd else c.coefficients
-        k, row = np.nonzero(columns)
-        shape = (len(constant), len(q))
-        blocks.append(sparse.csr_matrix((-columns[k, row], (row, c.indices[k])), shape))
-        b.append(constant)
-        cones.append(Cone(c.cone, len(c.constant)))
-        d = len(c.constant)
-        placed.append(Placed(c, start, np.eye(d) if psd else np.ones(d)))
-        start += len(constant)
-    conic = ConicProblem(P, q, sparse.csc_matrix(sparse.vstack(blocks)), np.concatenate(b), tuple(cones))
-    return SdpProblem(conic, np.zeros(p), np.ones(p), 1.0, tuple(placed), offset)
+        psd, d = c.cone == "psd", len(c.constant)
+        constant, columns = (svec(x) if psd else x for x in (c.constant, c.coefficients))
+        placed.append(pieces.place(c, np.eye(d) if psd else np.ones(d), constant, columns))
+    return SdpProblem(pieces.problem(P, q), np.zeros(p), np.ones(p), 1.0, tuple(placed), offset)

@@ -36,3 +36,13 @@ def test_a_load_in_one_of_two_runs_is_named_with_the_run() -> None:
     other = replace(second, tau=second.tau * np.array([1.0, 1.3]))
     reports = check(PROBLEM, concatenate([first, replace(other, names=("b",))]), thorough=False)
     assert [f.kind for r in reports for f in r.problems]
+
+
+def test_two_joints_a_quarter_turn_off_are_both_named() -> None:
+    """Also where neither joint's own torque shows it."""
+    problem = load_problem("panda")
+    run = replace(small_run(problem, seconds=8.0), dq=None)
+    turned = np.array([0.0, 0.5 * np.pi, 0.0, -0.5 * np.pi, 0.0, 0.0, 0.0])
+    (report,) = check(problem, replace(run, q=run.q + turned), thorough=False)
+    told = {f.where: f.figures["shifts"] for f in report.problems if f.kind == "encoder offset"}
+    assert told == {"joint 2": [-0.5 * np.pi], "joint 4": [0.5 * np.pi]}

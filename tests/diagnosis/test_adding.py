@@ -141,4 +141,4 @@ def test_a_width_that_took_the_new_effects_torque_gives_it_back(width: float) ->
     assert after.model.sign_width[1] == pytest.approx(width, rel=0.1)
     found = after.uncertainty.standard[-1]
     assert found.value == pytest.approx(size, rel=0.05)
-    assert found.low < size < found.high
+    assert found.lower < size < found.upper

@@ -11,7 +11,7 @@ from random_arms import SCARA_FRICTION, SCARA_NOISE, run_of, scara
 
 from sdp_vs_penalty import InputError, Problem, export, identify, load_estimate, load_problem
 from sdp_vs_penalty.cli import printing
-from sdp_vs_penalty.estimation.certify import data_share
+from sdp_vs_penalty.estimation.identify import data_share
 from sdp_vs_penalty.estimators import Task, make_task
 from sdp_vs_penalty.regression import LeastSquares, compress
 

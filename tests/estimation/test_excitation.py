@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.estimation import Limits
-from sdp_vs_penalty.estimation.excitation import BaseRegressor, excite, save_trajectory
+from sdp_vs_penalty.estimation.excitation import Regressor, excite, save_trajectory
 from sdp_vs_penalty.robot import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation import experiment
 
@@ -59,7 +59,7 @@ def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(
     panda: Problem, paper: FourierTrajectory
 ) -> None:
     limits = Limits.of_trajectory(paper)
-    before = BaseRegressor.of(panda).condition(paper)
+    before = Regressor.of(panda).condition(paper)
     assert 105.0 < before < 125.0  # the paper's own figure is 109 to 122, depending on the basis
     found = excite(panda, limits=limits, start=paper, iterations=12)
     assert found.condition < 0.75 * before

@@ -64,14 +64,14 @@ def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(
     with_load = add(kept, "payload", other)
     mass = with_load.uncertainty.standard[len(kept.theta)]
     assert mass.name == "payload_m"
-    assert mass.low < 0.9 < mass.high
+    assert mass.lower < 0.9 < mass.upper
     assert mass.std < 0.05
     found = diagnose(kept, other, frozen=True).effects
     assert [f.effect for f in found] == ["payload"]
     assert abs(found[0].size - 0.9) < 4.0 * found[0].std
     # As the channels stand, the same load weighs something else, and its interval does not know.
     naive = add(identify(arm, bare, "ols"), "payload", other).uncertainty.standard[len(kept.theta)]
-    assert not naive.low < 0.9 < naive.high
+    assert not naive.lower < 0.9 < naive.upper
 
 
 def test_gains_known_to_a_per_cent_widen_the_intervals(arm: Problem, tmp_path: Path) -> None:
@@ -133,5 +133,5 @@ def test_the_load_of_the_real_ur10e(data_folder: Path) -> None:
         estimate = identify("ur10e", runs[f"19_{first}harm50sec"], "ols", known_loads=loads)
         found = add(estimate, "payload", runs[f"19_{second}harm50secLoad"])
         mass = found.uncertainty.standard[len(estimate.theta)]
-        assert mass.low < 2.805 < mass.high
+        assert mass.lower < 2.805 < mass.upper
         assert mass.std < 0.1

@@ -12,7 +12,7 @@ from random_robots import sines
 
 from sdp_vs_penalty import InputError, Measurements, Problem, identify
 from sdp_vs_penalty.effects.effect import Parameter
-from sdp_vs_penalty.estimation.certify import certify
+from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimators import (
     Estimator,
     Fit,

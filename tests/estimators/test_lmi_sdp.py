@@ -16,7 +16,7 @@ from random_robots import link_parameters, sines, tree
 
 from sdp_vs_penalty import Measurements, Problem, identify
 from sdp_vs_penalty.errors import Infeasible, InputError
-from sdp_vs_penalty.estimation.certify import certify
+from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimation.pose import pose
 from sdp_vs_penalty.estimators import (
     LmiSdp,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from random_robots import link_parameters, sines, tree
 
 from sdp_vs_penalty import Measurements, Problem, load_measurements
-from sdp_vs_penalty.estimation.certify import certify
+from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimators import (
     LmiSdp,
     PenaltyPaper,

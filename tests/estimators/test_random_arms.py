@@ -11,7 +11,7 @@ import pytest
 from random_arms import random_arm, random_run, scara
 
 from sdp_vs_penalty import load_problem
-from sdp_vs_penalty.estimation.certify import certify
+from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimators import make_estimator, make_task, solve_sdp
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.robot import ConstraintSet

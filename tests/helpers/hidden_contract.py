@@ -144,7 +144,7 @@ def check_columns_are_the_hidden_torque(name: str) -> None:
         allowed = YIELDS if name == "backlash" and not case.hidden.details else ACCURACY
         assert share < allowed, f"{name}, {case.where}: {100 * share:.1f} % is not in the columns"
         met |= {case.effect.robot.joints[j].kind for j in case.hidden.joints}
-        if kind.one_number and case.hidden.number is not None and kind.sized_by == slice(None):
+        if case.hidden.number is not None and kind.sized_by == slice(None):
             size, _ = size_of(case.effect, theta, np.zeros((len(theta),) * 2))
             true = case.hidden.number * case.hidden.size
             size = size if len(theta) == 1 else np.copysign(size, true)  # a wave has no sign

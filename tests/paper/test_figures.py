@@ -12,7 +12,7 @@ import pytest
 from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
 from sdp_vs_penalty.paper import figures, wrenches
 from sdp_vs_penalty.paper.figures import FIGURES, figure_8, make_figures, save
-from sdp_vs_penalty.paper.tables import engine_runs, study
+from sdp_vs_penalty.paper.tables import study, table_v
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
 
 pytest.importorskip("matplotlib")
@@ -27,7 +27,7 @@ class SimulatedStudy(Study):
 @pytest.fixture(scope="module")
 def studies() -> Iterator[dict[str, Study]]:
     patch = pytest.MonkeyPatch()
-    patch.setitem(engine_runs.DURATION, "quick", 0.2)
+    patch.setitem(table_v.DURATION, "quick", 0.2)
     patch.setitem(wrenches.INSTANTS, "quick", 3)
     patch.setitem(wrenches.RETRIEVALS, "quick", 2)
     patch.setattr(wrenches, "PENALTY_RUNS", 2)

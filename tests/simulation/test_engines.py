@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import InputError, Problem, load_problem
-from sdp_vs_penalty.paper.tables import engine_runs
+from sdp_vs_penalty.paper.tables import table_v
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.robot import Joint, Robot, inertia, joint_limits
 from sdp_vs_penalty.simulation import engine_types
@@ -124,7 +124,7 @@ def test_an_absent_engine_is_listed_as_absent(
     monkeypatch.setattr(kind, "version", classmethod(lambda cls: None))
     study: Any = SimpleNamespace(problem=two_link, progress=lambda _: None)
     motion = Sinusoids.over_range(two_link.robot)
-    result = engine_runs._result(study, "DART", "simulated", true_links(two_link), motion, 0.1, 1e-3)
+    result = table_v._result(study, "DART", "simulated", true_links(two_link), motion, 0.1, 1e-3)
     assert result.run is None
     assert result.status.startswith("absent")
     assert "sdp-vs-penalty[engines]" in result.status
@@ -136,6 +136,6 @@ def test_a_rejected_robot_keeps_its_row_and_says_which_link(two_link: Problem) -
     links[1, 9] = -1.0
     study: Any = SimpleNamespace(problem=two_link, progress=lambda _: None)
     motion = Sinusoids.over_range(two_link.robot)
-    result = engine_runs._result(study, "MuJoCo", "simulated", links, motion, 0.1, 1e-3)
+    result = table_v._result(study, "MuJoCo", "simulated", links, motion, 0.1, 1e-3)
     assert result.run is None
     assert result.status.startswith("rejected: link 2")

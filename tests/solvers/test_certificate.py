@@ -12,7 +12,7 @@ from random_robots import link_parameters, task_of, tree
 
 from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.estimation import Certificate
-from sdp_vs_penalty.estimation.certify import certify, consistent, positive_mass_matrices
+from sdp_vs_penalty.estimation.identify import certify, consistent, positive_mass_matrices
 from sdp_vs_penalty.estimators import Fit, LmiSdp, Task, interior_point
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.regression import LeastSquares

@@ -22,7 +22,7 @@ from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation import verify_proof_file
-from sdp_vs_penalty.estimation.certify import certify
+from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimators import make_estimator, make_task
 from sdp_vs_penalty.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import ConstraintSet

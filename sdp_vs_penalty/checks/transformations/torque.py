@@ -23,9 +23,6 @@ _UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
 _LATE = {"lead": (-0.12, -0.06, -0.025, -0.01, 0.01, 0.025, 0.06, 0.12), "lag": (0.01, 0.04, 0.1, 0.2)}
 #: Shares of the weight that are tried to be left in a channel.
 _LEFT = (0.0, 0.15)
-#: Share of a channel that a plausible arm's weight makes (RMS), for the channel alone to be without it:
-#: the weight that the last link of a wrist holds is within the error of its friction's law.
-_CARRIES = 0.5
 #: Bends that are tried: the largest logged torque over the limit, which it never reaches.
 _BENDS = (0.7, 0.9, 0.98)
 #: Below this bend a channel is as straight as sensors are.
@@ -104,14 +101,9 @@ class Weight(Transformation):
     """The arm's weight taken out of one channel, or of all, by the controller."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        if not any(now.gravity):
-            return
-        held = np.sqrt(np.mean(scene.tried.nominal(now, still=True) ** 2, axis=0))
-        logged = np.sqrt(np.mean(scene.tried.data.torque**2, axis=(0, 1)))
-        for share in _LEFT:
+        for share in _LEFT if any(now.gravity) else ():
             yield replace(now, weight=(share,) * scene.n)
-            for j in np.flatnonzero(held > _CARRIES * logged).tolist():
-                yield now.with_entries("weight", (j,), share)
+            yield from (now.with_entries("weight", (j,), share) for j in scene.joints)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         every = tuple(range(scene.n))

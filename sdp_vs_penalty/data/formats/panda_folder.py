@@ -28,17 +28,14 @@ def is_log(folder: Path) -> bool:
 
 def read(folder: Path, choice: Choice) -> Measurements:
     """The authors' four text files: one number a line, sample-major."""
+    if not is_log(folder):
+        raise InputError("no runs in this folder", "name the file of the run", folder)
     columns = {}
     for key, name in (("t", "time"), ("q", "positions"), ("dq", "velocity"), ("tau", "torques")):
         path = folder / f"exciting_traj_{name}.txt"
-        if not is_log(folder):
-            raise InputError("no runs in this folder", "name the file of the run", folder)
         if not path.exists():
-            raise InputError(
-                f"{path.name} is missing, and a folder is read as the authors' Panda log",
-                "name the file of the run",
-                folder,
-            )
+            what = f"{path.name} is missing, and a folder is read as the authors' Panda log"
+            raise InputError(what, "name the file of the run", folder)
         columns[key] = _one_column(path)
     t = columns.pop("t")
     if len(t) == 0:

@@ -123,7 +123,8 @@ def _instead(own: Sequence[Term], alone: _Rated, beside: _Rated | None) -> bool:
     """Whether a curve alone stands in the place of a joint's terms: where these need a curve besides, or
     have more constants than its law, it only has to be as good."""
     J, _, law = alone
-    named = sum(t.J for t in own) + (0.0 if beside is None else beside[0])
+    # A term that others make by now is worth nothing: its score is minus infinity.
+    named = sum(max(t.J, 0.0) for t in own) + (0.0 if beside is None else beside[0])
     least = EQUIVALENT + FORM * named
     simpler = law is not None and law.size < sum(t.form.k + t.form.constants for t in own)
     return named + (-least if beside is not None or simpler else least) < J

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sdp_vs_penalty.estimation.certify import DATA, data_share
 from sdp_vs_penalty.estimation.constants import DATA_SHARE
+from sdp_vs_penalty.estimation.identify import DATA, data_share
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import Data, Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table, text

@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.estimation.certify import consistent, positive_mass_matrices
 from sdp_vs_penalty.estimation.constants import ROUNDING
+from sdp_vs_penalty.estimation.identify import consistent, positive_mass_matrices
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.paper.tables.study import FOLDS, WITH_PRIOR, Data, Result, Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table

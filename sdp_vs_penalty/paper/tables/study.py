@@ -15,8 +15,7 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.certify import certify
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.identify import certify, identify
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import (
     Estimator,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.estimation.excitation import BaseRegressor, Excitation, Limits, excite
+from sdp_vs_penalty.estimation.excitation import Excitation, Limits, Regressor, excite
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
 from sdp_vs_penalty.problem.published import commanded_coefficients
@@ -24,7 +24,7 @@ def build(study: Study) -> Table:
     rows: list[tuple[Cell, ...]] = [(*row.values(), "published") for row in published]
     for name, excitation in found.items():
         rows += _coefficients(excitation.trajectory, name)
-    rigid, whole = BaseRegressor.of(study.problem, "rigid_body"), BaseRegressor.of(study.problem)
+    rigid, whole = Regressor.of(study.problem, "rigid_body"), Regressor.of(study.problem)
     trajectories = {"published": paper, **{name: e.trajectory for name, e in found.items()}}
     blank = [None] * (paper.a.shape[0] - 1)
     for label, regressor in (("links", rigid), ("links and friction", whole)):

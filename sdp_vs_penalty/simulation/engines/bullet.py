@@ -12,10 +12,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.exporters.urdf import make_urdf
-from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed
-
-#: A motor that always reaches its velocity [N m, N].
-_STRONG = 1e6
+from sdp_vs_penalty.simulation.engines.engine import STRONG, Array, Engine, Followed
 
 
 class Bullet(Engine):
@@ -95,7 +92,7 @@ class Bullet(Engine):
                 joints,
                 bullet.VELOCITY_CONTROL,
                 targetVelocities=velocity.tolist(),
-                forces=[_STRONG] * len(joints),
+                forces=[STRONG] * len(joints),
                 physicsClientId=client,
             )
             bullet.stepSimulation(physicsClientId=client)

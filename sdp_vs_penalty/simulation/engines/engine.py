@@ -20,6 +20,9 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
+#: A motor that always reaches its velocity [N m, N].
+STRONG = 1e6
+
 
 def module_version(name: str) -> str | None:
     """What a module that can be imported says of its version."""

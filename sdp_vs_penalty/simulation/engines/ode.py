@@ -19,12 +19,10 @@ import numpy as np
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.joint import Joint
-from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed
+from sdp_vs_penalty.simulation.engines.engine import STRONG, Array, Engine, Followed
 
 #: dParamVel and dParamFMax of ode/common.h.
 _PARAM_VEL, _PARAM_FMAX = 2, 5
-#: A motor that always reaches its velocity [N m, N].
-_STRONG = 1e6
 
 
 class _Mass(Structure):
@@ -169,7 +167,7 @@ class _Scene:
         if kind == "Hinge":
             ode.dJointSetHingeAnchor(made, *frame[:3, 3])
         getattr(ode, f"dJointSet{kind}Axis")(made, *(frame[:3, :3] @ joint.axis))
-        getattr(ode, f"dJointSet{kind}Param")(made, _PARAM_FMAX, _STRONG)
+        getattr(ode, f"dJointSet{kind}Param")(made, _PARAM_FMAX, STRONG)
         ode.dJointSetFeedback(made, byref(self.feedback[k]))
         self.joints.append(made)
 
