@@ -48,6 +48,7 @@ class Retune(Plain):
 
     @property
     def joints(self) -> tuple[int, ...]:
+        """Its one joint, as a finding has them."""
         return (self.joint,)
 
     @property

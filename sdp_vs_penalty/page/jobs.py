@@ -52,7 +52,8 @@ from sdp_vs_penalty.page.run_jobs import (
     runs_of,
     simulate,
 )
-from sdp_vs_penalty.page.summary import drawn_arm, placed, save_arrays, summary, violation
+from sdp_vs_penalty.page.summary import drawn_arm, held, placed, save_arrays, summary
+from sdp_vs_penalty.page.wording import figure
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.fields import entries
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
@@ -228,10 +229,12 @@ def separate(request: Request, progress: Progress) -> Answer:
 
 
 def methods(request: Request, progress: Progress) -> Answer:
-    """The same effects by other methods, judged alike."""
+    """The same effects by other methods, judged alike: headings, and a row a method."""
     runs, current = runs_of(request), load_estimate(request["model"])
     if not request["methods"]:
         raise InputError("No method is chosen", "choose at least one to compare")
+    heads = ["method", "error", "constraints", "thinnest link", "widest link", "certified gap", "time"]
+    heads += ["error on unseen motion"] * bool(request["folds"])
     rows = []
     for name in request["methods"]:
         begin = time.perf_counter()
@@ -245,24 +248,15 @@ def methods(request: Request, progress: Progress) -> Answer:
             seconds = time.perf_counter() - begin
             folds = request["folds"] and cross_validate(current.problem, runs.train, name, **given)
         except InputError as error:
-            rows.append({"method": name, "failed": str(error)})
+            rows.append([name, str(error), *[""] * (len(heads) - 2)])
             continue
         c = compare({name: made}, runs.judge, noise_from=runs.whole)[0]
-        rows.append(
-            {
-                "method": name,
-                "rmse": c.rmse.tolist(),
-                "relative": c.relative_error_percent,
-                "unseen": folds.relative_error_percent if folds else None,
-                "violation": violation(made),
-                "gap": made.certificate.gap,
-                "thickness": made.certificate.smallest_thickness,
-                "body_share": made.certificate.body_share,
-                "loss": made.certificate.loss,
-                "seconds": seconds,
-            }
-        )
-    return {"rows": rows}
+        thick, share = made.certificate.smallest_thickness, made.certificate.body_share
+        row = [name, f"{c.relative_error_percent:.4g} %", held(made)]
+        row += ["-" if thick is None else f"{1e3 * thick:.3g} mm", figure(share, 2)]
+        row += [figure(made.certificate.gap, 2), f"{seconds:.2g} s"]
+        rows.append([*row, *([f"{folds.relative_error_percent:.4g} %"] if folds else [])])
+    return {"heads": heads, "rows": rows}
 
 
 def take(request: Request, progress: Progress) -> Answer:

@@ -22,6 +22,7 @@ from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.page.wording import figure
 from sdp_vs_penalty.reports.parameters import (
     half_axes,
     link_rows,
@@ -43,27 +44,25 @@ class ModelStep:
     """One model of a session's history, judged; plain JSON apart from being a class.
 
     file, curves : its model.json and the .npz of its torques; runs : names of those, training runs
-    first, a part of a run by its seconds; tested : whether runs were kept from training; judged_on : the
-    runs behind comparison and failures (as `compare --json` writes them); violation, about : see the
-    functions; label, added : what it is called and the effects added to the step below, with the others
-    held where frozen; opened : the file that a person brought, if any; servo : whether it knows the
-    servos of a log without torque.
+    first, a part of a run by its seconds; judged_on : the runs behind comparison and failures (as
+    `compare --json` writes them); constraints, about : what :func:`held` and :func:`about` say; label,
+    added : what it is called and the effects added to the step below, with the others held where frozen;
+    opened : the file that a person brought, if any; servo : whether it knows the servos of a log
+    without torque.
     """
 
     file: str
     curves: str
     runs: list[str]
-    tested: bool
     judged_on: list[str]
     method: str
     effects: list[str]
     parameters: int
     comparison: dict[str, Any]
     failures: list[dict[str, Any]]
-    violation: dict[str, float]
+    constraints: str
     about: dict[str, Any]
     gap: float | None
-    thickness: float | None
     on_bounds: list[str]
     seconds: float
     label: str = ""
@@ -73,14 +72,13 @@ class ModelStep:
     servo: bool = False
 
 
-def violation(estimate: Estimate) -> dict[str, float]:
-    """The worst violation of the convex constraints, and of those that no convex method can impose."""
-    found = estimate.certificate.violations
-    family = BarycentricBound.family
-    return {
-        "convex": max((v for k, v in found.items() if k != family), default=0.0),
-        "other": found.get(family, 0.0),
-    }
+def held(estimate: Estimate) -> str:
+    """Which constraints hold: the convex ones, and those that no convex method can impose."""
+    found, family = estimate.certificate.violations, BarycentricBound.family
+    worst = max((v for k, v in found.items() if k != family), default=0.0)
+    if worst > 0.0:
+        return f"violated by {figure(worst, 2)}"
+    return "all hold" if found.get(family, 0.0) == 0.0 else "all convex constraints hold"
 
 
 def about(estimate: Estimate) -> dict[str, Any]:
@@ -191,17 +189,15 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
         file=str(out),
         curves=str(out.with_suffix(".npz")),
         runs=_named(runs),
-        tested=test is not None,
         judged_on=list(judge.names),
         method=estimate.method,
         effects=asked_effects(estimate.model.effects, estimate.details.get("shapes", ())),
         parameters=len(estimate.theta),
         comparison=comparison.to_dict(),
         failures=failures,
-        violation=violation(estimate),
+        constraints=held(estimate),
         about=about(estimate),
         gap=certificate.gap,
-        thickness=certificate.smallest_thickness,
         on_bounds=estimate.details.get("on_bounds") or [],
         seconds=seconds,
         servo=arm is not estimate,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Finding
@@ -43,13 +43,6 @@ def plain_name(effect: str) -> str:
 
 def where(joints: Sequence[int]) -> str:
     return show.joints(joints) if joints else "whole robot"
-
-
-def held(violation: Mapping[str, float]) -> str:
-    """Which constraints hold, from the worst violations of those that are convex and of the others."""
-    if violation["convex"] > 0.0:
-        return f"violated by {figure(violation['convex'], 2)}"
-    return "all hold" if violation["other"] == 0.0 else "all convex constraints hold"
 
 
 def physics(finding: Finding) -> str:

@@ -36,6 +36,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.kernels import Decimator, Kernel, LowPass
 from sdp_vs_penalty.signals.runs import (
+    FINEST,
     Movement,
     Stretch,
     movement,
@@ -140,7 +141,9 @@ class RunFilter:
         self.run, self.dt = run, 1.0 / sample_rate(run)
         # Before any kernel is made: its length is that of the cut-off, not of the run.
         reach = 2.0 / settings.state_cutoff + 2.0 / settings.torque_cutoff
-        if not 2.0 * reach < _LONGER * (float(run.t[-1] - run.t[0]) + self.dt):
+        # Nor longer than the grid of a run whose clock leaps: at most so many points a sample.
+        longest = min(float(run.t[-1] - run.t[0]) + self.dt, 2.0 * FINEST * len(run.t) * self.dt)
+        if not 2.0 * reach < _LONGER * longest:
             raise no_rows(run, 2.0 * reach)
         self.state = _kernel(settings.state_cutoff, self.dt)
         self.column = _kernel(settings.torque_cutoff, self.dt)

@@ -18,7 +18,7 @@ from sdp_vs_penalty.robot.arrays import Array
 _LARGEST_NOISE = 0.01
 
 #: A step this long is no sampling but a pause [s]; and the grid has at most so many points a sample.
-_PAUSE, _FINEST = 0.05, 10.0
+_PAUSE, FINEST = 0.05, 10.0
 #: Time steps of which a median is taken, in stretches that are spread over a longer run.
 _MOST_STEPS = 1 << 20
 
@@ -33,7 +33,7 @@ def sample_rate(run: Measurements) -> float:
     middle = float(np.median(steps))
     longest = max(_PAUSE, 20.0 * middle)
     mean = float(np.mean(np.minimum(steps, longest)))
-    return 1.0 / max(middle, mean / _FINEST)
+    return 1.0 / max(middle, mean / FINEST)
 
 
 def _steps(t: Array) -> Array:

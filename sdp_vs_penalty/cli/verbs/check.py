@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.options import PROBLEM_HELP, Gravity, json_option
 from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.errors import InputError
@@ -38,7 +39,6 @@ def verb(
     Example: sdp-vs-penalty check run.csv --problem panda --fix mended.csv
     """
     from sdp_vs_penalty.checks import check, of_one_arm
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
     from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.problem.load import load_problem
@@ -88,8 +88,6 @@ def _beside(data: Sequence[Path]) -> Path:
 
 def _show(report: Report, verbose: bool) -> None:
     from rich.markup import escape
-
-    from sdp_vs_penalty.cli import console
 
     colours = {"error": "red", "warning": "yellow", "note": "dim"}
     console.say(report.verdict, style="bold")

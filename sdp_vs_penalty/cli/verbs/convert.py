@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.cli_parsing import pairs
 
 if TYPE_CHECKING:
@@ -73,7 +74,6 @@ def verb(
     Example: sdp-vs-penalty convert rosbag2_folder --problem robot.urdf --out run.csv
     """
     from sdp_vs_penalty import show
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.problem.convert import convert
 
     names = joints.split(",") if joints else None
@@ -95,7 +95,6 @@ def verb(
 
 def _first_rows(run: Measurements) -> None:
     """The first five rows as they are written, so that a wrong column or unit is seen."""
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.formats.columns import columns_of
 
     for name, column in columns_of(run.rows(slice(0, 5))).items():

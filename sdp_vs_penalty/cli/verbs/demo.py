@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sdp_vs_penalty.cli import console
+
 if TYPE_CHECKING:
     from sdp_vs_penalty.reports.demo import Demo
 
@@ -24,7 +26,7 @@ def verb(
 
     Example: sdp-vs-penalty demo --out demo
     """
-    from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.estimation.verdict import changes
     from sdp_vs_penalty.reports.demo import ARM, RUNS, demo
 
@@ -56,8 +58,6 @@ def verb(
 
 def _methods(made: Demo) -> None:
     """One row a method, judged on motion that none has seen."""
-    from sdp_vs_penalty.cli import console
-
     rows = []
     for c in made.compared:
         certificate, figure = c.estimate.certificate, console.number

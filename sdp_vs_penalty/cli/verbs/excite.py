@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.options import PROBLEM_HELP, Seed
 
 
@@ -78,7 +79,6 @@ def verb(
     if payload:
         _payload(Path(problem), joints, out, **settings)
         return
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.estimation.excitation import excite
 
     settings |= {"objective": objective, "harmonics": harmonics, "frequency": frequency}
@@ -94,7 +94,6 @@ def verb(
 
 def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> None:
     """The run that weighs a load, and how well it does."""
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.errors import InputError
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.excitation import payload_run, save_trajectory
@@ -127,7 +126,6 @@ def _separate(
     model: Path, effects: str, out: Path, urdf: Path | None, level: float, **settings: Any
 ) -> None:
     """The run that would tell: trajectory as CSV and, beside it, as ROS text."""
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.estimation.constants import LEVEL
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.excitation import save_trajectory

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli import options
+from sdp_vs_penalty.cli import console, options
 from sdp_vs_penalty.errors import InputError
 
 _QUICK_ACCURACY, _QUICK_LIMIT = "1e-6", 10.0
@@ -49,7 +49,6 @@ def verb(
     With --export, write the instances as files that any solver reads, each with a proof.
     Example: sdp-vs-penalty shootout --quick --out shootout
     """
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.shootout import runner, summary
     from sdp_vs_penalty.shootout.contestants import contestants
     from sdp_vs_penalty.shootout.instances import GROUPS
@@ -86,7 +85,6 @@ def verb(
 
 
 def _export(folder: Path, groups: list[str] | None) -> None:
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.shootout import instances, library
 
     everything = instances.library()
@@ -102,7 +100,6 @@ def _export(folder: Path, groups: list[str] | None) -> None:
 
 
 def _list() -> None:
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.shootout.contestants import contestants
     from sdp_vs_penalty.shootout.instances import catalogue
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.options import PROBLEM_HELP, Seed, json_option
 from sdp_vs_penalty.errors import InputError
 
@@ -57,7 +58,6 @@ def verb(
     if follow:
         _follow(source, follow, drive, seed, out, json_file)
         return
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, refuse_foreign, simulate
 
     if out is None:
@@ -76,7 +76,6 @@ def _follow(
 ) -> None:
     from typing import Any, cast
 
-    from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import next_diagnosis
     from sdp_vs_penalty.data.formats import csv
     from sdp_vs_penalty.estimation.estimate import load_estimate

@@ -7,7 +7,7 @@ from functools import partial
 from sdp_vs_penalty.page.controls import button, check, drop, note, table, tag, tile
 from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import Stage, View, after_model
-from sdp_vs_penalty.page.wording import figure, held
+from sdp_vs_penalty.page.wording import figure
 from sdp_vs_penalty.reports.sections import CERTIFICATE
 
 
@@ -41,29 +41,7 @@ def _draw_methods(view: View) -> None:
     button("Compare methods", compare, "compare")
     if (found := session.answer("methods")) is None:
         return
-    heads = ["method", "error", "constraints", "thinnest link", "widest link", "certified gap", "time"]
-    folded = any(row.get("unseen") is not None for row in found["rows"])
-    if folded:
-        heads.append("error on unseen motion")
-    rows = []
-    for row in found["rows"]:
-        if "failed" in row:
-            rows.append([row["method"], row["failed"], *[""] * (len(heads) - 2)])
-            continue
-        thick, share = row["thickness"], row["body_share"]
-        rows.append(
-            [
-                row["method"],
-                f"{row['relative']:.4g} %",
-                held(row["violation"]),
-                "-" if thick is None else f"{1e3 * thick:.3g} mm",
-                "-" if share is None else f"{share:.2g}",
-                figure(row["gap"], 2),
-                f"{row['seconds']:.2g} s",
-                *([f"{row['unseen']:.4g} %"] if folded else []),
-            ]
-        )
-    table(heads, rows, "Methods compared", "numbers methods")
+    table(found["heads"], found["rows"], "Methods compared", "numbers methods")
     note(
         "Relative torque error on the same runs; upper bounds on inertias about the centre of mass "
         "are not convex; zero thickness is unphysical, and so is a radius of gyration above 1 of what a "
@@ -76,7 +54,7 @@ METHODS = after_model("methods", "Compare methods", _draw_methods, lambda s: s.a
 
 def _draw_proof(view: View) -> None:
     session, model = view.session, view.session.current
-    said = f"Constraints: {held(model.violation)}; "
+    said = f"Constraints: {model.constraints}; "
     if model.gap is None:
         said += "this method has no certified lower bound."
     else:

@@ -38,7 +38,7 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified
-from sdp_vs_penalty.page.wording import figure, held, plain_name, spoken, with_unit
+from sdp_vs_penalty.page.wording import figure, plain_name, spoken, with_unit
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
 from sdp_vs_penalty.reports.plots import SIGNALS
@@ -281,7 +281,7 @@ def _figures(model: ModelStep) -> None:
             "judged on": _names(model.judged_on),
             "new motion": new_motion(comparison["new_motion_share"]),
             "below": f"{figure(comparison['band_hz'])} Hz",
-            "constraints": held(model.violation),
+            "constraints": model.constraints,
             "certified gap" + (" of what was added" if model.frozen else ""): figure(model.gap, 2),
             "time": f"{model.seconds:.2g} s",
         }
@@ -414,7 +414,7 @@ def _determined(model: ModelStep) -> str:
     """What decides the parameters."""
     rows = model.about["rows"]
     seen = sum(row["source"] == "data" for row in rows)
-    said = f"Constraints: {held(model.violation)}; the data determine {seen} of {len(rows)} parameters"
+    said = f"Constraints: {model.constraints}; the data determine {seen} of {len(rows)} parameters"
     if model.on_bounds:
         return f"{said}; {len(model.on_bounds)} lie on their bounds."
     return f"{said}, the prior the others; torques need no more."
