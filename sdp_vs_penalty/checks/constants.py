@@ -46,6 +46,8 @@ SIGNIFICANT = 2.5
 #: Standard deviations that a number has to lie beyond what is usual (Student's t of eight
 #: parts, 99.5 %).
 SIGMAS = 4.0
+#: ... and by so much the log-likelihood falls to either side of it, within its reach (95 %).
+CLOSED = 2.0
 #: At most so many things are wrong at once; so many proposals are looked at closely.
 MOST_FAULTS, CLOSELY = 6, 6
 

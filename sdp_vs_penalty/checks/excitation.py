@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from sdp_vs_penalty.checks.constants import CALIBRATED_ZERO
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Number, Scene
@@ -19,8 +20,6 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: Up to this share of unseen base parameters is what an ordinary motion of a good arm leaves.
 _FEW = 0.1
-#: Smaller errors of a zero are no matter of a file but of calibration [rad].
-_SMALL = np.radians(2.0)
 
 
 def find(problem: Problem, run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
@@ -47,11 +46,11 @@ def hidden_errors(scene: Scene, repair: Repair) -> Iterator[Issue]:
     scene, zeros = replace(scene, judged=scene.tried), {}
     for j in scene.revolute:
         at = partial(repair.with_entries, "zero", (j,))
-        zeros[j + 1] = 3.0 * scene.deviation(Number(repair.zero[j], at, _SMALL, 0.0, str))
+        zeros[j + 1] = 3.0 * scene.deviation(Number(repair.zero[j], at, CALIBRATED_ZERO, 0.0, str))
     hidden = [
         f"joint {j}{'' if not x < np.pi else f' below {np.degrees(x):.2g} degrees'}"
         for j, x in zeros.items()
-        if not x < _SMALL
+        if not x < CALIBRATED_ZERO
     ]
     if hidden:
         yield Issue(

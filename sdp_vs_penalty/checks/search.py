@@ -117,7 +117,12 @@ class Search:
         return bool(np.mean(change) > c.SIGNIFICANT * error and np.median(change) > 0.0)
 
     def _determined(self, number: Number) -> bool:
-        """Beyond what is usual, with its interval."""
+        """Beyond what is usual, and its interval is closed: far to either side it explains less."""
+        far = number.apart if number.value in number.snaps else number.reach
+        values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
+        here, *sides = self.scene.judged.scores([number.at(x) for x in values])
+        if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < c.CLOSED:
+            return False
         return abs(number.value) > number.tolerance + c.SIGMAS * self.scene.deviation(number)
 
     def refined(self, repair: Repair, now: Repair) -> Repair:

@@ -24,7 +24,8 @@ class Number:
     """One number of a repair, 0 where the log is right; ``at`` gives the repair with another one.
 
     tolerance : what arms and loggers differ by themselves, in the number's own unit; text : with unit;
-    reach : how far to either side the best value is looked for; snaps : round values, tried beside it.
+    reach : how far to either side the best value is looked for; snaps : round values, tried beside it,
+    so far from the next.
     """
 
     value: float
@@ -33,6 +34,7 @@ class Number:
     reach: float
     text: Callable[[float], str]
     snaps: tuple[float, ...] = ()
+    apart: float = 1.0
 
     @classmethod
     def factor(
@@ -42,7 +44,7 @@ class Number:
         """The natural logarithm of a factor x, which ``at`` and snaps count in."""
         logs = tuple(float(np.log(s)) for s in snaps)
         text = lambda v: f"a factor of {np.exp(v):.3g}"  # noqa: E731
-        return cls(float(np.log(x)), lambda v: at(float(np.exp(v))), tolerance, reach, text, logs)
+        return cls(float(np.log(x)), lambda v: at(float(np.exp(v))), tolerance, reach, text, logs, 2.3)
 
 
 @dataclass(frozen=True)

@@ -176,7 +176,7 @@ class Zero(Transformation):
                 f"the zero of {joints_text([j])} is {text(-x)} away from the robot's kinematics.",
                 f"add {x:+.5g} {scene.problem.robot.position_units[j]} to q{j + 1}",
                 _at(scene, repair, j, 0.0), choices(scene.n) + (0.0 if quarter else c.ODD_NUMBER),
-                Number(x, partial(_at, scene, repair, j), tolerance, 0.35 * unit, text, snaps),
+                Number(x, partial(_at, scene, repair, j), tolerance, 0.35 * unit, text, snaps, _QUARTER),
                 figures={"shifts": [x]},
             )  # fmt: skip
 
