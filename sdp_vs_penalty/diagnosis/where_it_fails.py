@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -241,15 +240,12 @@ def _reversals(
     away, _ = from_reversal(velocity, rows)
     before, after = (away < 0.0) & (away >= -NEAR), (away >= 0.0) & (away <= NEAR)
     before, after, apart = before & keep, after & keep, keep & ~before & ~after
-    if not (before.any() and after.any() and apart.any()):
+    parts = (before, after, apart)
+    squares = np.array([np.mean(error[m] ** 2) if m.any() else np.nan for m in parts])
+    if not np.all(np.isfinite(squares)) or squares[2] == 0.0:
         return float("nan"), float("nan")
-    rms_before, rms_after, rms_apart = (
-        float(np.sqrt(np.mean(error[m] ** 2))) for m in (before, after, apart)
-    )
-    near = np.sqrt(0.5 * (rms_before**2 + rms_after**2))
-    if rms_apart == 0.0:
-        return float("nan"), float("nan")
-    return float(near / rms_apart), (rms_after - rms_before) / max(rms_after + rms_before, 1e-300)
+    one, two, rest = np.sqrt(squares)
+    return float(np.hypot(one, two) / np.sqrt(2.0) / rest), float((two - one) / max(one + two, 1e-300))
 
 
 def _full_rate(run: Measurements, segment: Segment, j: int) -> tuple[Array, Array, float]:
@@ -266,13 +262,16 @@ def _bands(full: list[tuple[Array, Array, float]]) -> tuple[float, ...]:
     for _, error, rate in full:
         power = np.abs(np.fft.rfft((error - error.mean()) * np.hanning(len(error)))) ** 2
         f = np.fft.rfftfreq(len(error), 1.0 / rate)
-        energy += [power[(f >= a) & (f < b)].sum() for a, b in pairwise(BANDS)]
+        energy += np.histogram(f, [*BANDS[:-1], 1e300], weights=power)[0]
     total = energy.sum()
     return tuple(float(e) for e in (energy / total if total > 0.0 else energy))
 
 
 def _orders(full: list[tuple[Array, Array, float]]) -> tuple[tuple[int, float, float], ...]:
     """The orders whose amplitude 2 |mean of r exp(-i k q)| stands out most of their surroundings."""
+    from scipy.ndimage import median_filter
+    from scipy.signal import find_peaks
+
     spectrum, count = np.zeros(_BINS, complex), 0
     for q, error, _ in full:
         smooth = np.convolve(error, np.ones(101) / 101.0, mode="same")
@@ -281,12 +280,7 @@ def _orders(full: list[tuple[Array, Array, float]]) -> tuple[tuple[int, float, f
         count += len(q)
     amplitude = 2.0 * np.abs(spectrum[: _HIGHEST_ORDER + 1]) / max(count, 1)
     amplitude[0] = 0.0
-    around = np.array([np.median(amplitude[max(k - 15, 1) : k + 16]) for k in range(len(amplitude))])
-    ratio = amplitude / np.maximum(around, 1e-300)
-    peaks = [
-        k
-        for k in range(2, _HIGHEST_ORDER)
-        if amplitude[k] >= amplitude[k - 1 : k + 2].max() and ratio[k] > 4.0
-    ]
+    ratio = amplitude / np.maximum(median_filter(amplitude, 31), 1e-300)
+    peaks = [k for k in find_peaks(amplitude)[0].tolist() if k > 1 and ratio[k] > 4.0]
     peaks.sort(key=lambda k: -amplitude[k])
     return tuple((k, float(amplitude[k]), float(ratio[k])) for k in peaks[:5])

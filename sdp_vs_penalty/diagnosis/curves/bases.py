@@ -53,16 +53,13 @@ class Axis:
         if self.is_phase:
             angles = x[:, None] * np.arange(1, _WAVES + 1)
             return np.hstack([np.cos(angles), np.sin(angles)])
+        from scipy.interpolate import BSpline  # its import takes longer than a report
+
         # The last knot belongs to what lies below it.
         inside = np.clip(x, self.low, self.high - 1e-9 * (self.high - self.low))
-        at = (inside - self.low) * ((self.count - _DEGREE) / (self.high - self.low))
-        first = np.minimum(at.astype(np.intp), self.count - _DEGREE - 1)
-        u = at - first
-        v = 1.0 - u
-        own = [v**3, 4.0 - 3.0 * u * u * (1.0 + v), 4.0 - 3.0 * v * v * (1.0 + u), u**3]
-        out = np.zeros((len(x), self.count))
-        out[np.arange(len(x))[:, None], first[:, None] + np.arange(_DEGREE + 1)] = np.array(own).T / 6.0
-        return out
+        step = (self.high - self.low) / (self.count - _DEGREE)
+        knots = self.low + step * np.arange(-_DEGREE, self.count + 1)
+        return np.asarray(BSpline.design_matrix(inside, knots, _DEGREE).toarray())
 
     @property
     def penalty(self) -> Array:
