@@ -106,10 +106,10 @@ def test_a_challenge_killed_at_any_step_repeats_only_what_was_not_kept(
             yield case.key, {"of": case.key}
 
     monkeypatch.setattr(cases, "spread", spread)
-    monkeypatch.setattr(cases, "write_report", lambda *_: [])
+    monkeypatch.setattr(cases, "report_text", lambda *_: "")
 
     def run(out: Path) -> dict[str, Any]:
-        (store,) = cases.run_challenge(3, 0, out, classes=["clean"], nuisances=["sign"])
+        store, _ = cases.run_challenge(3, 0, out, classes=["clean"], nuisances=["sign"])
         return dict(json.loads(store.read_text())["cases"])
 
     right = run(tmp_path / "right")

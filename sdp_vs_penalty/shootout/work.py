@@ -99,6 +99,8 @@ def run(task: Assignment, contestant: Contestant, made: Instance, asked: float) 
     kind, payload, seconds = in_child(
         lambda: _timed(contestant, made, asked), task.time_limit, task.memory
     )
+    if kind == "ended" and (used := payload.setup_seconds + payload.solve_seconds) > task.time_limit:
+        kind, payload, seconds = "timeout", f"took {used:.2g} s of processor time", used
     if kind == "ended":
         answer = payload
         verdict = judge(made, known, answer, asked)

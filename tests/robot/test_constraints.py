@@ -203,9 +203,9 @@ def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed: int) -> 
 def extreme_point(demands: ConstraintSet, rng: np.random.Generator, p: int) -> np.ndarray:
     """The feasible point farthest in a random direction among the parameters' axes."""
     from sdp_vs_penalty.solvers import ConicProblem, solver
-    from sdp_vs_penalty.solvers.identification import _RowBuilder
+    from sdp_vs_penalty.solvers.identification import RowBuilder
 
-    pieces = _RowBuilder(p)
+    pieces = RowBuilder(p)
     inside = np.tile([0.05, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3], p // 10)
     pieces.constraints(demands.convex, np.zeros(p), np.ones(p), inside)
     direction = np.zeros(p)
