@@ -35,7 +35,8 @@ def driven(world: World, plan: TrueMotion) -> TrueMotion:
     """What the arm does under PID control with feed-forward, at the rate of the plan (1 kHz), from rest.
 
     Solves M (v' - v) / h + b(q, v) + f (v + v') / 2 + F(v') = tau for the next velocity v', F dry
-    friction. Each row is of the middle of a step; ``share`` is what friction did then.
+    friction. Each row is of the middle of a step, which (v + v') / 2 goes through: with v' alone all
+    torques would be half a step late. ``share`` is what friction did then.
     """
     arm, n = world.arm, world.arm.n
     h = float(plan.t[1] - plan.t[0])
@@ -58,8 +59,9 @@ def driven(world: World, plan: TrueMotion) -> TrueMotion:
         A = _mass_matrix(world.built, data, q) + np.diag(world.rotor + 0.5 * h * world.viscous)
         push = A @ v + h * (tau - bias - world.offset - world.viscous * v)
         after, share = _next(A, push, h * coulomb, z, h, world)
-        rows.append((q + 0.5 * h * after, 0.5 * (v + after), (after - v) / h, share))
-        q, v, z = q + h * after, after, share
+        mean = 0.5 * (v + after)
+        rows.append((q + 0.5 * h * mean, mean, (after - v) / h, share))
+        q, v, z = q + h * mean, after, share
     return TrueMotion(plan.t, *(np.array(x) for x in zip(*rows, strict=True)))
 
 
