@@ -92,19 +92,20 @@ def has_number(node: ast.AST) -> bool:
 
 
 def constants(path: Path) -> set[str]:
-    """The module-level names in capitals that are bound, alone, to something with a number in it."""
+    """The module-level names in capitals, alone or several at once, bound to something with a number."""
     found = set()
     for node in ast.parse(path.read_text()).body:
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
         value = getattr(node, "value", None)
         if value is not None and has_number(value):
-            found |= {t.id for t in targets if isinstance(t, ast.Name) and t.id.isupper()}
+            names = (n for t in targets if t is not None for n in ast.walk(t))
+            found |= {n.id for n in names if isinstance(n, ast.Name) and n.id.isupper()}
     return found
 
 
 def test_constants_become_fewer() -> None:
-    """A number at module level is a decision; effects have their own. 445 there were, 200 is the aim."""
+    """A number at module level is a decision; effects have their own. 200 is the aim."""
     counted = [
         name for path in KNOWN.values() if "effects" not in path.parts for name in constants(path)
     ]
-    assert len(counted) <= 340
+    assert len(counted) <= 603

@@ -174,14 +174,14 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
         density[j] = np.exp(level) * shapes[best]
         away[j] = np.median(np.abs(apart[best] - level))
     # Half of the amplitudes are within the factor of two that is promised of the floor. Medians of
-    # Panda, TX40, UR10e, EMPS: .1 to .9; of a UR10's smoothed torque: 2.2 to 2.5.
+    # Panda, TX40, UR10e, EMPS: .1 to .9; of a UR10's smoothed torque: 1.8 to 2.5.
     return TorqueSpectrum(part, frequency, density, bool(away.max() > 2.0 * np.log(2.0)))
 
 
 def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
-    """The cut-off [Hz] of a torque filter, at most the one given, below which there is torque: where all
-    of it was smoothed before it was logged, the last frequency at which a joint's has 1 % of its largest
-    amplitude, but a quarter of the one given. Above it columns would hold what the torque has lost."""
+    """The cut-off [Hz] of a torque filter, at most the one given, below which there is torque: where
+    every run's was smoothed before it was logged, the last frequency at which a joint's has 1 % of its
+    largest amplitude, but a quarter of the one given. Above it columns would hold what torque lost."""
     last = 0.0
     for run in runs:
         found = torque_spectrum(parts := list(stretches(run)), cutoff)

@@ -216,6 +216,9 @@ def test_joints_are_zoomed_together_and_far_figures_wait(
     playwright = pytest.importorskip("playwright.sync_api")
     path = tmp_path / "report.html"
     path.write_text(made[2])
+    script = re.findall(r'id="plotly">(.*?)</script>', made[2])[0]
+    read = gzip.decompress(base64.b64decode(script))
+    assert b"root.moduleName = factory" not in read  # the function that a browser would read twice
     with playwright.sync_playwright() as started:
         browser = started.chromium.launch(executable_path=shutil.which("chromium"))
         page = browser.new_page(viewport={"width": 1000, "height": 1200})
