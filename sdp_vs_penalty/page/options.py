@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from sdp_vs_penalty.cli.options import declared
 from sdp_vs_penalty.errors import InputError
 
 
@@ -23,8 +22,8 @@ class FormField:
 
 
 def fields_of(verb: Callable[..., Any], *names: str) -> tuple[FormField, ...]:
-    """Options of a verb by the names of its parameters, as typer reads them from its annotations."""
-    parameters = inspect.signature(declared(verb)).parameters
+    """Options of a verb by the names of its parameters, as typer reads them from its signature."""
+    parameters = inspect.signature(verb).parameters
     out = []
     for name in names:
         kind, option = get_args(parameters[name].annotation)[:2]

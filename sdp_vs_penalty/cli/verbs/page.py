@@ -32,15 +32,14 @@ def verb(
         from sdp_vs_penalty.page.server import Address, serve
     except ImportError as error:
         raise missing_extra("The page needs", "page") from error
+    from sdp_vs_penalty.cli.options import declared
     from sdp_vs_penalty.cli.verbs import convert, excite, identify
 
-    forms = {
-        "identify": fields_of(
-            identify.verb,
-            *("window", "filters", "bounds", "solver", "gain_uncertainty", "known_load", "jobs"),
-        ),
-        "robot": fields_of(identify.verb, "gravity"),
-        "read": fields_of(convert.verb, "rename", "motors", "motor_side", "rate", "topic", "joints"),
-        "separate": fields_of(excite.verb, "duration", "level", "iterations"),
+    offered = {
+        "identify": (identify, "window filters bounds solver gain_uncertainty known_load jobs"),
+        "robot": (identify, "gravity"),
+        "read": (convert, "rename motors motor_side rate topic joints"),
+        "separate": (excite, "duration level iterations"),
     }
+    forms = {k: fields_of(declared(v.verb), *names.split()) for k, (v, names) in offered.items()}
     serve(folder, port, browser, Address(host, certificate, key), forms)
