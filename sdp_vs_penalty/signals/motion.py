@@ -193,14 +193,12 @@ def _near(points: Array, rows: Array, reach: float) -> NDArray[np.bool_]:
 
 
 def _straight(rows: Array, beside: float) -> Array:
-    """Evenly spaced rows, as few as straight lines between them pass all others within ``beside``."""
-    every = np.arange(len(rows))
-    for step in 2 ** np.arange(len(rows).bit_length())[::-1]:
-        kept = np.unique([*every[::step], every[-1]])
-        lines = [np.interp(every, kept, x) for x in rows[kept].T]
-        if np.abs(np.array(lines).T - rows).max() <= beside:
-            break
-    return rows[kept]
+    """Rows between which straight lines pass all the others within ``beside``: halved until they do."""
+    line = rows[0] + np.linspace(0.0, 1.0, len(rows))[:, None] * (rows[-1] - rows[0])
+    if len(rows) < 3 or np.abs(rows - line).max() <= beside:
+        return rows[[0, -1]] if len(rows) > 1 else rows
+    half = len(rows) // 2
+    return np.concatenate([_straight(rows[: half + 1], beside)[:-1], _straight(rows[half:], beside)])
 
 
 def _filled(lines: Iterable[Array], spacing: float) -> Array:
