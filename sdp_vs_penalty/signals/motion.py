@@ -193,31 +193,14 @@ def _near(points: Array, rows: Array, reach: float) -> NDArray[np.bool_]:
 
 
 def _straight(rows: Array, beside: float) -> Array:
-    """Rows between which straight lines pass all the others within ``beside`` in every coordinate."""
-    kept, last = [0], len(rows) - 1
-    while kept[-1] < last:
-        start, reach = kept[-1], 1
-        while start + reach < last and _passes(rows[start : start + 2 * reach + 1], beside):
-            reach *= 2
-        low, high = start + max(reach // 2, 1), min(start + reach, last)
-        while low < high:  # the farthest row to which the line still passes; one step always does
-            middle = (low + high + 1) // 2
-            low, high = (
-                (middle, high) if _passes(rows[start : middle + 1], beside) else (low, middle - 1)
-            )
-        kept.append(low)
+    """Evenly spaced rows, as few as straight lines between them pass all others within ``beside``."""
+    every = np.arange(len(rows))
+    for step in 2 ** np.arange(len(rows).bit_length())[::-1]:
+        kept = np.unique([*every[::step], every[-1]])
+        lines = [np.interp(every, kept, x) for x in rows[kept].T]
+        if np.abs(np.array(lines).T - rows).max() <= beside:
+            break
     return rows[kept]
-
-
-def _passes(rows: Array, beside: float) -> bool:
-    """Whether the line from the first row to the last passes all between them within ``beside``."""
-    away = rows - rows[0]
-    along = away[-1].copy()
-    length = float(along @ along)
-    if length > 0.0:
-        share = np.minimum(np.maximum(away @ along / length, 0.0), 1.0)
-        away -= share[:, None] * along
-    return bool(np.abs(away).max() <= beside)
 
 
 def _filled(lines: Iterable[Array], spacing: float) -> Array:
