@@ -35,13 +35,8 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.partial import deviations
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.trajectory import (
-    FourierTrajectory,
-    PointTrajectory,
-    joint_limits,
-    random_trajectory,
-)
+from sdp_vs_penalty.robot.robot import Robot, joint_limits
+from sdp_vs_penalty.robot.trajectory import FourierTrajectory, PointTrajectory, random_trajectory
 from sdp_vs_penalty.show import Shown, Summary
 
 
