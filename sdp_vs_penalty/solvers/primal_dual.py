@@ -136,7 +136,8 @@ class _Path:
             if error > _CENTRAL:
                 central = here
             if best is None or error < best.error:
-                best = Optimum(here.theta, here.multipliers, k, error, central)
+                found = here if error > accuracy else self.polished()
+                best = Optimum(found.theta, found.multipliers, k, error, central)
             if error <= accuracy or not self.advance():
                 break
         return best
@@ -231,3 +232,16 @@ class _Path:
         self.both[1] += share * self.ahead[1]
         self.both[0] = cones.slacks(self.theta)
         return bool(np.all(self.rows[0] > 0.0))
+
+    def polished(self) -> Iterate:
+        """After a Newton step that leaves no slope, where that stays inside."""
+        change = self.cones.slack_map @ -self.correction
+        rows, mats = (view[0] for view in self._views(change[None]))
+        multipliers = self.both[1] - self.scaled(rows, self.mats[1], mats, self.rows[1])
+        moved = np.array([self.both[0] + change, multipliers])
+        inside = bool(np.all(moved[:, : self.cones.rows] > 0.0))
+        try:
+            np.linalg.cholesky(self._views(moved)[1])
+        except np.linalg.LinAlgError:
+            inside = False
+        return Iterate(self.theta - self.correction, multipliers) if inside else self.here()
