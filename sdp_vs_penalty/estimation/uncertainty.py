@@ -19,7 +19,7 @@ import numpy as np
 
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.estimation.constants import IDENTIFIABLE_WIDTH, LEVEL, NORMAL_95, WEAK_WIDTH
-from sdp_vs_penalty.estimation.sandwich import Sandwich, sandwich
+from sdp_vs_penalty.estimation.sandwich import Sandwich, sandwich, stretched
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.estimator import joint_weights, with_plausible
 from sdp_vs_penalty.files.plain import Plain
@@ -159,7 +159,7 @@ class Uncertainty:
     def factor(self) -> Array:
         """(p, r + e) with the covariance factor factor': rows as long as the standard deviations, which
         Student's quantile has made larger."""
-        return _stretched(np.hstack([self.spread, self.gains @ self.gain_errors]), self.std)
+        return stretched(np.hstack([self.spread, self.gains @ self.gain_errors]), self.std)
 
     @cached_property
     def std(self) -> Array:
@@ -346,16 +346,6 @@ class _Evidence:
             np.sqrt(self.narrow.joint_losses(value) / rows),
             gain_errors,
         )
-
-
-def _stretched(factor: Array, std: Array) -> Array:
-    """Rows of a factor (p, r) as long as the deviations (p,); where they are NaN, longer by the median
-    ratio."""
-    length = np.linalg.norm(factor, axis=1)
-    known = np.isfinite(std) & (length > 0.0)
-    ratio = np.where(known, std, 1.0) / np.where(known, length, 1.0)
-    typical = float(np.median(ratio[known])) if known.any() else 1.0
-    return np.asarray(factor * np.where(known, ratio, typical)[:, None])
 
 
 def of_regression(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimators.estimator import Array, Task
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import or_one
 from sdp_vs_penalty.robot.constraint import BarycentricBound, Constraint, linear
 
 #: The authors' box for friction and offset parameters [N m, N m s / rad] (bounds of their one-step
@@ -200,7 +201,7 @@ def barycentric_box(task: Task) -> BarycentricBox:
     lower = np.maximum(-upper, [parameter.lower for parameter in task.model.parameters])
     for link, indices in enumerate(task.links):
         bound, box = task.bound[indices], task.box[link]
-        implied = np.concatenate([bound[:1], bound[1:4] / max(bound[0], 1e-300), bound[4:]])
+        implied = np.concatenate([bound[:1], bound[1:4] / or_one(bound[0]), bound[4:]])
         low = -implied
         low[0] = 0.0
         low[[4, 6, 9]] = 0.0

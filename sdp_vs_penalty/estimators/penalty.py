@@ -34,7 +34,7 @@ from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import (
     Alike,
     Constraint,
@@ -87,11 +87,11 @@ class AffinePart:
         matrix *= theta_scale
         if stack.cone == "psd":
             diagonal = np.abs(np.diagonal(at, axis1=1, axis2=2))
-            root = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+            root = 1.0 / np.sqrt(or_one(diagonal))
             scale = root[:, :, None] * root[:, None, :]
         else:
             size = np.abs(matrix).max(axis=1) + np.abs(stack.constant.ravel())
-            size = np.where(size > 0.0, size, 1.0).reshape(at.shape)
+            size = or_one(size).reshape(at.shape)
             if stack.cone == "soc":
                 size = np.broadcast_to(size.max(axis=1, keepdims=True), size.shape)
             scale = 1.0 / size
@@ -149,7 +149,7 @@ class ShiftedPenalty:
         out = 2.0 * np.sum(self.R**2, axis=0)
         for part in self.parts:
             out += weight * np.sum(part.jacobian(x) ** 2, axis=0)
-        return np.maximum(out, 1e-12 * max(float(out.max(initial=0.0)), 1e-300))
+        return np.maximum(out, 1e-12 * or_one(out.max(initial=0.0)))
 
     def hessian(self, x: Array, shifts: Sequence[Array], weight: float) -> Array:
         """An element of L's generalised Hessian (p, p)."""

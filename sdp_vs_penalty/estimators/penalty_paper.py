@@ -24,6 +24,7 @@ from sdp_vs_penalty.estimators.barycentric import BarycentricBox, barycentric_bo
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import or_one
 from sdp_vs_penalty.robot.constraint import Alike
 from sdp_vs_penalty.solvers.objective import Objective
 
@@ -247,5 +248,5 @@ def _margins(stack: Alike, point: Array) -> tuple[Array, Array]:
     if stack.cone == "nonnegative":
         return values.ravel(), rows.reshape(values.size, -1)
     norm = np.linalg.norm(values[:, 1:], axis=1)
-    unit = values[:, 1:] / np.where(norm > 0.0, norm, 1.0)[:, None]
+    unit = values[:, 1:] / or_one(norm)[:, None]
     return values[:, 0] - norm, rows[:, 0] - np.einsum("gi,gip->gp", unit, rows[:, 1:])
