@@ -170,7 +170,7 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         posed.preprocessing,
         settings,
         {
-            **{k: v for k, v in fit.details.items() if k != "interior"},
+            **fit.details,
             "on_bounds": bounds,
             **decided,
         },
