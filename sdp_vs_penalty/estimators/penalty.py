@@ -31,7 +31,7 @@ from sdp_vs_penalty.estimators.barycentric import (
     implied_by_centre,
 )
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array, or_one
@@ -251,7 +251,7 @@ class Penalty(Estimator):
     description = "one-step torque loss with an exact penalty, multi-start (the strongest)"
 
     body: bool = True
-    thickness: float = DEFAULT_THICKNESS
+    thickness: float = LmiSdpThickness.thickness
     starts: int = 5
     tolerance: float = 1e-9
     joint_prior: float = 0.0

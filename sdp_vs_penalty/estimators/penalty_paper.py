@@ -28,7 +28,6 @@ from sdp_vs_penalty.robot.arrays import or_one
 from sdp_vs_penalty.robot.constraint import Alike
 from sdp_vs_penalty.solvers.objective import Objective
 
-QUICK_BUDGET = 3_000
 #: What MATLAB's simulannealbnd, which the authors used, allows for 91 parameters in five steps.
 PAPER_BUDGET = 5 * 3000 * 91
 
@@ -39,7 +38,7 @@ class PenaltyPaper(Estimator):
 
     evaluations : of the loss in one run, shared equally by the steps, and in each step by annealing
         and local search; both finish what they have begun, so that somewhat more are spent. The
-        default, QUICK_BUDGET, takes 7 s for ten runs on the Panda's 91 parameters; PAPER_BUDGET is
+        default takes 7 s for ten runs on the Panda's 91 parameters; PAPER_BUDGET is
         what the authors' program allows.
 
     The local search here gets analytic gradients, which the authors' had to estimate: to its favour.
@@ -52,7 +51,7 @@ class PenaltyPaper(Estimator):
     description = "simulated annealing with penalty weights 0..40, as published (one-step)"
 
     runs: int = 10
-    evaluations: int = QUICK_BUDGET
+    evaluations: int = 3_000
     weights: tuple[float, ...] = (0.0, 10.0, 20.0, 30.0, 40.0)
 
     def fit(self, task: Task) -> Fit:
