@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sdp_vs_penalty.checks.constants import CLIPPED, COARSE, LONG, MIRRORED, SAMPLES_A_PERIOD
+from sdp_vs_penalty.checks.constants import COARSE, LONG, MIRRORED, SAMPLES_A_PERIOD, STUCK, STUCK_TIMES
 from sdp_vs_penalty.checks.glance import Glance, constant_parts, evened, lattice_step
 from sdp_vs_penalty.checks.issue import Finding, joints_text, rule
 from sdp_vs_penalty.data.plausibility import beside_range
@@ -97,7 +97,7 @@ def clipped(g: Glance) -> Iterator[Finding]:
         lengths, values = np.diff(parts)[:, 0] + 1, x[parts[:, 0]]
         ends = np.isin(values, (x.min(), x.max()))
         elsewhere, k = int(lengths[~ends].max(initial=1)), int(np.argmax(lengths * ends))
-        if ends[k] and lengths[k] >= max(CLIPPED[1] * elsewhere, CLIPPED[0]):
+        if ends[k] and lengths[k] >= max(STUCK_TIMES * elsewhere, STUCK):
             yield f"tau{j + 1}", None, {
                 "joint": j + 1, "limit": float(values[k]), "unit": g.robot.torque_units[j],
                 "longest": int(lengths[k]), "samples": int(np.sum(x == values[k])),

@@ -66,6 +66,8 @@ USUAL_DELAY = 0.01
 UNEXPLAINED = 1e-3
 #: Friction that warms up and slow noise look like a drift or a step (natural logarithm of the odds).
 SLOW_ODDS = 15.0
+#: Instants of a log at which a step of a torque is tried.
+STEPS = 39
 
 # -- what is left over
 #: What an arm leaves of its torques (root mean square, all joints together): with joint torque sensors,
@@ -88,15 +90,16 @@ APART = 20.0
 # -- rows, clock and channels
 #: A time step above so many medians is no jitter any more.
 LONG = 5.0
-#: A frozen channel or packet stays for so long [s] (packets for less are a warning), so many rows, and
-#: this many times longer than it keeps its value elsewhere.
-STUCK_SECONDS, STUCK_ROWS, STUCK_TIMES = 0.1, 10, 3.0
+#: A frozen channel or packet stays for so many rows (in which a joint that comes to rest slows down;
+#: twice as many freezes are a coarse sensor), so long [s] (packets for less are a warning), and this
+#: many times longer than it keeps its value elsewhere.
+STUCK, STUCK_SECONDS, STUCK_TIMES = 10, 0.1, 3.0
+#: Fewest rows that tell anything of a run, of one that follows another in one file or comes twice.
+RUN = 50
+#: Share of rows from which on an odd one is a signal, and a row that repeats the one before no accident.
+FEW = 0.02
 #: A spike leaves its neighbours by so many times their usual scatter, and this share of the range.
 SPIKE = (40.0, 0.25)
-#: A step between rows this many times the neighbours' is a hole behind a clock that was made again.
-TORN = 2.5
-#: A clipped channel stays at its end for so many samples, and so many times longer than elsewhere.
-CLIPPED = (10, 3.0)
 #: A mirrored torque turns at zero as fast as it came, in this share of its approaches at least.
 MIRRORED = 0.6
 #: Noise of quantisation above this share of the signal is worth a warning.

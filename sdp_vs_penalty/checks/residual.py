@@ -56,13 +56,9 @@ def _unexplained(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
     usual = c.TYPICAL[scene.problem.torque_side]
     total = float(np.sqrt(score.left[moving].sum() / score.whole[moving].sum()))
     against = moving & (shares > c.CONTRADICTS[0] * alone) & (np.sqrt(shares) > c.CONTRADICTS[1])
-    poor = moving & (score.alone > 2.0 * c.UNRELATED) & ~against
     percent = 100.0 * np.sqrt(shares)
-    told = [
-        (np.flatnonzero(against), "cannot belong to the same arm as the other joints' torques"),
-        (np.flatnonzero(poor), "has little to do with that joint's motion"),
-    ]
-    if total > 2.0 * usual and not (against | poor).any():
+    told = [(np.flatnonzero(against), "cannot belong to the same arm as the other joints' torques")]
+    if total > 2.0 * usual and not against.any():
         worst = np.array([np.argmax(np.where(moving, score.left, 0.0))])
         told.append((worst, f"leaves more than such arms do ({100.0 * total:.2g} % of all torques)"))
     for where, what in told:

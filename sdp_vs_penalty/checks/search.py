@@ -114,7 +114,7 @@ class Search:
         error = float(np.std(change)) / np.sqrt(c.PARTS)
         if _same_fit(repair, now):  # physics alone may tell
             return not self.scene.coarse and bool(np.mean(change) >= -c.SIGNIFICANT * error)
-        return bool(np.mean(change) > c.SIGNIFICANT * error and np.median(change) > 0.0)
+        return bool(np.mean(change) > c.SIGNIFICANT * error)
 
     def _determined(self, number: Number) -> bool:
         """Beyond what is usual, and its interval is closed: far to either side it explains less."""
@@ -123,7 +123,10 @@ class Search:
         here, *sides = self.scene.judged.scores([number.at(x) for x in values])
         if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < c.CLOSED:
             return False
-        return abs(number.value) > number.tolerance + c.SIGMAS * self.scene.deviation(number)
+        return abs(number.value) > number.tolerance + c.SIGMAS * self._deviation(number)
+
+    def _deviation(self, number: Number) -> float:
+        return self.scene.judged.change(number.at, number.value, 0.3 * number.tolerance)[1]
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
         """With the best values of the numbers that ``now`` does not have; round ones where as likely."""
@@ -146,7 +149,7 @@ class Search:
     def found(self, repair: Repair) -> Found:
         told = tuple(
             Told(
-                e, np.nan if e.number is None else self.scene.deviation(e.number),
+                e, np.nan if e.number is None else self._deviation(e.number),
                 self.posterior(repair) - self.posterior(e.without), self.scene.judged.score(e.without),
             )
             for e in self.elements(repair)

@@ -48,8 +48,9 @@ class Degrees(Transformation):
         what = f"the position of {joints_text(joints)} is in degrees, not in radians"
         yield Element(
             "positions in degrees" if every else "position unit", "error", joints,
-            f"{what} (reaching {reach:.4g}).", f"multiply {named} (and dq) by pi / 180", without,
-            c.ODDS if every else len(joints) * choices(scene.n), place=named, figures={"largest": reach},
+            f"{what} (reaching {reach:.4g}).", f"multiply {named} (and dq) by pi / 180",
+            c.ODDS if every else len(joints) * choices(scene.n), plain=without, place=named,
+            figures={"largest": reach},
         )  # fmt: skip
 
 
@@ -67,18 +68,17 @@ class Clock(Transformation):
             yield Element(
                 "time reversed", "error", (),
                 "the rows are in reverse order: friction would drive the motion.",
-                "reverse q and tau in time", replace(repair, reversed=False), c.ODDS, place="all rows",
+                "reverse q and tau in time", c.ODDS, plain=replace(repair, reversed=False),
+                place="all rows",
             )  # fmt: skip
         if (factor := repair.rate) == 1.0:
             return
         word = "fast" if factor < 1.0 else "slow"
-        odd = 0.0 if min(abs(factor - x) for x in _ROUND) < 1e-9 else c.ODD_NUMBER
         yield Element(
             "clock rate", "error", (),
             f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
             "torques does not fit the weight.",
-            f"multiply t by {factor:.3g} (find out the log's true rate)",
-            replace(repair, rate=1.0), c.ODDS + odd,
+            f"multiply t by {factor:.3g} (find out the log's true rate)", c.ODDS,
             Number.factor(factor, lambda x: replace(repair, rate=x), _KNOWN, 0.4, _ROUND),
             place="column t", figures={"factor": factor},
         )  # fmt: skip
@@ -89,9 +89,7 @@ class Sign(Transformation):
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         n = scene.n
-        # One arm and its joints by themselves agree: signs could make it no better.
-        coupled = float(np.log(score.shares / score.alone)[scene.moving].sum())
-        many = n <= _MANY and coupled > 1.0
+        many = n <= _MANY and scene.poor(score).any()
         sets = product((False, True), repeat=n) if many else [*np.eye(n, dtype=bool), (True,) * n]
         for turned in sets:
             yield now.times("gain", np.flatnonzero(turned).tolist(), -1.0)
@@ -109,14 +107,14 @@ class Sign(Transformation):
                 without = without.times("gain", (j,), -1.0)
                 kind, what = "joint sign", f"joint {k} counts the other way, position and torque alike."
                 remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
-            yield Element(kind, "error", (j,), what, remedy, without, choices(scene.n))
+            yield Element(kind, "error", (j,), what, remedy, choices(scene.n), plain=without)
         if alone := tuple(np.flatnonzero(tau & ~q).tolist()):
             every = len(alone) == scene.n
             cost = choices(1) if every else len(alone) * choices(scene.n)
             what = f"the torque of {'every joint' if every else joints_text(alone)} has the wrong sign."
             remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
             without = repair.times("gain", alone, -1.0)
-            yield Element("torque sign", "error", alone, what, remedy, without, cost)
+            yield Element("torque sign", "error", alone, what, remedy, cost, plain=without)
 
 
 class Exchange(Transformation):
@@ -125,10 +123,10 @@ class Exchange(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         poor = scene.poor(score)
         for a, b in combinations(scene.joints, 2):
-            yield now.with_swap(a, b, positions=False, torques=True)
+            yield now.with_swap(a, b, "tau_order")
             if poor[a] or poor[b]:
-                yield now.with_swap(a, b, positions=True, torques=False)
-                yield now.with_swap(a, b, positions=True, torques=True)
+                yield now.with_swap(a, b, "order")
+                yield now.with_swap(a, b, "order", "tau_order")
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         none, p, s = tuple(range(scene.n)), repair.order, repair.tau_order
@@ -145,8 +143,8 @@ class Exchange(Transformation):
                 what = f"{word} of {joints_text(changed)} are swapped"
                 yield Element(
                     kind, "error", changed, f"{what}{'' if len(changed) == 2 else f': {how}'}.",
-                    f"rename the columns of {names}", without,
-                    (len(changed) - 1) * choices(scene.n * (scene.n - 1) // 2),
+                    f"rename the columns of {names}",
+                    (len(changed) - 1) * choices(scene.n * (scene.n - 1) // 2), plain=without,
                     figures={"order": [k + 1 for k in order]},
                 )  # fmt: skip
 
@@ -159,7 +157,7 @@ class Zero(Transformation):
         poor = scene.poor(score).any()
         for j in scene.joints:
             at, unit = partial(_at, scene, now, j), _unit(scene, j)
-            step = scene.newton(at, now.zero[j], 0.01 * unit, score)
+            step, _ = scene.tried.change(at, now.zero[j], 0.01 * unit)
             steps = [float(np.clip(step, -0.7 * unit, 0.7 * unit))]
             steps += [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and poor else []
             yield from (at(now.zero[j] + x) for x in steps if x)
@@ -167,15 +165,13 @@ class Zero(Transformation):
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(repair.zero).tolist():
             x, turns, unit = repair.zero[j], j in scene.revolute, _unit(scene, j)
-            quarter = turns and abs(x / _QUARTER - round(x / _QUARTER)) < 1e-9
             tolerance = c.CALIBRATED_ZERO * unit * (1.0 if turns else 0.25)
             text = _degrees if turns else "{:.4g} m".format
             snaps = tuple(_QUARTER * k for k in (-1, 1, 2)) if turns else ()
             yield Element(
                 "encoder offset", "error" if abs(x) > c.GROSS_ZERO * tolerance else "warning", (j,),
                 f"the zero of {joints_text([j])} is {text(-x)} away from the robot's kinematics.",
-                f"add {x:+.5g} {scene.problem.robot.position_units[j]} to q{j + 1}",
-                _at(scene, repair, j, 0.0), choices(scene.n) + (0.0 if quarter else c.ODD_NUMBER),
+                f"add {x:+.5g} {scene.problem.robot.position_units[j]} to q{j + 1}", choices(scene.n),
                 Number(x, partial(_at, scene, repair, j), tolerance, 0.35 * unit, text, snaps, _QUARTER),
                 figures={"shifts": [x]},
             )  # fmt: skip
@@ -208,7 +204,7 @@ class Mounting(Transformation):
         turned = given
         for across in np.linalg.svd(given[None, :])[2][1:]:
             at = _turned(now, given, given + size * across)
-            turned = turned + size * np.clip(scene.newton(at, 0.0, 0.02, score), -0.5, 0.5) * across
+            turned = turned + size * np.clip(scene.tried.change(at, 0.0, 0.02)[0], -0.5, 0.5) * across
             yield from (at(angle) for angle in (-0.3, 0.3))
         if np.linalg.norm(turned) > size * (1.0 + 1e-6):
             yield replace(now, gravity=_vector(size * turned / np.linalg.norm(turned)))
@@ -235,9 +231,9 @@ class Mounting(Transformation):
             )
         yield Element(
             kind, "warning" if earthly and angle < c.MISMOUNTED else "error", (), what, remedy,
-            replace(repair, gravity=_vector(assumed)), c.ODDS + (1.0 if straight else c.ODD_NUMBER),
-            Number(angle, _turned(repair, assumed, g), c.LEVEL, 0.5, _degrees)
-            if earthly and not straight else None, mends=False, place="the base",
+            c.ODDS, Number(angle, _turned(repair, assumed, g), c.LEVEL, 0.5, _degrees)
+            if earthly and not straight else None, replace(repair, gravity=_vector(assumed)),
+            mends=False, place="the base",
             figures={"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]},
         )  # fmt: skip
 
