@@ -76,8 +76,8 @@ TYPICAL = {"link": 0.05, "motor": 0.1}
 #: Above this share of the energy, half of the torque, the arm's dynamics do not make it.
 UNRELATED = 0.25
 #: A joint contradicts its neighbours where one arm leaves so many times the energy that the joint's own
-#: model leaves of it, and at least this share of the torque (root mean square).
-CONTRADICTS = (6.0, 0.02)
+#: model leaves of it, and at least this share of the torque's energy.
+CONTRADICTS = (6.0, 4e-4)
 #: A one-off event is a peak of the error so many times any other one.
 EVENT = 3.0
 #: Natural logarithm of the energy by which two arms in turn have to explain a log better than in

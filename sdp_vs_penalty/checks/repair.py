@@ -86,7 +86,7 @@ class Repair:
         return replace(self, **swapped)
 
     def changed(self, name: str, usual: float) -> list[tuple[tuple[int, ...], float]]:
-        """Joints whose entry of a tuple is not the usual one, and the entry: all joints where it is one."""
+        """Joints whose entry of a tuple is not the usual one, and the entry: all where it is one."""
         values = getattr(self, name)
         if len(set(values)) == 1:
             return [] if values[0] == usual else [(tuple(range(self.n)), values[0])]

@@ -14,9 +14,9 @@ from sdp_vs_penalty.checks.repair import Event, Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation, choices
 
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
-_UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
+UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
 #: Factors that are tried: units, and a grid whose steps the refinement bridges.
-_GAINS = (*_UNITS, 0.1, 0.3, 0.6, 0.85, 1.17, 1.7, 3, 100, 1e3)
+_GAINS = (*UNITS, 0.1, 0.3, 0.6, 0.85, 1.17, 1.7, 3, 100, 1e3)
 #: Delays (``lead`` of a repair) and time constants (``lag``) that are tried [s].
 _LATE = {"lead": (-0.12, -0.06, -0.025, -0.01, 0.01, 0.025, 0.06, 0.12), "lag": (0.01, 0.04, 0.1, 0.2)}
 #: Share of the time on either side of a step that the joint has to move each way: else it is friction's.
@@ -34,7 +34,7 @@ class Gain(Transformation):
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
             g, sign = abs(repair.gain[j]), float(np.sign(repair.gain[j]))
-            unit = next((name for u, name in _UNITS.items() if abs(g / u - 1.0) < 1e-9), None)
+            unit = next((name for u, name in UNITS.items() if abs(g / u - 1.0) < 1e-9), None)
             size = f"{1.0 / g:.3g} times too large" if g < 1.0 else f"{g:.3g} times too small"
             what = f"the torque of {joints_text([j])} is {size} beside those of its neighbours"
             at = lambda x, j=j, s=sign: repair.with_entries("gain", (j,), s * x)  # noqa: E731
@@ -43,7 +43,7 @@ class Gain(Transformation):
                 "error" if abs(np.log(g)) > c.WRONG_GAIN else "warning", (j,),
                 f"{what}." if unit is None else f"{what}: it is in {unit}.",
                 f"multiply tau{j + 1} by {g:.3g}", choices(scene.n),
-                Number.factor(g, at, c.CALIBRATED_GAIN, 0.5, tuple(_UNITS)), figures={"factor": g},
+                Number.factor(g, at, c.CALIBRATED_GAIN, 0.5, tuple(UNITS)), figures={"factor": g},
             )  # fmt: skip
 
 
