@@ -12,8 +12,6 @@ import numpy as np
 TRIED, JUDGED = 160, 480
 #: Rows for each independent sample of the low-passed torque.
 DENSE = 1.2
-#: Leads [s] of the torque at which it is filtered; between them it is interpolated.
-LEADS = np.linspace(-0.25, 0.25, 11)
 #: A joint slides at this share of its usual speed: slower, dry friction holds any torque between limits.
 SLIDES = 0.2
 #: Velocities over which Coulomb friction may turn [rad/s, m/s]: from a sign to a smooth one.

@@ -36,7 +36,7 @@ class Issue:
     remedy: str
     repair: Repair | None = None
     figures: Mapping[str, Any] = field(default_factory=dict)
-    gravity: tuple[float, float, float] | None = None
+    gravity: tuple[float, ...] | None = None
 
     @property
     def mends(self) -> bool:

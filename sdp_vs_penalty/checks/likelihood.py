@@ -26,9 +26,9 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import FLOOR, LEADS, LOUDEST, PARTS, RIDGE, ROUNDS
+from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, under_gravity
-from sdp_vs_penalty.checks.repair import Event, Repair
+from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -129,15 +129,11 @@ class Likelihood:
         return self.data.heard.T[list(repair.order)]
 
     def _at(self, k: int, lead: float) -> tuple[Array, Array]:
-        """Channel k and its rate, so much later [s]: cubic between the leads that were filtered."""
-
-        def make() -> tuple[Array, Array]:
-            from scipy.interpolate import CubicHermiteSpline
-
-            spline = CubicHermiteSpline(LEADS, self.data.torque[:, :, k], self.data.rate[:, :, k])
-            return spline(lead), spline(lead, 1)
-
-        return self._once("channel", 200, (k, lead), make)
+        """Channel k and its rate, so much later [s]."""
+        torque, t = self.data.torque, self.data.motion.t + lead
+        late = np.clip(t, torque.x[0], torque.x[-1])
+        both = self._once("torque", 40, lead, lambda: (torque(late), torque(late, 1)))
+        return both[0][:, k], both[1][:, k]
 
     def motion(self, repair: Repair) -> Motion:
         """States as repaired."""
@@ -195,35 +191,28 @@ class Likelihood:
         return np.asarray(robot.regressor(*states) @ self.data.nominal)
 
     def _own(self, repair: Repair) -> tuple[Array, Array, Array]:
-        """Bases of the joints' own columns, and the rows that read friction and rotor."""
-        events = [tuple(e for e in repair.events if e.joint == j) for j in range(self.data.n)]
-        found = [self._joint(k, some) for k, some in zip(repair.order, events, strict=True)]
-        widest = self.data.own.shape[2] + max(map(len, events))
-        basis = np.stack([np.pad(u, ((0, 0), (0, widest - u.shape[1]))) for u, *_ in found])
-        sign = np.sign(repair.scale)[:, None]
-        drag, spin = (np.stack([f[i] for f in found]) * sign for i in (1, 2))
-        return basis, -drag if repair.reversed else drag, spin
-
-    def _joint(self, k: int, events: tuple[Event, ...]) -> tuple[Array, Array, Array]:
-        """Of one channel: basis (M, k), 0 for columns that depend on others; drag and spin (M,)."""
-        data, m, heard = self.data, self.data.motion, self.data.heard[:, k]
+        """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others; (n, M) the
+        rows that read the power of friction and of the rotor."""
 
         def make() -> tuple[Array, Array, Array]:
-            columns = np.column_stack([data.own[k], *(e.shape(m.t) for e in events)])
-            columns = heard[:, None] * columns
-            sizes = np.linalg.norm(columns, axis=0)
+            data, m, order = self.data, self.data.motion, list(repair.order)
+            shapes = [e.shape(m.t) * (np.arange(data.n) == e.joint)[:, None] for e in repair.events]
+            columns = np.concatenate([data.own[order], *(x[:, :, None] for x in shapes)], axis=2)
+            columns = columns * data.heard.T[order][:, :, None]
+            sizes = np.linalg.norm(columns, axis=1, keepdims=True)
             columns = columns / np.where(sizes > 0.0, sizes, 1.0)
             u, s, vt = np.linalg.svd(columns, full_matrices=False)
-            kept = s > 1e-6 * s.max(initial=0.0)
-            u, back = u * kept, (vt / np.where(kept, s, np.inf)[:, None]).T
-            power = columns.T @ np.column_stack([m.dq[:, k], m.ddq[:, k]]) / data.count
-            power[[0, 1], 0] = 0.0  # rotor and offset are no friction
-            power[data.own.shape[2] :, 0] = 0.0
-            power[1:, 1] = 0.0
-            drag, spin = (u @ (back.T @ power)).T
+            kept = s > 1e-6 * s.max(axis=1, keepdims=True)
+            u, back = u * kept[:, None], vt / np.where(kept, s, np.inf)[:, :, None]
+            power = np.swapaxes(columns, 1, 2) @ np.stack([m.dq.T[order], m.ddq.T[order]], axis=2)
+            # The rotor comes first; it, the offset and events are no friction.
+            power[:, [0, 1, *range(data.own.shape[2], columns.shape[2])], 0] = power[:, 1:, 1] = 0.0
+            drag, spin = np.moveaxis(u @ (back @ power) / data.count, 2, 0)
             return u, drag, spin
 
-        return self._once("joint", 200, (k, events), make)
+        basis, drag, spin = self._once("own", 20, (repair.order, repair.events), make)
+        sign = np.sign(repair.scale)[:, None]
+        return basis, drag * (-sign if repair.reversed else sign), spin * sign
 
     def slope(self, at: Callable[[float], Repair], value: float, h: float, theta: Array) -> Array:
         """(n, M) d(y - Y theta)/dx of a number at a value, by a difference forward."""

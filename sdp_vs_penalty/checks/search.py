@@ -7,7 +7,7 @@ to lie beyond what arms and loggers differ by themselves, with its interval.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,29 +16,6 @@ from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Scene
 from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS
-
-
-@dataclass(frozen=True)
-class Told:
-    """What a net repair does: an element, its number's deviation, its log-odds, the fit without it."""
-
-    element: Element
-    deviation: float
-    gain: float
-    without: Score
-
-
-@dataclass(frozen=True)
-class Found:
-    """repair : the net one; told : what it does; after : the fit with all of it."""
-
-    repair: Repair
-    told: tuple[Told, ...]
-    after: Score
-
-    @property
-    def elements(self) -> list[Element]:
-        return [t.element for t in self.told]
 
 
 class Search:
@@ -64,14 +41,15 @@ class Search:
             self._posteriors[repair] = value
         return self._posteriors[repair]
 
-    def run(self) -> Found:
+    def run(self) -> Repair:
+        """The net repair."""
         now = self.scene.none
         for _ in range(c.MOST_FAULTS):
             better = self.added(now)
             if better is None:
                 break
             now = better
-        return self.found(now)
+        return now
 
     def proposals(self, now: Repair) -> list[Repair]:
         """One more thing, the best first; those that only physics can tell are always looked at."""
@@ -123,9 +101,10 @@ class Search:
         here, *sides = self.scene.judged.scores([number.at(x) for x in values])
         if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < c.CLOSED:
             return False
-        return abs(number.value) > number.tolerance + c.SIGMAS * self._deviation(number)
+        return abs(number.value) > number.tolerance + c.SIGMAS * self.deviation(number)
 
-    def _deviation(self, number: Number) -> float:
+    def deviation(self, number: Number) -> float:
+        """A number's standard deviation."""
         return self.scene.judged.change(number.at, number.value, 0.3 * number.tolerance)[1]
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
@@ -145,16 +124,6 @@ class Search:
             tried = [number.at(x) for x in near] or [number.at(best), repair]
             repair = max(tried, key=self.posterior)
         return repair
-
-    def found(self, repair: Repair) -> Found:
-        told = tuple(
-            Told(
-                e, np.nan if e.number is None else self._deviation(e.number),
-                self.posterior(repair) - self.posterior(e.without), self.scene.judged.score(e.without),
-            )
-            for e in self.elements(repair)
-        )  # fmt: skip
-        return Found(repair, told, self.scene.judged.score(repair))
 
 
 def _same_fit(a: Repair, b: Repair) -> bool:

@@ -28,7 +28,8 @@ _WORDS = {
         "identify from one run at a time",
     ),
     "another load": (
-        "{run} carries another load on its last link", "identify the runs apart, or log with the same tool"
+        "{run} carries another load on its last link",
+        "identify the runs apart, or log with the same tool",
     ),
     "torque gain": (
         "the torque of joint {j} is {x:.3g} times as large in {run}",
@@ -116,7 +117,7 @@ def _widened(run: Equations, count: int) -> Equations:
 
 
 def _fitted(runs: Sequence[Equations], asked: Array) -> tuple[Array, Array]:
-    """(s,) one arm of all runs, whose joints stand side by side, and what it leaves of each (runs, n)."""
+    """(s,) one arm of all runs, whose joints stand side by side; (runs, n) what it leaves of each."""
     gram, cross, energy, whole = (
         np.concatenate([getattr(r, name) for r in runs]) for name in ("gram", "cross", "energy", "whole")
     )

@@ -91,7 +91,7 @@ class Weight(Transformation):
         # The weight that a wrist's last link holds is within the error of its friction's law: of one
         # channel alone it has to be half.
         held = np.sqrt(np.mean(scene.tried.nominal(now, still=True) ** 2, axis=0))
-        logged = np.sqrt(np.mean(scene.tried.data.torque**2, axis=(0, 1)))
+        logged = np.sqrt(np.mean(scene.tried.data.torque(scene.tried.data.motion.t) ** 2, axis=0))
         each = [(j,) for j in np.flatnonzero(held > 0.5 * logged).tolist()]
         for joints in (range(scene.n), *each) if any(now.gravity) else ():
             yield from (now.with_entries("weight", joints, share) for share in (0.0, 0.15))
@@ -148,7 +148,7 @@ class Change(Transformation):
         x = score.rows.rest(heard[:, :, None] * shapes)
         pull = np.einsum("jm,jmk->jk", score.residual, x) ** 2
         found = np.log1p(pull / np.maximum(np.sum(x**2, axis=1) * score.left[:, None], 1e-280))
-        forth = motion.dq[:, list(now.order)].T > 0.0
+        forth = (motion.dq[:, list(now.order)].T > 0.0) * 1.0
         for side in (shapes[:, 1:] > 0.0, shapes[:, 1:] <= 0.0):
             share = forth @ side / np.maximum(side.sum(axis=0), 1)
             found[:, 1:] *= np.minimum(share, 1.0 - share) > _WAYS
