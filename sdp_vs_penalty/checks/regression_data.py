@@ -48,8 +48,9 @@ class RegressionData:
 
     motion : (M, n) low-passed states; torque : (n,) low-passed channels, a spline over time;
     own : (n, M, k) columns that each joint's own motion makes; heard : (M, n) 1 where a joint slides, 0
-    where its torque is not asked; moving : (n,); shared : the effects whose columns joints share, ``independent``
-    of their parameters stand for all; nominal : (10 links,) parameters of a plausible arm.
+    where its torque is not asked; moving : (n,); shared : the effects whose columns joints share,
+    ``independent`` of their parameters stand for all; nominal : (10 links,) parameters of a plausible
+    arm.
     """
 
     shared: Model | None
