@@ -50,7 +50,7 @@ class RegressionData:
     own : (n, M, k) columns that each joint's own motion makes; heard : (M, n) 1 where a joint slides, 0
     where its torque is not asked; moving : (n,); shared : the effects whose columns joints share,
     ``independent`` of their parameters stand for all; nominal : (10 links,) parameters of a plausible
-    arm.
+    arm; largest : (n,) sizes that the channels reach.
     """
 
     shared: Model | None
@@ -61,6 +61,7 @@ class RegressionData:
     heard: Array
     moving: NDArray[np.bool_]
     nominal: Array
+    largest: Array
 
     @property
     def n(self) -> int:
@@ -69,11 +70,6 @@ class RegressionData:
     @property
     def count(self) -> int:
         return len(self.motion.t)
-
-    @property
-    def largest(self) -> Array:
-        """(n,) sizes that the channels reach."""
-        return np.asarray(np.abs(self.torque(self.torque.x)).max(axis=0))
 
     def part(self, rows: NDArray[np.intp]) -> RegressionData:
         """The same at some of the instants."""
@@ -115,7 +111,7 @@ class RegressionData:
                 grid.append((part.clock(at), filters.torque(part, at)))
         t, q, dq, ddq = (np.concatenate(x) for x in list(zip(*pieces, strict=True))[:4])
         own = np.concatenate([piece[4] for piece in pieces], axis=1)
-        torque = CubicSpline(*(np.concatenate(x) for x in zip(*grid, strict=True)))
+        times, torque = (np.concatenate(x) for x in zip(*grid, strict=True))
         shared = shared_model(model)
         kept = np.zeros(0, bool) if shared is None else independent_columns(shared)
         moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)  # and its channel is not dead
@@ -126,7 +122,8 @@ class RegressionData:
                 "no joint both moves and has a torque that changes", "record such a run", run.names[0]
             )
         nominal, heard = np.asarray(problem.nominal_links.ravel(), float), slides.astype(float)
-        made = cls(shared, kept, Motion(t, q, dq, ddq), torque, own, heard, moving, nominal)
+        spline, largest = CubicSpline(times, torque), np.abs(torque).max(axis=0)
+        made = cls(shared, kept, Motion(t, q, dq, ddq), spline, own, heard, moving, nominal, largest)
         # Where all have stopped nothing is asked of any joint.
         return made.part(asked)
 
