@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sdp_vs_penalty.checks.constants import COARSE, LONG, MIRRORED, SAMPLES_A_PERIOD, STUCK, STUCK_TIMES
+from sdp_vs_penalty.checks.constants import LONG, SAMPLES_A_PERIOD, STUCK, TIMES, TYPICAL
 from sdp_vs_penalty.checks.glance import Glance, constant_parts, evened, lattice_step
 from sdp_vs_penalty.checks.issue import Finding, joints_text, rule
 from sdp_vs_penalty.data.plausibility import beside_range
@@ -77,7 +77,7 @@ def _mirrored(x: Array) -> bool:
     low = low[(low[:, 0] > 3) & (low[:, 1] < len(x) - 4)]
     slope = np.abs(x[low[:, 0] - 3] - x[low[:, 0]]) / 3.0
     way = np.array([np.abs(np.diff(x[a:b])).sum() / max(b - a, 1) for a, b in low])
-    return len(low) >= 3 and bool(np.mean(way > 0.5 * slope) > MIRRORED)
+    return len(low) >= 3 and bool(np.mean(way > 0.5 * slope) > 0.5)
 
 
 @rule(
@@ -95,7 +95,7 @@ def clipped(g: Glance) -> Iterator[Finding]:
         lengths, values = np.diff(parts)[:, 0] + 1, x[parts[:, 0]]
         ends = np.isin(values, (x.min(), x.max()))
         elsewhere, k = int(lengths[~ends].max(initial=1)), int(np.argmax(lengths * ends))
-        if ends[k] and lengths[k] >= max(STUCK_TIMES * elsewhere, STUCK):
+        if ends[k] and lengths[k] >= max(TIMES * elsewhere, STUCK):
             figures = {
                 "limit": float(values[k]),
                 "unit": g.robot.torque_units[j],
@@ -124,7 +124,7 @@ def quantised(g: Glance) -> Iterator[Finding]:
         # They renew themselves when the level changes; the part below the cut-off stays.
         lasts = g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1)
         noise = weight * step / np.sqrt(12.0) * np.sqrt(min(1.0, 2.0 * cutoff * lasts))
-        if step > 0.0 and size > 0.0 and noise >= COARSE * size:
+        if step > 0.0 and size > 0.0 and noise >= TYPICAL["link"] * size:
             unit = (robot.position_units if seen == "acceleration" else robot.torque_units)[j]
             figures = {"joint": j + 1, "step": step, "unit": unit, "hertz": cutoff, "seen": seen}
             yield name, None, figures | {"percent": 100.0 * noise / size}

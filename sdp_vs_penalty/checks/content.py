@@ -8,7 +8,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks import channel_rules as rules
 from sdp_vs_penalty.checks import excitation, residual
-from sdp_vs_penalty.checks.constants import JUDGED, TRIED, UNRELATED
+from sdp_vs_penalty.checks.constants import JUDGED, LOUDEST, TRIED, UNRELATED
 from sdp_vs_penalty.checks.glance import Glance
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
@@ -23,10 +23,6 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: Independent samples for each parameter, below which a good fit says nothing.
 _SPARE = 1.5
-#: What is this much likelier than without it (natural logarithm) is certain, where it explains nine
-#: tenths of what a joint's torque leaves over, or half as much again (a factor of ten in odds for each
-#: doubling).
-_CERTAIN, _TENFOLD = 30.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -110,7 +106,7 @@ def _stated(search: Search, net: Repair) -> tuple[list[Issue], Repair]:
         before = scene.judged.score(e.without).shares
         gain, change = search.posterior(net) - search.posterior(e.without), np.log(before / after)
         j = int(np.argmax(change))
-        sure = gain > _CERTAIN and (change[j] > np.log(_TENFOLD) or gain > 5.0 * _CERTAIN)
+        sure = gain > LOUDEST
         word = "certain" if sure else "likely"
         text = (
             f"{word}: what the arm's dynamics leave unexplained of joint {j + 1}'s torque falls from "

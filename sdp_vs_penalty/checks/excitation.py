@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.checks.constants import CALIBRATED_ZERO
+from sdp_vs_penalty.checks.constants import CALIBRATED
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Scene
@@ -45,11 +45,11 @@ def hidden_errors(scene: Scene, repair: Repair) -> Iterator[Issue]:
     zeros = {}
     for j in scene.revolute:
         at = partial(repair.with_entries, "zero", (j,))
-        zeros[j + 1] = 3.0 * scene.tried.change(at, repair.zero[j], 0.3 * CALIBRATED_ZERO)[1]
+        zeros[j + 1] = 3.0 * scene.tried.change(at, repair.zero[j], 0.3 * CALIBRATED)[1]
     hidden = [
         f"joint {j}{'' if not x < np.pi else f' below {np.degrees(x):.2g} degrees'}"
         for j, x in zeros.items()
-        if not x < CALIBRATED_ZERO
+        if not x < CALIBRATED
     ]
     if hidden:
         yield Issue(

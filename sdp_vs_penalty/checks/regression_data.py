@@ -20,7 +20,6 @@ from sdp_vs_penalty.checks.constants import (
     COULOMB_WIDTHS,
     DENSE,
     SLIDES,
-    STATES,
 )  # fmt: skip
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import dahl
@@ -36,10 +35,6 @@ from sdp_vs_penalty.signals.runs import Stretch, moving_joints
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
-
-
-#: Points of the low-passed torque for each period of its cut-off: a cubic spline between them is exact.
-_SMOOTH = 8
 
 
 @dataclass(frozen=True)
@@ -95,7 +90,7 @@ class RegressionData:
         band = rows / (2.0 * DENSE * max(float(run.t[-1] - run.t[0]), 1e-9))
         settings = replace(settings, torque_cutoff=min(settings.torque_cutoff, band))
         filters, model = RunFilter(run, settings), problem.model()
-        margin, step = filters.state.half + filters.column.half, filters.step(_SMOOTH)
+        margin = filters.state.half + filters.column.half
         places = filters.moving(margin)
         count = sum(len(k) for _, k in places)
         if count == 0:
@@ -107,7 +102,7 @@ class RegressionData:
                 pieces.append(
                     _piece(filters, part, k[np.linspace(0, len(k) - 1, some).astype(int)], model)
                 )
-                at = np.arange(filters.column.half, part.count - filters.column.half, step)
+                at = np.arange(filters.column.half, part.count - filters.column.half, filters.stride)
                 grid.append((part.clock(at), filters.torque(part, at)))
         t, q, dq, ddq = (np.concatenate(x) for x in list(zip(*pieces, strict=True))[:4])
         own = np.concatenate([piece[4] for piece in pieces], axis=1)
@@ -171,7 +166,7 @@ def independent_columns(model: Model) -> NDArray[np.bool_]:
     links = model.rigid_indices
     kept = np.ones(len(model.parameters), bool)
     if len(links):
-        motion = random_motion(model.robot, 0, STATES * model.robot.n)
+        motion = random_motion(model.robot, 0)
         turned = [replace(model.robot, gravity=tuple(g)) for g in 9.81 * np.eye(3)]
         stack = np.vstack([r.regressor(motion.q, motion.dq, motion.ddq) for r in turned])
         _, independent = structure(stack.reshape(-1, len(links)))

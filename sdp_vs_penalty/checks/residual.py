@@ -6,7 +6,7 @@ model of this joint alone would leave. Friction, however odd, is in both.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -18,11 +18,10 @@ from sdp_vs_penalty.checks.likelihood import Equations, Score, left_out_alone
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Scene
 from sdp_vs_penalty.checks.transformations.torque import UNITS
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Parts of a log in stripes and, from a fifth on, in two.
-_STRIPES = 20
 #: A one-off event lasts at most so long [s].
 _WIDTH = 1.0
 _SURE = (
@@ -83,17 +82,21 @@ def _event(scene: Scene, score: Score) -> Iterator[Issue]:
         elsewhere = error[np.abs(t - t[k]) > _WIDTH]
         # At its ends the arm starts or comes to rest: stiction.
         inside = min(t[k] - t[0], t[-1] - t[k]) > 3.0 * _WIDTH
-        if inside and len(elsewhere) and error[k] > c.EVENT * elsewhere.max():
+        if inside and len(elsewhere) and error[k] > c.TIMES * elsewhere.max():
             at, unit = float(t[k]), scene.problem.robot.torque_units[j]
             yield Issue(
                 "one-off event", "warning", f"t = {at:.3g} s, {joints_text([j])}",
                 f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error "
-                f"there is {error[k]:.3g} {unit} in joint {j + 1}, over {c.EVENT:g} times that at "
+                f"there is {error[k]:.3g} {unit} in joint {j + 1}, over {c.TIMES:g} times that at "
                 f"any other moment.",
                 "likely: an effect of the arm itself would recur", f"exclude {_WIDTH:g} s around it",
-                lambda r, at=at: r.rows(np.abs(r.t - at) > 0.5 * _WIDTH), {"t": at, "joints": [j + 1]},
+                _without(at), {"t": at, "joints": [j + 1]},
             )  # fmt: skip
             return
+
+
+def _without(at: float) -> Callable[[Measurements], Measurements]:
+    return lambda run: run.rows(np.abs(run.t - at) > 0.5 * _WIDTH)
 
 
 def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
@@ -101,21 +104,21 @@ def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
 
     Two arms in stripes that take turns have as many parameters, and no reason to explain it better.
     """
-    parts, k = scene.judged.parts(repair, _STRIPES)
+    parts, k = scene.judged.parts(repair, 2 * c.PARTS)
 
     def two(first: NDArray[np.bool_]) -> Array:
         """(n,) what two arms leave of these parts and of the others."""
         logs = (parts[first].sum(axis=0), parts[~first].sum(axis=0))
-        return np.sum([Equations.of(x, k).fitted(scene.moving * 1.0)[1] for x in logs], axis=0)
+        return np.sum([Equations.of(x, k).fitted(scene.moving.astype(float))[1] for x in logs], axis=0)
 
-    number = np.arange(_STRIPES)
-    stripes, cuts = two(number % 2 == 0), number[_STRIPES // 5 : -_STRIPES // 5 + 1]
+    number = np.arange(len(parts))
+    stripes, cuts = two(number % 2 == 0), number[3:-2]  # neither may be short
     halves = [two(number < cut) for cut in cuts]
     gains = [float(np.median(np.log(stripes / h)[scene.moving])) for h in halves]
     best = int(np.argmax(gains))
     if gains[best] < c.TWO_ARMS or best in (0, len(gains) - 1) or repair.events:
         return
-    t = float(np.quantile(scene.judged.data.motion.t, cuts[best] / _STRIPES))
+    t = float(np.quantile(scene.judged.data.motion.t, cuts[best] / len(parts)))
     one, apart = (100.0 * np.sqrt(np.mean(x / score.whole)) for x in (score.left, halves[best]))
     yield Issue(
         "two arms", "error" if one > 3.0 * apart else "warning", f"t = {t:.4g} s",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import FEW, LONG, RUN, SPIKE, STUCK, STUCK_SECONDS, STUCK_TIMES
+from sdp_vs_penalty.checks.constants import LONG, RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
 from sdp_vs_penalty.checks.glance import Glance, constant_parts, evened, lattice_step, with_steps
 from sdp_vs_penalty.checks.issue import Finding, Issue, Rule, joints_text, rows_text, rule
 from sdp_vs_penalty.data.measurements import Measurements
@@ -24,6 +24,8 @@ Rows = NDArray[np.bool_]
 _UNITS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 #: Time steps [s] and speeds [rad/s or m/s] of a log that somebody would identify from.
 _STEPS, _SPEEDS = (2e-5, 0.5), (3e-3, 100.0)
+#: Share of rows from which on an odd one is a signal, and a row that repeats the one before no accident.
+_FEW = 1 / RUN
 #: The samples of the median that a spike is measured from.
 _WIDTH = 7
 _READ = "certain: read from the file"
@@ -143,7 +145,7 @@ def uneven(g: Glance) -> Iterator[Finding]:
     pause = LONG * max(g.step, float(np.quantile(steps, 0.97)))  # packets, too, may come in bursts
     even, usual = (steps[1:] < pause) & (steps[:-1] < pause), steps[steps < pause]
     spread = float(np.std(usual) / np.mean(usual))
-    if spread < FEW or np.count_nonzero(even) < RUN:
+    if spread < _FEW or np.count_nonzero(even) < RUN:
         return
     share = (steps[:-1] / (g.run.t[2:] - g.run.t[:-2]))[:, None]
     rough_time, rough_rows = (
@@ -151,7 +153,7 @@ def uneven(g: Glance) -> Iterator[Finding]:
         for s in (share, 0.5)
     )
     ratio = float(np.median(rough_time / np.maximum(rough_rows, 1e-300)))
-    if ratio >= STUCK_TIMES:
+    if ratio >= TIMES:
         grave = {"severity": "error"} if spread > 1.0 else {}
         yield (
             "column t",
@@ -253,7 +255,7 @@ def frozen_packets(g: Glance) -> Iterator[Finding]:
     usual = float(np.median(lengths)) if len(parts) > 2 * STUCK else 1.0
     steps = np.abs(np.diff(g.run.q, axis=0))
     least = np.maximum(4.0 * np.median(steps, axis=0), [2.5 * lattice_step(x) for x in g.run.q.T])
-    long = parts[lengths >= max(STUCK, STUCK_TIMES * usual)]
+    long = parts[lengths >= max(STUCK, TIMES * usual)]
     jumps = [p for p in long if p[1] < len(g.run.t) and np.any(steps[p[1] - 1] > least)]
     for where, repair, figures in _deleted(g, {"": _mask(len(g.run.t), jumps)}):
         short = {"severity": "warning"} if figures["seconds"] < STUCK_SECONDS else {}
@@ -271,11 +273,11 @@ def doubled(g: Glance) -> Iterator[Finding]:
     same, span = g.held & g.movement.moves, 2 * STUCK
     at = np.flatnonzero(same[span:-span]) + span
     at = at[~same[at - 1] & ~same[at + 1]]
-    if not 0.1 * FEW <= same.mean() <= 0.8 or not len(at):
+    if not 0.1 * _FEW <= same.mean() <= 0.8 or not len(at):
         return
     near, far = (np.linalg.norm(g.run.q[at + k] - g.run.q[at - k], axis=1) / k for k in (1, span))
     skips = bool(np.median(near / np.maximum(far, 1e-300)) > 0.75)
-    if skips and not FEW < same.mean() < 0.5:  # from half of the rows on a log is faster than its source
+    if skips and not _FEW < same.mean() < 0.5:  # from half of the rows on the source is slower
         return
     how = "and the motion does not skip ahead after them: rows were doubled and the clock was made again"
     figures = {"rows": int(same.sum()), "how": how, "remedy": "delete the copies and their time"}
@@ -345,7 +347,7 @@ def spikes(g: Glance) -> Iterator[Finding]:
     """Single samples far from the median around them: bits turned, packets torn."""
     found = {}
     for name, j, x in g.channels:
-        least = SPIKE[1] * float(np.ptp(np.quantile(x, [FEW, 1.0 - FEW]))) + 1e-9
+        least = SPIKE[1] * float(np.ptp(np.quantile(x, [_FEW, 1.0 - _FEW]))) + 1e-9
         if g.moving[j] and np.abs(np.diff(x)).max() > least / (
             _WIDTH // 2
         ):  # else the median cannot be that far
@@ -353,7 +355,7 @@ def spikes(g: Glance) -> Iterator[Finding]:
                 x - np.median(sliding_window_view(np.pad(x, _WIDTH // 2, "edge"), _WIDTH), axis=1)
             )
             bad = (off > max(SPIKE[0] * np.quantile(off, 0.9), least)) & g.inside
-            found[name] = bad & (bad.mean() <= FEW)
+            found[name] = bad & (bad.mean() <= _FEW)
     yield from _deleted(g, found)
 
 
@@ -383,7 +385,7 @@ def lost_rows(g: Glance) -> Iterator[Finding]:
     skips, told = np.sum(np.round(ratio) > 2.0, axis=1), tells.sum(axis=1)  # one row could be noise
     enough = (told >= max(2, (q.shape[1] + 1) // 2)) & (skips > 0.74 * told)
     rows = np.flatnonzero(enough & (steps < 3.0 * np.median(steps)))
-    if 0 < len(rows) <= FEW * len(steps):
+    if 0 < len(rows) <= _FEW * len(steps):
         lost = np.round(np.nanmedian(ratio[rows], axis=1) - 1.0)
         added, rows = np.zeros(len(g.steps)), fresh[rows + 1] - 1
         added[rows] = lost * np.median(steps)
@@ -404,7 +406,7 @@ def _stuck(g: Glance, j: int, x: Array, position: bool) -> list[tuple[int, int]]
     moved, parts = np.concatenate([[0], np.cumsum(g.movement.moves)]), constant_parts(x)
     parts = parts[np.diff(moved[parts])[:, 0] > 0.9 * np.diff(parts)[:, 0]] if len(parts) else parts
     lengths = np.diff(parts)[:, 0] if len(parts) else np.zeros(0)
-    alike = parts[lengths * STUCK_TIMES > lengths.max(initial=0)]  # freezes must not hide each other
+    alike = parts[lengths * TIMES > lengths.max(initial=0)]  # freezes must not hide each other
     if len(alike) > 2 * STUCK or lengths.max(initial=0) < STUCK:
         return []
     step, q, bad = np.abs(np.diff(x)), g.run.q[:, j], []

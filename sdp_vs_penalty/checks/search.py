@@ -44,7 +44,7 @@ class Search:
     def run(self) -> Repair:
         """The net repair."""
         now = self.scene.none
-        for _ in range(c.MOST_FAULTS):
+        for _ in range(c.MOST):
             better = self.added(now)
             if better is None:
                 break
@@ -64,7 +64,7 @@ class Search:
         value = {i: self.likelihood(scores[i], asked[i]) for i in near}
         order = sorted((i for i in near if value[i] > far), key=lambda i: -value[i])
         tied = [i for i in order if _same_fit(asked[i], now)]
-        return [asked[i] for i in dict.fromkeys(order[: c.CLOSELY] + tied[: c.CLOSELY + 2])]
+        return [asked[i] for i in dict.fromkeys(order[: c.MOST] + tied[: c.MOST])]
 
     def added(self, now: Repair) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
@@ -73,9 +73,9 @@ class Search:
         best: dict[frozenset[object], Repair] = {}
         for r in sorted(self.proposals(now), key=self.posterior, reverse=True):
             best.setdefault(frozenset(e.name for e in self.elements(r)), r)
-        refined = [self.refined(r, now) for r in list(best.values())[: c.CLOSELY]]
+        refined = [self.refined(r, now) for r in list(best.values())[: c.MOST]]
         for repair in sorted(refined, key=self.posterior, reverse=True):
-            if self.posterior(repair) < level + c.MIN_GAIN:
+            if self.posterior(repair) < level + c.ODDS:
                 break
             if self.believed(repair, now):
                 return repair
@@ -99,7 +99,7 @@ class Search:
         far = number.apart if number.value in number.snaps else number.reach
         values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
         here, *sides = self.scene.judged.scores([number.at(x) for x in values])
-        if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < c.CLOSED:
+        if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < 0.5 * c.SIGNIFICANT**2:
             return False
         return abs(number.value) > number.tolerance + c.SIGMAS * self.deviation(number)
 

@@ -14,7 +14,8 @@ from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.checks.constants import APART
+from sdp_vs_penalty.checks.constants import ODDS, SLOW_ODDS
+from sdp_vs_penalty.checks.content import Content
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations
 from sdp_vs_penalty.checks.repair import Repair
@@ -42,15 +43,14 @@ _WORDS = {
 }  # fmt: skip
 
 
-def compare(
-    scenes: Sequence[Scene], repairs: Sequence[Repair], names: Sequence[str]
-) -> Iterator[tuple[int, Issue]]:
+def compare(contents: Sequence[Content], names: Sequence[str]) -> Iterator[tuple[int, Issue]]:
     """(run, issue) where a run's arm is not that of the others; none for a single run."""
+    scenes, repairs = [x.scene for x in contents if x.scene], [x.repair for x in contents]
+    if len(scenes) < 2:
+        return
+    samples = float(np.mean([s.samples for s in scenes]))
     runs = [_equations(s, r) for s, r in zip(scenes, repairs, strict=True)]
     asked = np.stack([s.moving * 1.0 for s in scenes])
-    samples = float(np.mean([s.samples for s in scenes]))
-    if len(runs) < 2:
-        return
 
     def gain(before: Array, after: Array) -> float:
         return 0.5 * samples * float(np.log(before / after)[asked > 0.0].sum())
@@ -58,7 +58,8 @@ def compare(
     alone = np.stack([x.fitted(a)[1] for x, a in zip(runs, asked, strict=True)])
     one = _fitted(runs, asked)[1]
     apart = gain(one, alone)
-    if apart < APART:
+    least = ODDS + SLOW_ODDS  # friction, which is a run's own, is never quite the same again
+    if apart < least:
         return
     odd = int(np.argmax(np.log(one / alone).sum(axis=1)))
     if len(runs) > 2:  # the run without which the others agree best
@@ -75,7 +76,7 @@ def compare(
     value, kind, j, x = max(causes)
     # An arm of its own for each run costs as many parameters.
     own = apart - 0.5 * runs[0].gram.shape[1] * np.log(samples * len(runs))
-    if value < max(0.5 * own, APART) and own < APART:
+    if value < max(0.5 * own, least) and own < least:
         return
     kind = "another arm" if value < 0.5 * own else kind
     number = 1.0 + x if kind == "torque gain" else x

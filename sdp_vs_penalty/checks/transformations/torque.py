@@ -19,6 +19,8 @@ UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
 _GAINS = (*UNITS, 0.1, 0.3, 0.6, 0.85, 1.17, 1.7, 3, 100, 1e3)
 #: Delays (``lead`` of a repair) and time constants (``lag``) that are tried [s].
 _LATE = {"lead": (-0.12, -0.06, -0.025, -0.01, 0.01, 0.025, 0.06, 0.12), "lag": (0.01, 0.04, 0.1, 0.2)}
+#: Below this bend, the largest logged torque over the limit, a channel is as straight as sensors are.
+_STRAIGHT = 0.2
 #: Share of the time on either side of a step that the joint has to move each way: else it is friction's.
 _WAYS = 0.15
 
@@ -94,7 +96,7 @@ class Weight(Transformation):
         logged = np.sqrt(np.mean(scene.tried.data.torque(scene.tried.data.motion.t) ** 2, axis=0))
         each = [(j,) for j in np.flatnonzero(held > 0.5 * logged).tolist()]
         for joints in (range(scene.n), *each) if any(now.gravity) else ():
-            yield from (now.with_entries("weight", joints, share) for share in (0.0, 0.15))
+            yield now.with_entries("weight", joints, 0.0)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for joints, left in repair.changed("weight", 1.0):
@@ -117,8 +119,8 @@ class Saturation(Transformation):
     """A channel that bends towards a limit: tau_log = s tanh(tau / s), an amplifier near its end."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        for j in scene.joints:  # the largest logged torque over the limit, which it never reaches
-            yield from (now.with_entries("bend", (j,), x) for x in (0.7, 0.9, 0.98))
+        for j in scene.joints:
+            yield now.with_entries("bend", (j,), 1.0 - 0.5 * _STRAIGHT)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(repair.bend).tolist():
@@ -129,7 +131,7 @@ class Saturation(Transformation):
             yield Element(
                 "saturation", "warning", (j,), f"{what}: its sensor or amplifier is near its end.",
                 "record again with a larger range, or slower", choices(scene.n),
-                Number(x, at, 0.2, 0.25, lambda v: f"{100.0 * v:.0f} % of the limit is reached"),
+                Number(x, at, _STRAIGHT, 0.25, lambda v: f"{100.0 * v:.0f} % of the limit is reached"),
                 mends=False, figures={"limit": limit},
             )  # fmt: skip
 
