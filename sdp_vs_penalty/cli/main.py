@@ -22,6 +22,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from sdp_vs_penalty.cli.conversion import lightened
+from sdp_vs_penalty.cli.options import declared
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.files.inputs import opened
@@ -65,7 +66,7 @@ VERBS = {
 #: with 420 MiB, not with 400.
 LEAST_MEMORY = 512 * 2**20
 #: Parameters that name what a verb writes.
-OUTPUTS = frozenset({"out", "json_file", "fix", "proof"})
+OUTPUTS = frozenset({"out", "json_", "fix", "proof"})
 
 
 class VerbCommand(TyperCommand):
@@ -100,10 +101,13 @@ class _Lazy(Mapping[str, Any]):
             raise KeyError(name)
         _require_memory()
         verb = import_module(f"sdp_vs_penalty.cli.verbs.{name.replace('-', '_')}").verb
-        text, _, example = inspect.cleandoc(verb.__doc__).partition("Example: ")
+        text, _, rest = inspect.cleandoc(verb.__doc__).partition("Example: ")
+        example = rest.partition("\n")[0]
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
         # \b keeps the line as it is: an example is there to be copied.
-        app.command(name, cls=VerbCommand, help=text, epilog=f"\b\nExample:\n  {example}")(verb)
+        app.command(name, cls=VerbCommand, help=text, epilog=f"\b\nExample:\n  {example}")(
+            declared(verb)
+        )
         return typer.main.get_command(app)
 
     def __iter__(self) -> Iterator[str]:

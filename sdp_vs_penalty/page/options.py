@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args
 
 from sdp_vs_penalty.errors import InputError
 
@@ -22,11 +22,11 @@ class FormField:
 
 
 def fields_of(verb: Callable[..., Any], *names: str) -> tuple[FormField, ...]:
-    """Options of a verb by the names of its parameters, as typer reads them from its annotations."""
-    hints, parameters = get_type_hints(verb, include_extras=True), inspect.signature(verb).parameters
+    """Options of a verb by the names of its parameters, as typer reads them from its signature."""
+    parameters = inspect.signature(verb).parameters
     out = []
     for name in names:
-        kind, option = get_args(hints[name])[:2]
+        kind, option = get_args(parameters[name].annotation)[:2]
         flags = [word for word in option.param_decls or () if word.startswith("--")]
         default = parameters[name].default
         told = option.metavar or ("" if default is None or kind is bool else str(default))

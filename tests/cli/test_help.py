@@ -59,7 +59,7 @@ def test_every_format_is_named_where_a_file_is_asked_for() -> None:
 
     for home in formats():
         for suffix in home.SUFFIXES[:1]:
-            assert suffix in told("identify", "data"), f"{suffix}: name it in Data of cli/options.py"
+            assert suffix in told("identify", "data"), f"{suffix}: name it in SHARED of cli/options.py"
             assert suffix in told("convert", "source"), f"{suffix}: name it in cli/verbs/convert.py"
             if hasattr(home, "write"):
                 assert suffix in told("convert", "out"), f"{suffix}: name it in cli/verbs/convert.py"

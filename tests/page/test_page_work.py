@@ -24,6 +24,7 @@ from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty import InputError, Problem, cross_validate, follow, load_estimate
 from sdp_vs_penalty.checks.urdf import check_urdf
+from sdp_vs_penalty.cli.options import declared
 from sdp_vs_penalty.cli.verbs import identify as identify_verb
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, load_diagnosis
@@ -225,7 +226,7 @@ def test_bounds_of_the_page_hold_and_are_on_the_command_line(
             await finish(s, lambda s=s: s.choose_robot("two_link"))  # type: ignore[misc]
             drop(s, tmp_path / "a.csv")
             await finish(s, s.read_arrived)
-            s.asked = fields_of(identify_verb.verb, "bounds")
+            s.asked = fields_of(declared(identify_verb.verb), "bounds")
             s.options = {"bounds": bounds} if bounds else {}
             await finish(s, s.identify)
             made.append(s)

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.cli.runs import runs_for, words
 from sdp_vs_penalty.errors import InputError
 
@@ -18,32 +15,30 @@ if TYPE_CHECKING:
 
 
 def verb(
-    model: options.Model,
-    data: options.Data,
-    out: Annotated[Path, typer.Option(metavar="model2.json", help="File to write the model to.")],
-    effect: Annotated[
-        str | None,
-        typer.Argument(metavar="EFFECT[:joints][@shape=value]", help="Effects, separated by commas."),
-    ] = None,
-    findings: Annotated[
-        Path | None,
-        typer.Option("--from", metavar="findings.json", help="Effects found by `diagnose --json`."),
-    ] = None,
-    confident: Annotated[bool, typer.Option("--confident", help="Confident findings only.")] = False,
-    only: Annotated[
-        str | None, typer.Option(metavar="1,3", help="Numbers of the findings to add.")
-    ] = None,
-    test: options.Test = None,
-    frozen: options.Frozen = False,
-    window: options.Window = None,
-    test_window: options.TestWindow = None,
-    seed: options.Seed = 0,
-    gain_uncertainty: options.GainUncertainty = None,
+    model: Path,
+    data: list[Path],
+    out: Path,
+    effect: str | None = None,
+    from_: Path | None = None,
+    confident: bool = False,
+    only: str | None = None,
+    test: Path | None = None,
+    frozen: bool = False,
+    window: str | None = None,
+    test_window: str | None = None,
+    seed: int = 0,
+    gain_uncertainty: float | None = None,
 ) -> None:
     """Add effects to a model and identify it again, under all constraints.
 
     The effects are named, or come from a diagnosis: --from findings.json.
     Example: sdp-vs-penalty add model.json joint_spring:4 --data run.csv --out model2.json
+
+    --out model2.json: File to write the model to.
+    effect EFFECT[:joints][@shape=value]: Effects, separated by commas.
+    --from findings.json: Effects found by `diagnose --json`.
+    --confident: Confident findings only.
+    --only 1,3: Numbers of the findings to add.
     """
     from sdp_vs_penalty.checked import consented
     from sdp_vs_penalty.cli import console, printing
@@ -51,7 +46,7 @@ def verb(
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.estimation.estimate import load_estimate
 
-    effects = _effects(effect, findings, confident, only)
+    effects = _effects(effect, from_, confident, only)
     estimate = load_estimate(model)
     with console.progress("reading the measurements") as progress:
         given = runs_for(estimate, data, window, test, test_window)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.cli.options import PROBLEM_HELP, Gravity, json_option
 from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.errors import InputError
 
@@ -18,25 +17,23 @@ if TYPE_CHECKING:
 
 
 def verb(
-    data: Annotated[list[Path], typer.Argument(metavar="RUN.csv ...", help="Runs to check.")],
-    problem: Annotated[str, typer.Option(help=PROBLEM_HELP)],
-    gravity: Gravity = None,
-    json_file: Annotated[Path | None, json_option("findings")] = None,
-    fix: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="fixed.csv",
-            help="Repaired copy to write (and beside it what was changed), or a folder.",
-        ),
-    ] = None,
-    verbose: Annotated[
-        bool, typer.Option("--verbose", help="Also say which errors this motion could not show.")
-    ] = False,
+    data: list[Path],
+    problem: str,
+    gravity: str | None = None,
+    json_: Path | None = None,
+    fix: Path | None = None,
+    verbose: bool = False,
 ) -> None:
     """Check measurements before identification: units, signs, order, gravity, clock, noise, excitation.
 
     Exit code 1 where an identification would be meaningless.
     Example: sdp-vs-penalty check run.csv --problem panda --fix mended.csv
+
+    --json out.json: JSON file for the findings.
+    data RUN.csv ...: Runs to check.
+    --problem: Built-in name, folder with a problem.toml, or URDF file.
+    --fix fixed.csv: Repaired copy to write (and beside it what was changed), or a folder.
+    --verbose: Also say which errors this motion could not show.
     """
     from sdp_vs_penalty.checks import check, of_one_arm
     from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
@@ -75,7 +72,7 @@ def verb(
             note = target.with_name(f"{target.stem}_changes.txt")
             write_text(note, report.changes(path.name))
             console.written(note)
-    console.save_json(json_file, {"problem": robot.name, "runs": [r.to_dict() for r in reports]})
+    console.save_json(json_, {"problem": robot.name, "runs": [r.to_dict() for r in reports]})
     if any(report.meaningless for report in reports):
         raise typer.Exit(1)
 

@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import json_option
 
-
-def verb(
-    urdf: Annotated[Path, typer.Argument(metavar="robot.urdf", help="File to check.")],
-    json_file: Annotated[Path | None, json_option("figures")] = None,
-    fix: Annotated[
-        Path | None,
-        typer.Option(metavar="fixed.urdf", help="Copy to write, with the nearest consistent inertials."),
-    ] = None,
-) -> None:
+def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None:
     """Check the inertials of a URDF: which bodies are impossible, by how much, the nearest possible.
 
     Exit code 1 where one is impossible.
     Example: sdp-vs-penalty check-urdf robot.urdf
+
+    urdf robot.urdf: File to check.
+    --fix fixed.urdf: Copy to write, with the nearest consistent inertials.
     """
     from sdp_vs_penalty.checks import urdf as inertials
     from sdp_vs_penalty.cli import console
@@ -44,7 +37,7 @@ def verb(
         console.explain(remark)
     links = [c.to_dict() for c in checks]
     content = {"urdf": str(urdf), "links": links, "moving_links_without_inertial": massless}
-    console.save_json(json_file, content)
+    console.save_json(json_, content)
     if fix is not None:
         inertials.write_nearest(urdf, checks, fix)
         console.written(fix)

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.data.cli_parsing import time_windows
 
 #: Steps of the simulated loops at most: some seconds.
@@ -15,18 +11,16 @@ _STEPS = 5_000
 
 
 def verb(
-    models: Annotated[
-        list[Path],
-        typer.Argument(metavar="model.json ...", help="Models written by `identify` or `add`."),
-    ],
-    data: options.Data,
-    json_file: Annotated[Path | None, options.json_option("figures")] = None,
-    window: options.Window = None,
-    verbose: options.Verbose = False,
+    models: list[Path],
+    data: list[Path],
+    json_: Path | None = None,
+    window: str | None = None,
+    verbose: bool = False,
 ) -> None:
     """Compare models with runs: each joint's error beside the noise, and where the last model fails.
 
     Example: sdp-vs-penalty compare model.json --data test.csv --json out.json
+
     """
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.cli.runs import next_diagnosis
@@ -58,7 +52,7 @@ def verb(
     for name, loop in loops.items():
         console.say(f"{name}: {loop.verdict}")
     console.save_json(
-        json_file,
+        json_,
         {
             "models": [result.to_dict() for result in results],
             "where_it_fails": [failure.to_dict() for failure in failures],

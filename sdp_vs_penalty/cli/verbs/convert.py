@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.cli_parsing import pairs
@@ -15,63 +13,34 @@ if TYPE_CHECKING:
 
 
 def verb(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="IN", help="File (.csv .npz .parquet .mat .mcap .bag), or a ROS 2 bag's folder."
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="out.csv|.npz|.parquet|.mat", help="File to write; the suffix chooses the format."
-        ),
-    ],
-    problem: Annotated[
-        str | None, typer.Option(help="Robot whose joint names choose the joints of a ROS bag.")
-    ] = None,
-    joints: Annotated[
-        str | None, typer.Option(metavar="a,b,c", help="Joint names of a ROS bag, in the order wanted.")
-    ] = None,
-    topic: Annotated[
-        str | None, typer.Option(help="JointState topic, where a ROS bag has several.")
-    ] = None,
-    rename: Annotated[
-        str | None,
-        typer.Option(
-            metavar="t=time,q*=pos_*",
-            help="Columns that are t, q, dq, tau (or q1 ...); common loggers' are recognised.",
-        ),
-    ] = None,
-    scale: Annotated[
-        str | None,
-        typer.Option(
-            "--scale",
-            "--units",
-            metavar="q=deg,tau=10:10.7:8.5",
-            help="Units (deg, ms, mNm), factors, or one a joint (drive gains).",
-        ),
-    ] = None,
-    motors: Annotated[
-        str | None,
-        typer.Option(
-            metavar="'50 q1,32 q2+32 q1'",
-            help="Motor positions by joint positions, for a log of motor positions and torques.",
-        ),
-    ] = None,
-    motor_side: Annotated[
-        bool, typer.Option("--motor-side", help="The problem's transmission, for a log of motors.")
-    ] = False,
-    rate: Annotated[
-        float | None,
-        typer.Option(help="Rate [Hz] of a table without header: q1..qn, dq1..dqn, tau1..taun."),
-    ] = None,
+    source: Path,
+    out: Path,
+    problem: str | None = None,
+    joints: str | None = None,
+    topic: str | None = None,
+    rename: str | None = None,
+    scale: str | None = None,
+    motors: str | None = None,
+    motor_side: bool = False,
+    rate: float | None = None,
 ) -> None:
     """Convert measurements of another program: MATLAB, Parquet, ROS 2 bags and MCAP (JointState).
 
     Logs of motors become those of joints by their transmission (--motors, --motor-side).
 
     Example: sdp-vs-penalty convert rosbag2_folder --problem robot.urdf --out run.csv
+
+    source IN: File (.csv .npz .parquet .mat .mcap .bag), or a ROS 2 bag's folder.
+    --out out.csv|.npz|.parquet|.mat: File to write; the suffix chooses the format.
+    --problem: Robot whose joint names choose the joints of a ROS bag.
+    --joints a,b,c: Joint names of a ROS bag, in the order wanted.
+    --topic: JointState topic, where a ROS bag has several.
+    --rename t=time,q*=pos_*: Columns that are t, q, dq, tau (or q1 ...); common loggers' are recognised.
+    --scale, --units q=deg,tau=10:10.7:8.5: Units (deg, ms, mNm), factors, or one a joint (drive gains).
+    --motors '50 q1,32 q2+32 q1': Motor positions by joint positions, for a log of motor positions and
+        torques.
+    --motor-side: The problem's transmission, for a log of motors.
+    --rate: Rate [Hz] of a table without header: q1..qn, dq1..dqn, tau1..taun.
     """
     from sdp_vs_penalty import show
     from sdp_vs_penalty.problem.convert import convert

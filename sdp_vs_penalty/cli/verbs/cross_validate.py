@@ -3,32 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
-
-from sdp_vs_penalty.cli import options
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.cross_validation import CrossValidation, Fold
 
 
 def verb(
-    problem: options.Problem,
-    data: options.Data,
-    method: options.Method = "lmi-sdp",
-    effects: options.Effects = None,
-    folds: Annotated[int, typer.Option(min=2, help="Stretches that each motion is cut into.")] = 5,
-    gravity: options.Gravity = None,
-    json_file: Annotated[Path | None, options.json_option("figures")] = None,
-    seed: options.Seed = 0,
-    known: options.Known = None,
-    jobs: options.Jobs = 1,
-    scheduler: options.Scheduler = None,
+    problem: str,
+    data: list[Path],
+    method: str = "lmi-sdp",
+    effects: str | None = None,
+    folds: int = 5,
+    gravity: str | None = None,
+    json_: Path | None = None,
+    seed: int = 0,
+    known: str | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
 ) -> None:
     """Judge a method on unseen motion: each fold leaves out a stretch and all its repetitions.
 
     Example: sdp-vs-penalty cross-validate panda --data run.csv --method lmi-sdp-entropic
+
+    --folds >=2: Stretches that each motion is cut into.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.cli_parsing import numbers
@@ -67,4 +65,4 @@ def verb(
     title = f"Relative error, and RMSE [{units}] of each joint below {console.number(result.band_hz)} Hz"
     heads = ("judged on", "error [%]", *(str(j + 1) for j in range(robot.robot.n)))
     console.table(title, heads, rows)
-    console.save_json(json_file, result.to_dict())
+    console.save_json(json_, result.to_dict())

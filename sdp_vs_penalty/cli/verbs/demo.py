@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.cli import console
 
@@ -16,15 +14,13 @@ if TYPE_CHECKING:
 _WIDTH = 40
 
 
-def verb(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for runs, models and report.")] = Path(
-        "demo"
-    ),
-    seed: Annotated[int, typer.Option(help="Seed of the simulated arm.")] = 7,
-) -> None:
+def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     """Show the main job on a simulated 7-joint arm in which one effect is hidden.
 
     Example: sdp-vs-penalty demo --out demo
+
+    --out DIR: Folder for runs, models and report.
+    --seed: Seed of the simulated arm.
     """
     from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.estimation.verdict import changes

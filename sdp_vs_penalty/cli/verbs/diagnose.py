@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.cli.runs import runs_for, warn_or_refuse
 from sdp_vs_penalty.cli.runs import words as data_words
 
 
 def verb(
-    model: options.Model,
-    data: options.Data,
-    test: options.Test = None,
-    frozen: options.Frozen = False,
-    json_file: Annotated[Path | None, options.json_option("findings")] = None,
-    window: options.Window = None,
-    test_window: options.TestWindow = None,
-    seed: options.Seed = 0,
-    gain_uncertainty: options.GainUncertainty = None,
-    no_check: options.NoCheck = False,
-    verbose: options.Verbose = False,
+    model: Path,
+    data: list[Path],
+    test: Path | None = None,
+    frozen: bool = False,
+    json_: Path | None = None,
+    window: str | None = None,
+    test_window: str | None = None,
+    seed: int = 0,
+    gain_uncertainty: float | None = None,
+    no_check: bool = False,
+    verbose: bool = False,
 ) -> None:
     """Name the physical effects that a model is missing.
 
     The fast part of `check` runs first; its errors stop the diagnosis (exit code 2).
     Example: sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv
+
+    --json out.json: JSON file for the findings.
     """
     from sdp_vs_penalty.checked import consented
     from sdp_vs_penalty.cli import console, printing
@@ -60,16 +60,16 @@ def verb(
     if result.effects or result.retuned:
         shown = printing.worth_showing(result.effects)
         what = [",".join([*(r.text for r in result.retuned), *(f.text for f in shown)])]
-        if json_file is not None:
-            what = ["--from", str(json_file)]
+        if json_ is not None:
+            what = ["--from", str(json_)]
             if len(shown) < len(result.effects) and not result.curves:
                 what += ["--only", ",".join(str(k + 1) for k in range(len(shown)))]
         add = ["add", str(model), *what, *words, "--out", str(_next_to(model))]
-    elif result.curves and json_file is not None:
-        add = ["add", str(model), "--from", str(json_file), *words, "--out", str(_next_to(model))]
+    elif result.curves and json_ is not None:
+        add = ["add", str(model), "--from", str(json_), *words, "--out", str(_next_to(model))]
     printing.diagnosis(result, estimate.robot.torque_units, add, verbose)
     printing.undecided(result, model)
-    console.save_json(json_file, result.to_dict())
+    console.save_json(json_, result.to_dict())
 
 
 def _next_to(model: Path) -> Path:

@@ -3,65 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.cli.options import PROBLEM_HELP, Seed
 
 
 def verb(
-    problem: Annotated[
-        str,
-        typer.Argument(
-            metavar="PROBLEM|model.json", help=f"{PROBLEM_HELP} With --separate or --payload: a model."
-        ),
-    ],
-    out: Annotated[
-        Path, typer.Option(metavar="trajectory.csv", help="File to write: t, q, dq, ddq at 1 kHz.")
-    ],
-    duration: Annotated[
-        float | None,
-        typer.Option(help="Duration of the motion, in seconds; default: 21, with --payload 2."),
-    ] = None,
-    harmonics: Annotated[int, typer.Option(min=1, help="Harmonics of the Fourier series.")] = 5,
-    frequency: Annotated[
-        float, typer.Option(help="Frequency of the first harmonic, in rad/s.")
-    ] = 0.4712389,
-    objective: Annotated[str, typer.Option(help="Objective: condition or d-optimal.")] = "condition",
-    iterations: Annotated[
-        int | None, typer.Option(min=1, help="Maximum iterations; default: 60, with --separate 200.")
-    ] = None,
-    separate: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B",
-            help="Two effects that the run is to tell apart, as `add` takes them; one: from nothing.",
-        ),
-    ] = None,
-    level: Annotated[
-        float,
-        typer.Option(
-            help="With --separate: RMS of each effect over the noise, on the default excitation."
-        ),
-    ] = 1.0,
-    payload: Annotated[
-        bool, typer.Option("--payload", help="A motion of the wrist that weighs a load at the flange.")
-    ] = False,
-    joints: Annotated[
-        str | None,
-        typer.Option(
-            metavar="J+J", help="With --payload: joints that move, such as 5+6; default: the last three."
-        ),
-    ] = None,
-    urdf: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="ARM.urdf", help="With --separate: shapes for the check of self-collision."
-        ),
-    ] = None,
-    seed: Seed = 0,
+    problem: str,
+    out: Path,
+    duration: float | None = None,
+    harmonics: int = 5,
+    frequency: float = 0.4712389,
+    objective: str = "condition",
+    iterations: int | None = None,
+    separate: str | None = None,
+    level: float = 1.0,
+    payload: bool = False,
+    joints: str | None = None,
+    urdf: Path | None = None,
+    seed: int = 0,
 ) -> None:
     """Design an exciting trajectory within the robot's limits, the run that tells two effects apart, or
     the one that weighs a load.
@@ -69,6 +29,20 @@ def verb(
     Collisions are checked with --separate and --urdf only.
 
     Example: sdp-vs-penalty excite panda --out trajectory.csv
+
+    problem PROBLEM|model.json: Built-in name, folder with a problem.toml, or URDF file. With --separate
+        or --payload: a model.
+    --out trajectory.csv: File to write: t, q, dq, ddq at 1 kHz.
+    --duration: Duration of the motion, in seconds; default: 21, with --payload 2.
+    --harmonics >=1: Harmonics of the Fourier series.
+    --frequency: Frequency of the first harmonic, in rad/s.
+    --objective: Objective: condition or d-optimal.
+    --iterations >=1: Maximum iterations; default: 60, with --separate 200.
+    --separate A,B: Two effects that the run is to tell apart, as `add` takes them; one: from nothing.
+    --level: With --separate: RMS of each effect over the noise, on the default excitation.
+    --payload: A motion of the wrist that weighs a load at the flange.
+    --joints J+J: With --payload: joints that move, such as 5+6; default: the last three.
+    --urdf ARM.urdf: With --separate: shapes for the check of self-collision.
     """
     settings: dict[str, Any] = {"seed": seed}
     settings["duration"] = duration or (2.0 if payload and separate is None else 21.0)

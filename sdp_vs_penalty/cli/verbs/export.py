@@ -3,43 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
-
-from sdp_vs_penalty.cli.options import Model
 
 
 def verb(
-    model: Model,
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="out.urdf|.xml|.sdf|.json|.h|.csv|.script",
-            help="File to write; its name chooses the format: see `list exports`.",
-        ),
-    ],
-    urdf: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="robot.urdf",
-            help="Your own URDF, of which only inertials, damping and friction are replaced.",
-        ),
-    ] = None,
-    flange: Annotated[
-        str | None,
-        typer.Option(
-            metavar="x,y,z", help="Flange in the last joint's frame [m], for a payload; default: 0,0,0."
-        ),
-    ] = None,
-    force: Annotated[
-        bool,
-        typer.Option("--force", help="Links whose mass lies outside of their bodies, too."),
-    ] = False,
+    model: Path, out: Path, urdf: Path | None = None, flange: str | None = None, force: bool = False
 ) -> None:
     """Export a model to a simulator or a controller; an impossible or implausible inertial is refused.
 
     Example: sdp-vs-penalty export model.json --out robot.urdf
+
+    --out out.urdf|.xml|.sdf|.json|.h|.csv|.script: File to write; its name chooses the format: see `list
+        exports`.
+    --urdf robot.urdf: Your own URDF, of which only inertials, damping and friction are replaced.
+    --flange x,y,z: Flange in the last joint's frame [m], for a payload; default: 0,0,0.
+    --force: Links whose mass lies outside of their bodies, too.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.cli_parsing import numbers

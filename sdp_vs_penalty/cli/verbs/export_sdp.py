@@ -3,39 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
-
-from sdp_vs_penalty.cli import options
 
 
 def verb(
-    problem: options.Problem,
-    data: options.Data,
-    out: Annotated[
-        Path, typer.Option(metavar="FILE", help="File to write: .dat-s (sparse SDPA) or .cbf.")
-    ],
-    method: Annotated[
-        str | None,
-        typer.Option(
-            help="Method: lmi-sdp or lmi-sdp-thickness, -plain, -entropic; default: lmi-sdp, or "
-            "lmi-sdp-thickness for .dat-s, which has no exponential cones."
-        ),
-    ] = None,
-    effects: options.Effects = None,
-    gravity: options.Gravity = None,
-    filters: options.Filters = None,
-    bounds: options.Bounds = None,
-    window: options.Window = None,
-    known_load: options.KnownLoad = None,
-    known: options.Known = None,
-    instruments: options.Instruments = None,
+    problem: str,
+    data: list[Path],
+    out: Path,
+    method: str | None = None,
+    effects: str | None = None,
+    gravity: str | None = None,
+    filters: str | None = None,
+    bounds: str | None = None,
+    window: str | None = None,
+    known_load: list[str] | None = None,
+    known: str | None = None,
+    instruments: str | None = None,
 ) -> None:
     """Write the SDP that `identify` solves as a file for another solver, and FILE.json beside it.
 
     The JSON holds offset and scale, with which the file's optimum becomes the loss, and the proved
     interval of that. Example: sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf
+
+    --out FILE: File to write: .dat-s (sparse SDPA) or .cbf.
+    --method: Method: lmi-sdp or lmi-sdp-thickness, -plain, -entropic; default: lmi-sdp, or
+        lmi-sdp-thickness for .dat-s, which has no exponential cones.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import as_told, runs_as_told

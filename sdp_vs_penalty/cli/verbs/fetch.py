@@ -5,23 +5,15 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 
-def verb(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[panda|ur10e|emps|tx40] ...", help="Data sets; default: all."),
-    ] = None,
-    folder: Annotated[
-        Path | None, typer.Option(help="Folder for the files; default: the user's cache.")
-    ] = None,
-) -> None:
+def verb(names: list[str] | None = None, folder: Path | None = None) -> None:
     """Download public measurements and write them as RUN.csv files; prints their paths.
 
     Example: sdp-vs-penalty fetch emps
+
+    names [panda|ur10e|emps|tx40] ...: Data sets; default: all.
+    --folder: Folder for the files; default: the user's cache.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.datasets import DATASETS, cache_folder, dataset

@@ -4,46 +4,40 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.cli.runs import as_told, next_diagnosis, runs_as_told, warn_or_refuse, words
 from sdp_vs_penalty.errors import Infeasible
 
 
 def verb(
-    problem: options.Problem,
-    data: options.Data,
-    out: Annotated[Path, typer.Option(metavar="model.json", help="File to write the model to.")],
-    method: options.Method = "lmi-sdp",
-    effects: options.Effects = None,
-    gravity: options.Gravity = None,
-    filters: options.Filters = None,
-    bounds: options.Bounds = None,
-    solver: Annotated[
-        str | None,
-        typer.Option(help="Solver of the SDP methods, of `sdp-vs-penalty list solvers`."),
-    ] = None,
-    seed: options.Seed = 0,
-    window: options.Window = None,
-    no_check: options.NoCheck = False,
-    proof: Annotated[
-        Path | None,
-        typer.Option(metavar="proof.json", help="File for the proof of optimality; `verify` checks it."),
-    ] = None,
-    gain_uncertainty: options.GainUncertainty = None,
-    known_load: options.KnownLoad = None,
-    known: options.Known = None,
-    instruments: options.Instruments = None,
-    jobs: options.Jobs = 1,
-    scheduler: options.Scheduler = None,
+    problem: str,
+    data: list[Path],
+    out: Path,
+    method: str = "lmi-sdp",
+    effects: str | None = None,
+    gravity: str | None = None,
+    filters: str | None = None,
+    bounds: str | None = None,
+    solver: str | None = None,
+    seed: int = 0,
+    window: str | None = None,
+    no_check: bool = False,
+    proof: Path | None = None,
+    gain_uncertainty: float | None = None,
+    known_load: list[str] | None = None,
+    known: str | None = None,
+    instruments: str | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
 ) -> None:
     """Identify a robot's dynamic parameters from measured runs.
 
     The fast part of `check` runs first; its errors stop the identification (exit code 2).
     Example: sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json
+
+    --out model.json: File to write the model to.
+    --solver: Solver of the SDP methods, of `sdp-vs-penalty list solvers`.
+    --proof proof.json: File for the proof of optimality; `verify` checks it.
     """
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.data.measurements import Measurements

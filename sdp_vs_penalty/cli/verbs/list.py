@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from sdp_vs_penalty.errors import unknown
 
@@ -16,13 +13,13 @@ Listing = tuple[tuple[str, ...], Rows]
 Kind = StrEnum("Kind", "problems effects methods solvers tables datasets engines exports")
 
 
-def verb(
-    what: Annotated[Kind, typer.Argument(help="Kind of names to list.")],
-    name: Annotated[str | None, typer.Argument(help="One name, for all about it.")] = None,
-) -> None:
+def verb(what: Kind, name: str | None = None) -> None:
     """List the names that the other verbs take, or say all about one of them.
 
     Example: sdp-vs-penalty list effects presliding_hysteresis
+
+    what: Kind of names to list.
+    name: One name, for all about it.
     """
     from sdp_vs_penalty.cli import console
 

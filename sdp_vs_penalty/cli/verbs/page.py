@@ -3,50 +3,43 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from sdp_vs_penalty.errors import missing_extra
 
 
 def verb(
-    folder: Annotated[
-        Path | None,
-        typer.Argument(metavar="[FOLDER]", help="Folder whose runs and URDF files the page offers."),
-    ] = None,
-    port: Annotated[
-        int | None,
-        typer.Option(min=1, max=65535, help="Port; default: 8137, or a free one."),
-    ] = None,
-    host: Annotated[
-        str, typer.Option(help="Address to serve; other than loopback it needs --certificate and --key.")
-    ] = "127.0.0.1",
-    certificate: Annotated[Path | None, typer.Option(help="Certificate of TLS (PEM).")] = None,
-    key: Annotated[Path | None, typer.Option(help="Private key of TLS (PEM).")] = None,
-    browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Browser window on the page.")
-    ] = True,
+    folder: Path | None = None,
+    port: int | None = None,
+    host: str = "127.0.0.1",
+    certificate: Path | None = None,
+    key: Path | None = None,
+    browser: bool = True,
 ) -> None:
     """Open the workbench: a local page to identify, diagnose, add effects and export the model.
 
     The page is served to this computer only, unless --host says otherwise, and asks no other.
     Example: sdp-vs-penalty page measurements --port 8200 --no-browser
+
+    folder [FOLDER]: Folder whose runs and URDF files the page offers.
+    --port >=1 <=65535: Port; default: 8137, or a free one.
+    --host: Address to serve; other than loopback it needs --certificate and --key.
+    --certificate: Certificate of TLS (PEM).
+    --key: Private key of TLS (PEM).
+    --browser/--no-browser: Browser window on the page.
     """
     try:
         from sdp_vs_penalty.page.options import fields_of
         from sdp_vs_penalty.page.server import Address, serve
     except ImportError as error:
         raise missing_extra("The page needs", "page") from error
+    from sdp_vs_penalty.cli.options import declared
     from sdp_vs_penalty.cli.verbs import convert, excite, identify
 
-    forms = {
-        "identify": fields_of(
-            identify.verb,
-            *("window", "filters", "bounds", "solver", "gain_uncertainty", "known_load", "jobs"),
-        ),
-        "robot": fields_of(identify.verb, "gravity"),
-        "read": fields_of(convert.verb, "rename", "motors", "motor_side", "rate", "topic", "joints"),
-        "separate": fields_of(excite.verb, "duration", "level", "iterations"),
+    offered = {
+        "identify": (identify, "window filters bounds solver gain_uncertainty known_load jobs"),
+        "robot": (identify, "gravity"),
+        "read": (convert, "rename motors motor_side rate topic joints"),
+        "separate": (excite, "duration level iterations"),
     }
+    forms = {k: fields_of(declared(v.verb), *names.split()) for k, (v, names) in offered.items()}
     serve(folder, port, browser, Address(host, certificate, key), forms)

@@ -5,36 +5,27 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from sdp_vs_penalty.cli.options import Window
 from sdp_vs_penalty.data.cli_parsing import time_windows
 
 
 def verb(
-    models: Annotated[
-        list[Path],
-        typer.Argument(metavar="model.json ...", help="Models, in the order of adding effects."),
-    ],
-    data: Annotated[
-        list[Path],
-        typer.Option("--data", metavar="RUN.csv ...", help="Measured runs to judge the models on."),
-    ],
-    out: Annotated[Path, typer.Option(metavar="report.html", help="File to write.")],
-    window: Window = None,
-    findings: Annotated[
-        Path | None,
-        typer.Option(metavar="findings.json", help="Diagnosis whose findings are shown."),
-    ] = None,
-    forward: Annotated[
-        bool, typer.Option("--forward", help="Forward simulation of whole runs, however long it takes.")
-    ] = False,
+    models: list[Path],
+    data: list[Path],
+    out: Path,
+    window: str | None = None,
+    findings: Path | None = None,
+    forward: bool = False,
 ) -> None:
     """Write one self-contained HTML file: torques, errors, simulation, parameters, certificate, check.
 
     Example: sdp-vs-penalty report model.json model2.json --data test.csv --out report.html
+
+    models model.json ...: Models, in the order of adding effects.
+    --data RUN.csv ...: Measured runs to judge the models on.
+    --out report.html: File to write.
+    --findings findings.json: Diagnosis whose findings are shown.
+    --forward: Forward simulation of whole runs, however long it takes.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import load_measurements, windowed

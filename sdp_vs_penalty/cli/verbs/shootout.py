@@ -3,57 +3,47 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from sdp_vs_penalty.cli import console, options
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import InputError
 
 _QUICK_ACCURACY, _QUICK_LIMIT = "1e-6", 10.0
 
 
 def verb(
-    solvers: Annotated[
-        str | None, typer.Option(metavar="a,b,...", help="Solvers; default: all that are installed.")
-    ] = None,
-    problems: Annotated[
-        str | None,
-        typer.Option(metavar="a,b,...", help="Groups or names of instances, see --list; default: all."),
-    ] = None,
-    accuracy: Annotated[
-        str | None,
-        typer.Option(metavar="1e-4,1e-8", help="Accuracies to ask for; default: 1e-4,1e-6,1e-8."),
-    ] = None,
-    time_limit: Annotated[
-        float | None,
-        typer.Option(metavar="SECONDS", help="Processor time of each run; default: 60, quick 10."),
-    ] = None,
-    memory: Annotated[float, typer.Option(metavar="GB", help="Memory of each run.")] = 4.0,
-    quick: Annotated[bool, typer.Option("--quick", help="A few instances, one accuracy.")] = False,
-    out: Annotated[Path, typer.Option(help="Folder; runs that it holds are not repeated.")] = Path(
-        "results/shootout"
-    ),
-    scheduler: options.Scheduler = None,
-    jobs: Annotated[
-        int, typer.Option(min=0, help="Parallel runs on this computer; 0: one per core.")
-    ] = 0,
-    export: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder for the instances as files with proofs; nothing runs."),
-    ] = None,
-    show: Annotated[bool, typer.Option("--list", help="List of instances and solvers.")] = False,
+    solvers: str | None = None,
+    problems: str | None = None,
+    accuracy: str | None = None,
+    time_limit: float | None = None,
+    memory: float = 4.0,
+    quick: bool = False,
+    out: Path = Path("results/shootout"),
+    scheduler: str | None = None,
+    jobs: int = 0,
+    export: Path | None = None,
+    list_: bool = False,
 ) -> None:
     """Run SDP solvers on identification problems and judge each answer by a proved interval.
 
     With --export, write the instances as files that any solver reads, each with a proof.
     Example: sdp-vs-penalty shootout --quick --out shootout
+
+    --solvers a,b,...: Solvers; default: all that are installed.
+    --problems a,b,...: Groups or names of instances, see --list; default: all.
+    --accuracy 1e-4,1e-8: Accuracies to ask for; default: 1e-4,1e-6,1e-8.
+    --time-limit SECONDS: Processor time of each run; default: 60, quick 10.
+    --memory GB: Memory of each run.
+    --quick: A few instances, one accuracy.
+    --out: Folder; runs that it holds are not repeated.
+    --jobs >=0: Parallel runs on this computer; 0: one per core.
+    --export DIR: Folder for the instances as files with proofs; nothing runs.
+    --list: List of instances and solvers.
     """
     from sdp_vs_penalty.shootout import runner, summary
     from sdp_vs_penalty.shootout.contestants import contestants
     from sdp_vs_penalty.shootout.instances import GROUPS
 
-    if show:
+    if list_:
         _list()
         return
     if export is not None:

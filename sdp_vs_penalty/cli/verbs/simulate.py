@@ -3,60 +3,39 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.cli.options import PROBLEM_HELP, Seed, json_option
 from sdp_vs_penalty.errors import InputError
 
 
 def verb(
-    source: Annotated[
-        str,
-        typer.Argument(metavar="PROBLEM|model.json", help=f"{PROBLEM_HELP} With --follow: a model."),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR|OUT.csv",
-            help="Folder for run1..3.csv, test.csv, truth.json; with --follow the file of a free run.",
-        ),
-    ] = None,
-    hide: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--hide", metavar="EFFECT[:joints]", help="Effect to hide; repeatable. Default: none."
-        ),
-    ] = None,
-    level: Annotated[
-        str,
-        typer.Option(help="Size: strong, medium, weak, or the hidden torque's RMS over the raw noise."),
-    ] = "strong",
-    follow: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--follow", metavar="RUN.csv ...", help="Runs along which the model is run forward."
-        ),
-    ] = None,
-    drive: Annotated[
-        str,
-        typer.Option(
-            help="Drive: torque (as measured), pd (and a loop on the motion), or servo (the command)."
-        ),
-    ] = "torque",
-    json_file: Annotated[Path | None, json_option("errors of --follow")] = None,
-    seed: Seed = 0,
+    source: str,
+    out: Path | None = None,
+    hide: list[str] | None = None,
+    level: str = "strong",
+    follow: list[Path] | None = None,
+    drive: str = "torque",
+    json_: Path | None = None,
+    seed: int = 0,
 ) -> None:
     """Simulate runs in which an effect is hidden, or run a model forward along measured runs.
 
     With --follow a model is started from measured states and driven by the measured torque: one sample,
     0.1 s, and as long as it stays with the measured motion. Otherwise truth.json says what is hidden.
     Example: sdp-vs-penalty simulate panda --hide stribeck_friction:3 --seed 7 --out DIR
+
+    source PROBLEM|model.json: Built-in name, folder with a problem.toml, or URDF file. With --follow: a
+        model.
+    --out DIR|OUT.csv: Folder for run1..3.csv, test.csv, truth.json; with --follow the file of a free
+        run.
+    --hide EFFECT[:joints]: Effect to hide; repeatable. Default: none.
+    --level: Size: strong, medium, weak, or the hidden torque's RMS over the raw noise.
+    --follow RUN.csv ...: Runs along which the model is run forward.
+    --drive: Drive: torque (as measured), pd (and a loop on the motion), or servo (the command).
+    --json out.json: JSON file for the errors of --follow.
     """
     if follow:
-        _follow(source, follow, drive, seed, out, json_file)
+        _follow(source, follow, drive, seed, out, json_)
         return
     from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, refuse_foreign, simulate
 

@@ -3,43 +3,39 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from sdp_vs_penalty.cli.options import Budget, Jobs, Scheduler
+from sdp_vs_penalty.cli.options import Budget
 from sdp_vs_penalty.errors import InputError
 
 _TABLES_HELP = "Tables, of `sdp-vs-penalty list tables`; default: these four."
 
 
 def verb(
-    names: Annotated[
-        list[str] | None, typer.Argument(metavar="[III IV VIII IX ...]", help=_TABLES_HELP)
-    ] = None,
-    every: Annotated[
-        bool, typer.Option("--all", help="All tables but the slow ones, such as methods and data.")
-    ] = False,
-    problem: Annotated[str | None, typer.Option(help="Problem: two_link or panda.")] = None,
-    budget: Annotated[
-        Budget, typer.Option(help="Effort: quick, or paper (as many runs as there).")
-    ] = Budget.quick,
-    out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("results"),
-    jobs: Jobs = 1,
-    scheduler: Scheduler = None,
+    names: list[str] | None = None,
+    all_: bool = False,
+    problem: str | None = None,
+    budget: Budget = Budget.quick,
+    out: Path = Path("results"),
+    jobs: int = 1,
+    scheduler: str | None = None,
 ) -> None:
     """Regenerate the paper's comparison tables.
 
     Example: sdp-vs-penalty tables III --out results
+
+    names [III IV VIII IX ...]: Tables, of `sdp-vs-penalty list tables`; default: these four.
+    --all: All tables but the slow ones, such as methods and data.
+    --problem: Problem: two_link or panda.
+    --budget: Effort: quick, or paper (as many runs as there).
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.paper.tables import all_tables, make_tables
     from sdp_vs_penalty.parallel import Workers
 
-    if every:
+    if all_:
         if names or problem:
             raise InputError(
-                "--all makes every table with its own problem", "leave out names and --problem"
+                "--all makes all_ table with its own problem", "leave out names and --problem"
             )
         names = list(all_tables())
     with console.progress("tables") as progress:

@@ -3,33 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.errors import InputError
 
 
 def verb(
-    proofs: Annotated[
-        list[Path],
-        typer.Argument(metavar="proof.json ...", help="Proofs, or folders that are searched for them."),
-    ],
-    model: Annotated[
-        Path | None,
-        typer.Option(metavar="model.json", help="Model that the proof must be of."),
-    ] = None,
-    data: Annotated[
-        list[Path] | None,
-        typer.Option("--data", metavar="RUN.csv ...", help="Measurements that it must be made of."),
-    ] = None,
-    window: options.Window = None,
+    proofs: list[Path],
+    model: Path | None = None,
+    data: list[Path] | None = None,
+    window: str | None = None,
 ) -> None:
     """Check proofs of optimality in exact arithmetic, independently of every solver.
 
     Exit code 1 if one is refused. The checker is one file on Python's standard library alone.
     Example: sdp-vs-penalty verify proof.json --model model.json --data run1.csv
+
+    proofs proof.json ...: Proofs, or folders that are searched for them.
+    --model model.json: Model that the proof must be of.
+    --data RUN.csv ...: Measurements that it must be made of.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import runs_as_told
