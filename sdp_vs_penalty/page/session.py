@@ -14,7 +14,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.state import METHOD, Notice, TabState
 from sdp_vs_penalty.page.summary import ModelStep
-from sdp_vs_penalty.reports.demo import ARM, HIDDEN, JOINT, LEVEL
+from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL
 
 #: What belongs to a robot, and is put aside with it.
 _OF_A_ROBOT = (
@@ -22,10 +22,6 @@ _OF_A_ROBOT = (
     "made_by", "curve_texts",
 )  # fmt: skip
 _OTHER_RUNS = "The runs have changed: identify again."
-#: The seed of the runs that :meth:`Session.show_me` simulates.
-SHOWN_SEED = 7
-#: Seconds of a run that is long enough to be split into one to identify from and one to test on.
-_LONG = 10.0
 
 
 @dataclass
@@ -205,6 +201,7 @@ class Session(TabState):
             if answer.get("notice"):
                 self.notice = Notice(tuple(answer["notice"]), error=False)
             self.answers[job] = {**answer, "model": model}
+            self.made |= set(answer.get("files", ()))
             for name in answer.get("files", ()):
                 if ready is not None:
                     ready(name)
@@ -226,12 +223,12 @@ class Session(TabState):
             self.history.append(self.undone.pop())
             self.changed()
 
-    def show_me(self) -> None:
+    def show_me(self, seed: int = 7) -> None:
         """The whole job in small, on simulated runs with something hidden: the verb ``demo``."""
 
         async def do() -> None:
             await self._choose(ARM)
-            await self._simulate(HIDDEN, [JOINT + 1], LEVEL, SHOWN_SEED)
+            await self._simulate(HIDDEN, [self.arm["n"]], LEVEL, seed)
             await self._identify()
             await self._diagnose()
             assert self.findings is not None
@@ -269,8 +266,7 @@ class Session(TabState):
         self.runs, self.made_by = [*before, *new], None
         self.names |= {str(self.folder / run["file"]): run["name"] for run in new}
         if len(self.runs) == 1:  # one run alone is tested on its own end
-            long = self.runs[0]["seconds"] >= _LONG and self.runs[0]["split"]
-            self.runs[0]["use"] = "split" if long else "train"
+            self.runs[0]["use"] = "split" if self.runs[0]["split"] else "train"
         elif new and len(new) == len(self.runs) and all(run["use"] == "test" for run in new):
             new[0]["use"] = "train"
         if "effects" in answer:

@@ -87,6 +87,8 @@ class TabState:
     names: dict[str, str] = field(default_factory=dict)
     #: The robot before this one and what belonged to it.
     dropped: dict[str, Any] = field(default_factory=dict)
+    #: Names of files that jobs have made, to be fetched.
+    made: set[str] = field(default_factory=set)
     _read: dict[str, dict[str, Any]] = field(default_factory=dict)
     _count: int = 0
 

@@ -22,8 +22,8 @@ from sdp_vs_penalty.reports.section import Material, page
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
 
-#: Processor time that free runs may take [s], and about that of a step: on its own and each joint's.
-_FREE_SECONDS, _STEP_SECONDS = 0.3, (3e-4, 1.6e-4)
+#: Steps of the free runs together, a third of a second of processor time.
+_STEPS = 200
 _SECTIONS = (
     sections.verdict,
     sections.torques,
@@ -99,10 +99,10 @@ def _material(
         name: [filtered_torque(run, e.model, settings) for run in driving.runs()]
         for name, (e, driving) in moved.items()
     }
-    each = _STEP_SECONDS[0] + _STEP_SECONDS[1] * last.robot.n
-    steps = None if forward else int(_FREE_SECONDS / each)
     try:
-        ahead: Following | str = follow(last, runs, drive=drive, steps=steps, progress=progress)
+        ahead: Following | str = follow(
+            last, runs, drive=drive, steps=None if forward else _STEPS, progress=progress
+        )
     except InputError as error:
         ahead = str(error)
     progress("looking where it fails")

@@ -102,11 +102,7 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[object]], *, numbers_
 _SHEET = 820
 
 
-#: Height [px] of the figure of one joint's torque.
-JOINT_HEIGHT = 215
-
-
-def figure(plot: Figure, caption: str, height: int, group: str = "") -> str:
+def figure(plot: Figure, caption: str = "", height: int = 215, group: str = "") -> str:
     """A figure as data, which the page's script draws when it is about to be seen; those of a
     group are zoomed in time together, and a name that is hidden in one is hidden in all."""
     if group:

@@ -32,7 +32,6 @@ from sdp_vs_penalty.reports.pictures import (
 )
 from sdp_vs_penalty.reports.plots import POINTS, Curves, missing_figure, torque_figure
 from sdp_vs_penalty.reports.section import (
-    JOINT_HEIGHT,
     Material,
     Section,
     figure,
@@ -124,7 +123,7 @@ def torques(material: Material) -> Section:
         ]
         plot.update_layout(shapes=shades(placed, ("x", "x2")))
         plot.update_axes("x", 1, matches="x")
-        body += figure(plot, "", JOINT_HEIGHT, "torques")
+        body += figure(plot, group="torques")
     return Section("torques", "Where and when: measured against modelled", body)
 
 
@@ -194,7 +193,7 @@ def forward(material: Material) -> Section:
         * any(f.cut for f in made.free)
     )
     for j, unit in enumerate(made.units):
-        body += figure(torque_figure(runs, j, unit), "", JOINT_HEIGHT, "forward")
+        body += figure(torque_figure(runs, j, unit), group="forward")
     return Section("forward", title, body)
 
 
