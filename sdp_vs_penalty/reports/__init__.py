@@ -24,20 +24,20 @@ from sdp_vs_penalty.simulation.follow import Drive, Following, follow
 
 #: Steps of the free runs together, a third of a second of processor time.
 _STEPS = 200
-_SECTIONS = (
-    sections.verdict,
-    sections.torques,
-    sections.failures,
-    sections.findings,
-    sections.history,
-    sections.forward,
-    parameters.parameters,
-    parameters.arm,
-    parameters.friction,
-    sections.certificate,
-    sections.data_check,
-    sections.provenance,
-)
+_SECTIONS = {
+    "Verdict": sections.verdict,
+    "Where and when: measured against modelled": sections.torques,
+    "Why": sections.failures,
+    "What is missing": sections.findings,
+    "From model to model": sections.history,
+    "Run forward": sections.forward,
+    "Parameters": parameters.parameters,
+    "Links on the arm": parameters.arm,
+    "Friction": parameters.friction,
+    "Certificate": sections.certificate,
+    "Data check": sections.data_check,
+    "Provenance": sections.provenance,
+}
 
 
 def report(
@@ -77,7 +77,7 @@ def report(
     material = _material(named, runs, whole, forward, progress)
     progress("drawing")
     material = replace(material, commands=commands, diagnosis=said)
-    made = [make(material) for make in _SECTIONS]
+    made = [(make.__name__, title, make(material)) for title, make in _SECTIONS.items()]
     write_text(out, page(f"{material.last.robot.name}: identified dynamics", made, get_plotlyjs()))
 
 

@@ -66,15 +66,6 @@ class Material:
         return list(self.models)[-1]
 
 
-@dataclass(frozen=True)
-class Section:
-    """A heading, an anchor, and a body of markup in which everything is escaped already."""
-
-    anchor: str
-    title: str
-    body: str
-
-
 def text(sentence: str) -> str:
     return f"<p>{marked(sentence)}</p>"
 
@@ -131,11 +122,12 @@ _STYLE, _DRAW = (f"\n{(Path(__file__).parent / name).read_text()}" for name in (
 _STYLE = f"{_STYLE}\n{PICTURES}"
 
 
-def page(title: str, sections: Sequence[Section], script: str) -> str:
-    """A whole HTML document; ``script`` is plotly's, embedded once."""
-    links = "".join(f'<a href="#{s.anchor}">{escape(s.title)}</a>' for s in sections)
+def page(title: str, sections: Sequence[tuple[str, str, str]], script: str) -> str:
+    """A whole HTML document; sections : anchor, title and body, in which everything is escaped;
+    ``script`` is plotly's, embedded once."""
+    links = "".join(f'<a href="#{at}">{escape(name)}</a>' for at, name, _ in sections)
     bodies = "".join(
-        f'<section id="{s.anchor}"><h2>{escape(s.title)}</h2>{s.body}</section>' for s in sections
+        f'<section id="{at}"><h2>{escape(name)}</h2>{body}</section>' for at, name, body in sections
     )
     return (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'

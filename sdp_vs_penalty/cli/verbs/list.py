@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from pathlib import Path
 
 from sdp_vs_penalty.errors import unknown
 
@@ -72,15 +71,11 @@ def effects() -> Listing:
 
 
 def methods() -> Listing:
-    """Read from the files' text: naming the methods needs nothing that they compute with."""
-    from sdp_vs_penalty.plugins import written
+    from sdp_vs_penalty.estimation.output_error import DESCRIPTION, OUTPUT_ERROR
+    from sdp_vs_penalty.estimators import estimator_types
 
-    here = Path(__file__).parents[2]
-    rows = [
-        *written([here / "estimators"], "name", "description"),
-        *written([here / "estimation"], "OUTPUT_ERROR", "DESCRIPTION"),
-    ]
-    return ("name", "what it is"), sorted(rows)
+    rows: Rows = [(name, kind.description) for name, kind in estimator_types().items()]
+    return ("name", "what it is"), sorted([*rows, (OUTPUT_ERROR, DESCRIPTION)])
 
 
 def solvers() -> Listing:
