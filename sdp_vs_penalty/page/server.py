@@ -30,10 +30,9 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.auth_middleware import KEY, LOOPBACK, guarded
-from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.session import Session, internal_error
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.stages import STAGES
-from sdp_vs_penalty.page.state import internal_error
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
 from sdp_vs_penalty.page.worker_pool import Cancelled, WorkerPool, Working
