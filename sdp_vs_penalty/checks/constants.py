@@ -70,7 +70,7 @@ SLOW_ODDS = 15.0
 # -- what is left over
 #: What an arm leaves of its torques (root mean square, all joints together): with joint torque sensors,
 #: and with torques from motor currents, whose friction is part of them. Twice as much is a warning.
-TYPICAL = {"link": 0.05, "motor": 0.1}
+TYPICAL = {"link": 0.05, "unknown": 0.05, "motor": 0.1}
 #: Above this share of the energy, half of the torque, the arm's dynamics do not make it.
 UNRELATED = 0.25
 #: A joint contradicts its neighbours where one arm leaves so many times the energy that the joint's own

@@ -41,7 +41,7 @@ _LIMIT = Field("numbers", "joints")
 _DH = Field("numbers", "joints", needed=True)
 TOP = {
     "title": Field("text", needed=True),
-    "torque_side": Field("text", hint='"link" or "motor"'),
+    "torque_side": Field("text", hint='"link", "motor" or "unknown"'),
     "links": Field("whole"),
     "effects": Field("texts", hint='["rigid_body", "viscous_friction"]'),
 }

@@ -246,4 +246,5 @@ def _from_urdf(path: Path) -> Problem:
     bodies = link_bodies(robot, box[:, 1:4], given_links, link_geometry(path))
     nominal, sources = plausible_links(robot, given_links, bodies)
     title = f"{robot.name} from {path.name}"
-    return Problem(robot.name, title, robot, box, nominal, bodies=bodies, nominal_from=sources)
+    known = Problem(robot.name, title, robot, box, nominal, bodies=bodies, nominal_from=sources)
+    return replace(known, torque_side="unknown")

@@ -68,6 +68,14 @@ class CentreOfMassCone:
         return cls(link, "xyz".index(axis), float(data["radius"]), float(data["slope"]))
 
 
+#: Where the torque is measured, as in problem.toml, and in words; a URDF does not say.
+_TORQUE_SIDES = {
+    "link": "measured on the link side",
+    "motor": "measured on the motor side",
+    "unknown": "measured on the link's or the motor's side",
+}
+
+
 @dataclass(frozen=True, repr=False)
 class Problem(Shown):
     """What is known of a robot before anything is measured.
@@ -129,8 +137,8 @@ class Problem(Shown):
                 raise InputError(
                     f"centre_of_mass_cone names link {cone.link + 1}, there are {n}", "correct the link"
                 )
-        if self.torque_side not in ("link", "motor"):
-            raise unknown("torque_side", self.torque_side, ("link", "motor"))
+        if self.torque_side not in _TORQUE_SIDES:
+            raise unknown("torque_side", self.torque_side, tuple(_TORQUE_SIDES))
 
     @cached_property
     def link_defaults(self) -> Array:
@@ -171,19 +179,22 @@ class Problem(Shown):
 
     @property
     def default_effects(self) -> tuple[str, ...]:
-        """Those that the problem names, else the usual four, and the rotor's inertia where the torque
-        is measured before the gear.
+        """Those that the problem names, else the usual four and the rotors' inertia, unless the torque
+        is known to be measured on the link side. Else links would have to be heavy enough to make it: a
+        UR10e's come out at 60 kg instead of 28. On the Panda, link side, its size comes out as 0. Where
+        nobody knows the side, one joint's cannot be told from what it moves, and is left out.
         """
         if self.effects is not None:
             return self.effects
-        return DEFAULT_EFFECTS + (("rotor_inertia",) if self.torque_side == "motor" else ())
+        geared = self.torque_side == "motor" or (self.torque_side == "unknown" and self.robot.n > 1)
+        return DEFAULT_EFFECTS + (("rotor_inertia",) if geared else ())
 
     def _summary(self) -> Summary:
         joints = [f"{j.name} ({j.kind})" for j in self.robot.joints]
         gravity = ", ".join(f"{x:.4g}" for x in self.robot.gravity)
         return f"Problem: {self.name}, {self.title}", [
             ("joints", f"{len(joints)}: {', '.join(joints)}"),
-            ("torque", f"measured on the {self.torque_side} side; gravity ({gravity}) m/s^2"),
+            ("torque", f"{_TORQUE_SIDES[self.torque_side]}; gravity ({gravity}) m/s^2"),
             ("default effects", ", ".join(self.default_effects)),
         ]
 

@@ -34,7 +34,8 @@ def least_squares(
             asked, answer = x.copy(), at(x)
         return answer
 
-    with np.errstate(invalid="ignore", over="ignore"):  # SciPy's reflected step, which it discards
+    # SciPy's reflected step, which it discards, and its step along a gradient of 0.
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         found = optimize.least_squares(
             lambda x: both(x)[0], np.clip(start, *ends), lambda x: both(x)[1],
             bounds=ends, xtol=xtol, ftol=ftol, gtol=None, max_nfev=steps,

@@ -1,4 +1,4 @@
-"""Noise as an autoregression: its coefficients from residuals, also where columns were projected out."""
+"""Noise as an autoregression: its coefficients from residuals, and what it leaves of a series."""
 
 from __future__ import annotations
 
@@ -7,14 +7,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, sparse
+from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.kernels import fast_length
 
 ORDER = 4
-#: Lags after which the noise has forgotten, and steps of its estimate beside other columns.
-_MEMORY, _STEPS = 64, 4
 
 
 class Pieces(tuple[NDArray[np.intp], ...]):
@@ -71,88 +68,3 @@ def autoregression(x: Array, pieces: Sequence[NDArray[np.intp]]) -> tuple[Array,
     sigma = float(np.sqrt(rest @ rest / (count - ORDER)))
     smallest = max(1e-9 * float(np.abs(x).max(initial=1.0)), 1e-15)
     return np.asarray(a, float), max(sigma, smallest), float(count - ORDER)
-
-
-def beside(
-    rest: Array, pieces: Sequence[NDArray[np.intp]], nuisance: Array
-) -> tuple[float, Array, float, int]:
-    """Standard deviation, AR coefficients and innovation of noise of which ``rest`` is what the
-    columns ``nuisance`` leave; and the rank of those.
-
-    Slow columns take slow noise with them: the autoregression of the rest shows too little of it. The
-    coefficients are those whose expected products of lags, once the columns are projected out, are
-    the ones found (a few steps of indirect inference: Gourieroux, Monfort, Renault 1993).
-    """
-    u, values, _ = np.linalg.svd(nuisance, full_matrices=False)
-    Q = u[:, values > 1e-9 * values[:1].sum()] if values.any() else u[:, :0]
-    count = sum(len(p) for p in pieces)
-    found, sigma, _ = autoregression(rest, pieces)
-    energy = float(sum(np.sum(rest[p] ** 2) for p in pieces))
-    if not found.any() or not Q.shape[1] or energy == 0.0:
-        left = max(count - Q.shape[1], 1)
-        return float(np.sqrt(energy / left)), found, sigma * np.sqrt(count / left), Q.shape[1]
-    a, best = found, found
-    for _ in range(_STEPS):
-        products = _expected_products(a, pieces, Q)
-        expected = np.linalg.solve(products[1:, 1:], products[1:, 0])
-        a = best = a + found - expected
-        if not _stationary(a):
-            a = best = found
-            break
-    products = _expected_products(best, pieces, Q)
-    whitener = np.concatenate([[1.0], -found])
-    used = sum(max(len(p) - ORDER, 0) for p in pieces)
-    size = sigma * np.sqrt((used - ORDER) / (whitener @ products @ whitener))
-    variance = _autocovariance(best)[0]
-    seen = _expected_energy(best, pieces, Q) / variance
-    return float(np.sqrt(energy / max(seen, 1.0))), best, float(size), Q.shape[1]
-
-
-def _stationary(a: Array) -> bool:
-    return bool(np.all(np.abs(np.roots(np.concatenate([[1.0], -a]))) < 0.99))
-
-
-def _autocovariance(a: Array) -> Array:
-    """(_MEMORY,) autocovariances of the autoregression driven by white noise of unit variance."""
-    impulse = np.zeros(4 * _MEMORY)
-    impulse[0] = 1.0
-    recursion = np.tile(np.concatenate([[1.0], -a])[:, None], len(impulse))
-    response = linalg.solve_banded((len(a), 0), recursion, impulse)
-    return np.correlate(response, response, mode="full")[len(response) - 1 :][:_MEMORY]
-
-
-def _with_covariance(a: Array, pieces: Sequence[NDArray[np.intp]], Q: Array) -> Array:
-    """The noise's covariance, pieces apart from each other, times Q (M, r)."""
-    half = _autocovariance(a)
-    kernel = np.concatenate([half[:0:-1], half])
-    out = np.zeros_like(Q)
-    for piece in pieces:
-        if len(piece):
-            length = fast_length(len(piece) + len(kernel) - 1)
-            spectrum = np.fft.rfft(Q[piece], length, axis=0) * np.fft.rfft(kernel, length)[:, None]
-            full = np.fft.irfft(spectrum, length, axis=0)
-            out[piece] = full[_MEMORY - 1 : _MEMORY - 1 + len(piece)]
-    return out
-
-
-def _expected_products(a: Array, pieces: Sequence[NDArray[np.intp]], Q: Array) -> Array:
-    """(ORDER + 1, ORDER + 1) of E sum_t y(t - i) y(t - k), y noise with the columns Q projected out.
-
-    E y y' = (1 - Q Q') C (1 - Q Q') with C the covariance for innovations of unit variance.
-    """
-    covariance, G = _autocovariance(a), _with_covariance(a, pieces, Q)
-    H = Q.T @ G
-    lags = range(ORDER + 1)
-    pieces = pieces if isinstance(pieces, Pieces) else Pieces(pieces)
-    lagged = [pieces.predicted, *pieces.past]
-    q, g = Q[lagged], G[lagged]
-    mixed = np.tensordot(q, g, axes=([1, 2], [1, 2]))
-    own = len(pieces.predicted) * covariance[np.abs(np.subtract.outer(lags, lags))]
-    return np.asarray(own + np.tensordot(q @ H, q, axes=([1, 2], [1, 2])) - mixed - mixed.T)
-
-
-def _expected_energy(a: Array, pieces: Sequence[NDArray[np.intp]], Q: Array) -> float:
-    """E y'y of the same noise."""
-    G = _with_covariance(a, pieces, Q)
-    count = sum(len(p) for p in pieces)
-    return float(count * _autocovariance(a)[0] - np.sum(Q * G))

@@ -193,31 +193,12 @@ def _near(points: Array, rows: Array, reach: float) -> NDArray[np.bool_]:
 
 
 def _straight(rows: Array, beside: float) -> Array:
-    """Rows between which straight lines pass all the others within ``beside`` in every coordinate."""
-    kept, last = [0], len(rows) - 1
-    while kept[-1] < last:
-        start, reach = kept[-1], 1
-        while start + reach < last and _passes(rows[start : start + 2 * reach + 1], beside):
-            reach *= 2
-        low, high = start + max(reach // 2, 1), min(start + reach, last)
-        while low < high:  # the farthest row to which the line still passes; one step always does
-            middle = (low + high + 1) // 2
-            low, high = (
-                (middle, high) if _passes(rows[start : middle + 1], beside) else (low, middle - 1)
-            )
-        kept.append(low)
-    return rows[kept]
-
-
-def _passes(rows: Array, beside: float) -> bool:
-    """Whether the line from the first row to the last passes all between them within ``beside``."""
-    away = rows - rows[0]
-    along = away[-1].copy()
-    length = float(along @ along)
-    if length > 0.0:
-        share = np.minimum(np.maximum(away @ along / length, 0.0), 1.0)
-        away -= share[:, None] * along
-    return bool(np.abs(away).max() <= beside)
+    """Rows between which straight lines pass all the others within ``beside``: halved until they do."""
+    line = rows[0] + np.linspace(0.0, 1.0, len(rows))[:, None] * (rows[-1] - rows[0])
+    if len(rows) < 3 or np.abs(rows - line).max() <= beside:
+        return rows[[0, -1]] if len(rows) > 1 else rows
+    half = len(rows) // 2
+    return np.concatenate([_straight(rows[: half + 1], beside)[:-1], _straight(rows[half:], beside)])
 
 
 def _filled(lines: Iterable[Array], spacing: float) -> Array:

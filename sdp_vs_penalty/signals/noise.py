@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.autoregression import ORDER, Pieces, autoregression, beside, innovations
+from sdp_vs_penalty.signals.autoregression import ORDER, Pieces, autoregression, innovations
 from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import (
     Repeat,
@@ -173,8 +173,11 @@ def _from_repetition(
         pieces = _without(every, stuck[:, j])
         rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n, comes_back)
         steady = Pieces(p[good[p]] for p in pieces)
-        floor[j], ar[j], sigma[j], rank = beside(rest, steady, drift * good[:, None])
-        degrees[j] = max(share * autoregression(rest, steady)[2] - rank, 1.0)
+        ar[j], own, free = autoregression(rest, steady)
+        count, rank = sum(map(len, steady)), int(np.linalg.matrix_rank(drift * good[:, None]))
+        left = max(count - rank, 1)  # slow columns take noise with them
+        floor[j] = np.sqrt(sum(np.sum(rest[p] ** 2) for p in steady) / left)
+        sigma[j], degrees[j] = own * np.sqrt(count / left), max(share * free - rank, 1.0)
         # Known on the rows that repeat, wanted on all.
         white = innovations(rest, ar[j], steady)
         swell = noise_profile(white, rates[j][index], rates[j])

@@ -98,8 +98,8 @@ def scattered(size: int, indices: NDArray[np.intp], terms: Enclosure) -> Enclosu
 def in_cone(cone: str, multipliers: Array) -> Enclosure:
     """Multipliers (g, ...) that lie in their (self-dual) cone exactly, near those given."""
     if cone == "psd":
-        factor = _factor(0.5 * (multipliers + np.swapaxes(multipliers, 1, 2)))
-        return product(factor, np.swapaxes(factor, 1, 2))
+        v = factor(0.5 * (multipliers + np.swapaxes(multipliers, 1, 2)))
+        return product(v, np.swapaxes(v, 1, 2))
     if cone == "soc":
         across = np.asarray(multipliers[:, 1:], Long)
         norm = np.sqrt(product(across[:, None], across[:, :, None]).upper[:, :, 0])
@@ -108,12 +108,15 @@ def in_cone(cone: str, multipliers: Array) -> Enclosure:
     return Enclosure.exact(np.maximum(multipliers, 0.0))
 
 
-def _factor(matrices: Array) -> Array:
-    """V (g, d, d) with V V^T near symmetric matrices; near their projections where one is indefinite."""
+def factor(matrices: Array) -> Array:
+    """V (g, d, d) with V V^T near symmetric matrices; near their projections where one is indefinite,
+    seen with a diagonal of size one: what is near does not depend on units."""
     out, used = np.zeros_like(matrices), matrices.any(axis=(1, 2))
     try:
         out[used] = np.linalg.cholesky(matrices[used])  # near entry by entry, in any system of units
     except np.linalg.LinAlgError:
-        eigenvalues, vectors = np.linalg.eigh(matrices)
-        out = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None]
+        size = np.sqrt(np.abs(np.diagonal(matrices, axis1=1, axis2=2)))
+        size = np.where(size > 0.0, size, 1.0)[:, :, None]
+        eigenvalues, vectors = np.linalg.eigh(matrices / size / np.swapaxes(size, 1, 2))
+        out = size * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None]
     return out

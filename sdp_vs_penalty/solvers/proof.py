@@ -31,6 +31,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.certificate import DualEvidence, dual_evidence
+from sdp_vs_penalty.solvers.enclosure import factor
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 Proof = dict[str, Any]
@@ -216,7 +217,8 @@ def _proof(
     """A stated problem with its multipliers."""
     links = () if entropy is None else entropy.links
     proved = []
-    for c, own, dual in zip(constraints, problem["constraints"], _duals(evidence), strict=True):
+    duals = _duals(constraints, evidence)
+    for c, own, dual in zip(constraints, problem["constraints"], duals, strict=True):
         slopes = zip(links, evidence.entropy_slopes, strict=True)
         roots = [np.linalg.cholesky(0.5 * (s + s.T)) for link, s in slopes if link is c]
         pulls = [{**e, "dual": _gram(root)} for e, root in zip(own["entropy"], roots, strict=True)]
@@ -225,14 +227,12 @@ def _proof(
     return {**about, **problem, "constraints": proved}
 
 
-def _duals(evidence: DualEvidence) -> list[Any]:
+def _duals(constraints: Sequence[Constraint], evidence: DualEvidence) -> list[Any]:
     """Of the constraints as they are, each inside its cone exactly: V V^T for a matrix."""
     out = []
-    for c, multiplier, t in zip(
-        evidence.constraints, evidence.multipliers, evidence.scales, strict=True
-    ):
-        if t is not None:  # the balanced S is T^-1 S T^-1
-            out.append(_gram(t[:, None] * _factor(multiplier)))
+    for c, multiplier in zip(constraints, evidence.multipliers, strict=True):
+        if c.cone == "psd":
+            out.append(_gram(factor(0.5 * (multiplier + multiplier.T)[None])[0]))
         elif c.cone == "soc":
             across = [Fraction(float(x)) for x in multiplier[1:]]
             axis, square = Fraction(float(multiplier[0])), sum((x * x for x in across), Fraction(0))
@@ -242,12 +242,6 @@ def _duals(evidence: DualEvidence) -> list[Any]:
         else:
             out.append(_texts(np.maximum(multiplier, 0.0)))
     return out
-
-
-def _factor(multiplier: Array) -> Array:
-    """V with V V^T near a symmetric matrix, its negative eigenvalues left out."""
-    values, vectors = np.linalg.eigh(0.5 * (multiplier + multiplier.T))
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _gram(factor: NDArray[np.floating]) -> list[str]:

@@ -62,10 +62,10 @@ def test_the_record_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     wild = run_of(10, 120.0)
     smooth = np.convolve(rng.normal(size=len(wild.t) + 200), np.hanning(201), "valid")
     wild.q[:, 0] = smooth / smooth.std()
-    monkeypatch.setattr(motion, "_MOST", 12_000)
+    monkeypatch.setattr(motion, "_MOST", 14_000)
     record = record_motion(wild, SETTINGS)
     assert record is not None
-    assert 2 * JOINTS * record.points <= 12_000
+    assert 2 * JOINTS * record.points <= 14_000
     assert record.distance > motion.DISTANCE
     assert record.new_share_of(wild, SETTINGS) == 0.0
     monkeypatch.setattr(motion, "_MOST", 100)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.formats.columns import Choice, check_size, understood
+from sdp_vs_penalty.data.formats.columns import Choice, understood
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, Growing, joined, parts
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -80,12 +80,8 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
         clocks.append(np.frombuffer(stamps.tobytes(), np.int64).reshape(-1, 2))
         del rows[:], stamps[:]
 
-    count = unpacked = 0
-    files = [f for f in path.iterdir() if f.is_file()] if path.is_dir() else [path]
-    packed = sum(file.stat().st_size for file in files)
+    count = 0
     for connection, recorder_time, raw in reader.messages(connections=connections):
-        unpacked += len(raw)
-        check_size(path, unpacked, packed)
         message = reader.deserialize(raw, connection.msgtype)
         own = [str(name) for name in message.name]
         if names is None:

@@ -28,14 +28,6 @@ GROUPS = ("q", "dq", "tau", "temp", *COMMANDED)
 #: Groups that are taken where they are whole: other logs call other things so.
 _WHOLE = ("temp", "current", "voltage")
 
-#: Numbers of one file above which it is refused: 4 GiB of doubles.
-LARGEST = 2**29
-
-
-#: A bomb is a file that unpacks to more bytes than this, and to so many times its size: zeros reach
-#: 1000, measured channels 3 to 20.
-_WORTH_A_LOOK, _TIGHTEST = 2**27, 200
-
 
 @dataclass(frozen=True)
 class Choice:
@@ -48,20 +40,6 @@ class Choice:
     joints: Sequence[str] | None = None
     topic: str | None = None
     rename: Mapping[str, str] | None = None
-
-
-def check_size(path: Path, unpacked: int, packed: int) -> None:
-    """InputError for a compressed file that would fill the memory; sizes in bytes."""
-    if unpacked > 8 * LARGEST:
-        raise InputError(
-            f"unpacks to {unpacked / 2**30:.0f} GiB", "split it into files below 4 GiB", path
-        )
-    if unpacked > _WORTH_A_LOOK and unpacked > _TIGHTEST * packed:
-        raise InputError(
-            (f"unpacks from {packed / 2**20:.1f} to {unpacked / 2**20:.0f} MiB, unlike measurements"),
-            "name a file of measurements",
-            path,
-        )
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.columns import Choice, Header, check_size, columns_of, understood
+from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of, understood
 from sdp_vs_penalty.data.measurements import Measurements, gathered
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -51,7 +51,7 @@ def _pieces(
 
 
 def _numeric_columns(path: Path, file: Any) -> list[str]:
-    """The columns worth reading; InputError for names that come twice and for files that would burst.
+    """The columns worth reading; InputError for names that come twice.
 
     Texts are not read at all: one that is stored once can come in every row.
     """
@@ -59,10 +59,6 @@ def _numeric_columns(path: Path, file: Any) -> list[str]:
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"column {name} comes twice", "rename one of them", path)
-    metadata = file.metadata
-    stored = sum(metadata.row_group(k).total_byte_size for k in range(metadata.num_row_groups))
-    numbers = 8 * metadata.num_rows * metadata.num_columns
-    check_size(path, max(numbers, stored), path.stat().st_size)
     return [field.name for field in file.schema_arrow if _is_number(field.type)]
 
 
