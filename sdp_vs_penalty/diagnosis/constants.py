@@ -29,9 +29,8 @@ APART = 10.0
 EQUIVALENT = 6.0
 #: A law is right to this share of what it explains: so much of it looks like something else.
 FORM = 0.04
-#: Candidates that are looked at closely; and of a candidate's laws those that take at least this share
-#: of what its best one takes.
-LOOKED_AT, LIKELY = 10, 0.9
+#: Candidates that are looked at closely.
+LOOKED_AT = 10
 #: Share of a joint's rows at standstill from which the law of what holds it is looked for.
 STANDS = 0.02
 
@@ -72,15 +71,12 @@ HARMONIC = 0.02
 
 #: Relative standard deviation of a size from which it is uncertain.
 UNCERTAIN = 0.2
-#: Share of an effect's energy that the model makes, from which nobody sees it beside the model; and that
-#: other findings make, from which its size is not its own: standard deviations are then 32 and 2.2 times
-#: as large as alone, 1 / sqrt(1 - share).
-INVISIBLE, SHARED = 1.0 - ABSORBED, 0.8
+#: Share of an effect's energy that other findings make, from which its size is not its own: its standard
+#: deviation is then 2.2 times as large as alone, 1 / sqrt(1 - share).
+SHARED = 0.8
 #: Standard deviations from which a size is not what its effect says is plausible, and a constant another
 #: one ("three sigma").
 FAR = 3.0
-#: Share by which a shape constant has to move: less makes no other torque.
-MOVES = 0.05
 
 # Events.
 

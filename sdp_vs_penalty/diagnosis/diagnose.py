@@ -15,13 +15,13 @@ from sdp_vs_penalty.diagnosis.conclude import Found, conclude, what_is_left
 from sdp_vs_penalty.diagnosis.constants import OUTSIDE, RAISES
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.held_out import HeldOut, folds_of, lowers, on_folds, on_test, raises
+from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers, on_folds, on_test, raises
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.retunes import shape_estimate, told
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import size_of_term
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare, with_estimate
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
@@ -190,7 +190,7 @@ def _offered(search: Search, judge: _Judge) -> Found:
     parts = in_parts(final)
     if not left.matters and not parts:
         return found
-    curves = measured_curves(final, left.matters, parts, folds_of(final.data))
+    curves = measured_curves(final, left.matters, parts, folds_of(final.data.rows))
     return _with_curves(found, curves, judge)
 
 

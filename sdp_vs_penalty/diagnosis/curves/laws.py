@@ -92,8 +92,6 @@ def _of_one(axis: Axis) -> list[Law]:
     x = _name(axis)
     if axis.is_sign:
         return [_sum([lambda v: v], [x])]
-    if axis.is_phase:
-        return _of_phase(axis)
     span, largest = axis.high - axis.low, max(abs(axis.low), abs(axis.high))
     widths = [(float(w),) for w in np.geomspace(0.01, 3.0, 20) * largest]
     names = [x, f"{x}^2", f"{x}^3"]
@@ -141,23 +139,6 @@ def _of_one(axis: Axis) -> list[Law]:
         ),
     ]
     return out
-
-
-def _of_phase(axis: Axis) -> list[Law]:
-    """One wave, and the first with the second, of the position."""
-    k, q = axis.variable.order, f"q{axis.variable.joint + 1}"
-
-    def wave(*orders: int) -> Law:
-        def terms(p: Sequence[Array] | Array, _: Array) -> list[Array]:
-            return [g(k * p[0]) for g in (np.sin, np.cos) for k in orders]
-
-        def text(a: Array, _: Array) -> str:
-            pairs = zip(np.reshape(a, (2, -1)).T, orders, strict=True)
-            return " + ".join(_wave(pair, f"{_number(h * k)} {q}") for pair, h in pairs)
-
-        return Law(terms, text)
-
-    return [wave(1), wave(2), wave(3), wave(1, 2)]
 
 
 def _of_two(first: Axis, second: Axis) -> list[Law]:

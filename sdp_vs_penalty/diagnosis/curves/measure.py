@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import APART, EQUIVALENT, FORM
-from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
+from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables, pairs_of
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
 from sdp_vs_penalty.diagnosis.curves.formula import LawFit, law_of, recognised, written
 from sdp_vs_penalty.diagnosis.curves.laws import Law
@@ -95,9 +95,7 @@ def measured_curves(
     """The curves of joints (from 0) on which something is ``left``, each beside all terms or instead of
     those of its joint alone; and of joints whose terms may be ``parts`` of one, instead of them.
     fold (M,) : for the values without each fold."""
-    data, model = search.data, search.data.estimate.model
-    effects = [*model.effects, *(t.form.effect for t in search.terms)]
-    variables = Variables(data.rows, model.robot, effects)
+    variables = Variables(search.data.rows, search.data.estimate.robot)
     out: list[Measured] = []
     terms = list(search.terms)
     for joint in dict.fromkeys([*left, *parts]):
@@ -148,7 +146,11 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
     have = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
     curves = [e for e in have if isinstance(e, MeasuredCurve) and joint in e.joints]
     taken = {tuple(v.name for v in e.variables(joint)) for e in curves}
-    others = [v for v in variables.of(joint) if tuple(x.name for x in v) not in taken]
+    others = [
+        v
+        for v in pairs_of(joint, variables.robot, variables.warm)
+        if tuple(x.name for x in v) not in taken
+    ]
     every = [b for v in others if (b := variables.basis(v)) is not None]
     gains = np.ones(data.n) if data.rows.gains is None else np.array(data.rows.gains)
 
