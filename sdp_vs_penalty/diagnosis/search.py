@@ -7,20 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.constants import APART, EQUIVALENT, FORM, LOOKED_AT
+from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM, LOOKED_AT, STEPS, TURNS
 from sdp_vs_penalty.diagnosis.library import Form, Key, Library, eligible
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Steps at most.
-STEPS = 30
 #: Shape constants are refined on a lattice: ratio of neighbours at first, and how often it is halved, of
 #: candidates and of what is taken.
 _FIRST, _COARSE, _FINE = 1.6, 3, 5
-#: How often a constant that is as large as its effect (a delay's) is made so.
-_SIZED = 2
 
 
 class Search:
@@ -55,7 +51,8 @@ class Search:
             if name not in fixed:
                 best = self._along(fit, best, name, halvings)
         sized = best.form.effect.sized_shape
-        for _ in range(_SIZED if sized and sized not in fixed and len(best.beta) else 0):
+        # A constant that is as large as its effect, such as a delay's, is made so.
+        for _ in range(TURNS if sized and sized not in fixed and len(best.beta) else 0):
             effect = best.form.effect
             value = float(f"{effect.as_sized(float(best.beta[0])):.6g}")
             if effect.shapes[sized].complaint(value):
@@ -181,6 +178,12 @@ class Search:
                 break
         return terms
 
+    def worth(self, group: Sequence[Term], rest: Sequence[Term]) -> float:
+        """The score of terms together: of each beside the rest and those before it."""
+        fits = [self.score.fit([*rest, *group[:i]], self.fit.level) for i in range(len(group))]
+        pairs = zip(fits, group, strict=True)
+        return sum(self.score.judged(fit, g.form, g.columns).J for fit, g in pairs)
+
     def exchanged(self, terms: Sequence[Term]) -> list[Term] | None:
         """One term for another, or for two others, where that is as good and simpler, or better; else
         None, and every term knows its rivals."""
@@ -188,12 +191,9 @@ class Search:
         told = []
         for group in [*([t] for t in terms), *pairs]:
             rest = [t for t in terms if t not in group]
-            fit, total = self.score.fit(rest, self.fit.level), 0.0
-            for i, g in enumerate(group):
-                beside = fit if i == 0 else self.score.fit(rest + group[:i], self.fit.level)
-                total += self.score.judged(beside, g.form, g.columns).J
+            fit, total = self.score.fit(rest, self.fit.level), self.worth(group, rest)
             joints = frozenset[int]().union(*(g.joints for g in group))
-            found = self.top_candidates(fit, rest, 4, joints, total)
+            found = self.top_candidates(fit, rest, CLOSELY, joints, total)
             if len(group) == 1:
                 told.append(replace(group[0], rivals=self.equivalent(group[0], total, found)))
             own = {g.key for g in group}

@@ -21,6 +21,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.causes import (
     NAMED_SHARE,
     NEAR,
+    REVERSAL,
     Stretch,
     cause_columns,
     failing_stretches,
@@ -89,8 +90,6 @@ class JointFailure(Plain):
 
 #: Quantities at most that are named as what the error depends on.
 _MOST_NAMED = 3
-#: Times by which the error near reversals has to be larger than elsewhere to be worth a sentence.
-_NAMED_LIFT = 1.3
 
 
 def dependences(failure: JointFailure) -> list[tuple[str, float]]:
@@ -101,12 +100,13 @@ def dependences(failure: JointFailure) -> list[tuple[str, float]]:
 
 def sentences(failure: JointFailure, unit: str) -> list[str]:
     """Where one joint's error is large, in words; unit : of its torque."""
-    named = [f"{name} ({100.0 * share:.0f} %)" for name, share in dependences(failure)]
+    found = dependences(failure)
+    named = [f"{name} ({100.0 * share:.0f} %)" for name, share in found]
     if named:
         out = [f"The error depends most on {words(named)}."]
     else:
         out = [f"No cause explains {100.0 * NAMED_SHARE:.0f} % of the error."]
-    if failure.reversal_lift >= _NAMED_LIFT:
+    if REVERSAL in dict(found) and failure.reversal_lift > 1.0:
         out.append(
             f"Within {NEAR:g} s of the joint's reversals it is {failure.reversal_lift:.2g} times as "
             "large as elsewhere."

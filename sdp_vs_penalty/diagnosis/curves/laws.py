@@ -11,8 +11,8 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Steps of a scan over a constant, and over each of two.
-_SCAN, _SCAN_TWO = 60, 14
+#: Steps of a scan over a constant; a quarter as many over each of two.
+_SCAN = 56
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def _of_one(axis: Axis) -> list[Law]:
             lambda a, b: f"{_number(a[0])} exp(-(({x} - {_number(b[0])}) / {_number(abs(b[1]))})^2)",
             [
                 (float(c), float(w))
-                for c in np.linspace(axis.low, axis.high, 2 * _SCAN_TWO)
+                for c in np.linspace(axis.low, axis.high, _SCAN // 2)
                 for w in np.geomspace(0.03, 0.5, 8) * span
             ],
         ),
@@ -196,7 +196,7 @@ def _travelling(first: Axis, second: Axis, x: str, y: str) -> Law:
     one, two = (_fastest(axis) for axis in (first, second))
     starts = [
         (float(k), float(w))
-        for k in np.linspace(0.0, one, _SCAN_TWO)[1:]
-        for w in np.linspace(-two, two, 2 * _SCAN_TWO)
+        for k in np.linspace(0.0, one, _SCAN // 4)[1:]
+        for w in np.linspace(-two, two, _SCAN // 2)
     ]
     return Law(terms, text, starts)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import APART, EQUIVALENT, FORM
+from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables, pairs_of
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
 from sdp_vs_penalty.diagnosis.curves.formula import LawFit, law_of, recognised, written
@@ -22,8 +22,8 @@ from sdp_vs_penalty.effects.effect import follows_alone
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Curves of a joint that are fitted on exact columns, and curves of a joint at most.
-_CLOSE, _MOST = 4, 2
+#: Curves of a joint at most.
+_MOST = 2
 
 
 #: The score of a curve, the curve, and the law that it is.
@@ -104,7 +104,7 @@ def measured_curves(
             rest = [t for t in terms if t not in own]
             beside = _best(search, terms, joint, variables) if joint in left else None
             alone = _best(search, rest, joint, variables) if own else None
-            if alone is not None and _instead(own, alone, beside):
+            if alone is not None and _instead(search.worth(own, rest), own, alone, beside):
                 beside, terms = alone, rest
             else:
                 own = []
@@ -117,12 +117,11 @@ def measured_curves(
     return out
 
 
-def _instead(own: Sequence[Term], alone: _Rated, beside: _Rated | None) -> bool:
-    """Whether a curve alone stands in the place of a joint's terms: where these need a curve besides, or
-    have more constants than its law, it only has to be as good."""
+def _instead(worth: float, own: Sequence[Term], alone: _Rated, beside: _Rated | None) -> bool:
+    """Whether a curve alone stands in the place of a joint's terms, worth so much: where these need a
+    curve besides, or have more constants than its law, it only has to be as good."""
     J, _, law = alone
-    # A term that others make by now is worth nothing: its score is minus infinity.
-    named = sum(max(t.J, 0.0) for t in own) + (0.0 if beside is None else beside[0])
+    named = max(worth, 0.0) + (0.0 if beside is None else beside[0])
     least = EQUIVALENT + FORM * named
     simpler = law is not None and law.size < sum(t.form.k + t.form.constants for t in own)
     return named + (-least if beside is not None or simpler else least) < J
@@ -160,7 +159,7 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
         return smoothed(basis, raw, columns, len(every))
 
     rough = sorted((fitted(b, variables.coarse(b), False) for b in every), key=lambda f: -f.J)
-    close = [f for n in (1, 2) for f in [f for f in rough if len(f.basis.axes) == n][: _CLOSE // 2]]
+    close = [f for n in (1, 2) for f in [f for f in rough if len(f.basis.axes) == n][: CLOSELY // 2]]
     exact = [fitted(f.basis, variables.exact(f.basis), True) for f in close if f.J > APART]
 
     def on_rows(law: Law, constants: Array, basis: Basis) -> Array:
