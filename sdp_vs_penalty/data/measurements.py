@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ from sdp_vs_penalty.data.store import PART, Growing, joined, parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, repr=False)
@@ -40,8 +42,7 @@ class Measurements(Shown):
     temperature: Array | None = None
     commanded: Mapping[str, Array] = field(default_factory=dict)
     torque_logged: bool = True
-    #: What has been worked out of these samples and is needed again.
-    derived: dict[str, Any] = field(default_factory=dict, init=False, compare=False)
+    _known: dict[Hashable, Any] = field(default_factory=dict, init=False, compare=False)
 
     @classmethod
     def of(
@@ -88,6 +89,13 @@ class Measurements(Shown):
         tau = self.tau if self.torque_logged else None
         blocks = {"q": self.q, "dq": self.dq, "tau": tau, "temp": self.temperature, **self.commanded}
         return {name: block for name, block in blocks.items() if block is not None}
+
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What is worked out of these samples and needed again, under a key of its own."""
+        if key not in self._known:
+            self._known[key] = make()
+        found: T = self._known[key]
+        return found
 
     def runs(self) -> list[Measurements]:
         """The single runs, in order; the same ones each time."""

@@ -2,134 +2,70 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion
 from sdp_vs_penalty.effects.model import depends
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.kernels import Decimator
 
-#: Columns that are low-passed together, and from how many on an effect's are so for each joint.
-_AT_ONCE, _WIDE = 64, 12
-#: Rows of a wide effect that are worked out together.
-_ROWS = 256
-#: For how many widths of signs columns are kept, and how much of what was asked for one by one [bytes].
-_WIDTHS, _MOST_KEPT = 2, 48_000_000
-
-
-class _Widths(tuple[float, ...]):
-    """The velocities over which the joints' signs turn; asked : those that an effect has looked at."""
-
-    def __init__(self, _: Iterable[float]) -> None:
-        self.asked: dict[int, float] = {}
-
-    def __getitem__(self, joint: Any) -> Any:
-        self.asked[joint] = super().__getitem__(joint)
-        return self.asked[joint]
-
-    def same(self, asked: dict[int, float]) -> bool:
-        """Whether these are the widths that were asked for; nobody has looked at them."""
-        return all(super(_Widths, self).__getitem__(j) == width for j, width in asked.items())
+#: Effects low-passed together; parameters from which on one is so by itself, a few rows at a time.
+_AT_ONCE, _WIDE, _ROWS = 32, 12, 256
+#: Effects whose columns are kept.
+_MOST = 1024
 
 
 class Columns:
     """parts : low-pass (M, N) and motion of each segment; before : the same of another model, from which
-    columns of the motion alone are taken over, for each set of those widths of signs that they ask for.
-    """
+    columns of the motion alone are taken over."""
 
-    def __init__(
-        self, parts: Sequence[tuple[Decimator, Motion]], n: int, before: Columns | None = None
-    ) -> None:
-        self._of_motion: dict[Hashable, Any] = {} if before is None else before._of_motion
-        self._of_model: dict[Hashable, Any] = {}
-        self._low_passes, self._own = [d for d, _ in parts], [motion for _, motion in parts]
-        self._widths = _Widths(motion.width(j) for motion in self._own[:1] for j in range(n))
-        self._watched = [replace(motion, sign_width=self._widths) for motion in self._own]
+    def __init__(self, parts: Sequence[tuple[Decimator, Motion]], before: Columns | None = None) -> None:
+        self._parts = parts
+        #: What is known of the motion alone and, with the model's torque and links, of this model.
+        self._kept: tuple[dict[Hashable, tuple[Effect, list[Block]]], ...]
+        self._kept = ({} if before is None else before._kept[0], {})
 
     def of(self, effects: Sequence[Effect]) -> list[list[Block]]:
         """Blocks of (M, k) of the true torque, of each effect."""
-        out = [self._known(effect) for effect in effects]
-        waiting: list[tuple[int, list[list[Block]], dict[int, float]]] = []
-        missing, size = [place for place, known in enumerate(out) if known is None], 0
-        for place in missing:
-            effect = effects[place]
-            self._widths.asked.clear()
-            if depends(effect) or effect.has_memory or len(effect.parameters) < _WIDE:
-                motions = self._own if depends(effect) else self._watched
-                made = [effect.blocks(m) for m in motions]
-                waiting.append((place, made, dict(self._widths.asked)))
-                size += sum(b.columns.shape[1] for b in made[0])
-            else:
-                blocks = out[place] = self._by_parts(effect)
-                self._keep(effect, blocks, dict(self._widths.asked), len(effects) > 1)
-            if not waiting or (size < _AT_ONCE and place != missing[-1]):
-                continue
-            passed = iter(self._low_passed([made for _, made, _ in waiting]))
-            for at, made, asked in waiting:
-                blocks = [Block(b.joint, b.parameters, next(passed)) for b in made[0]]
-                self._keep(effects[at], blocks, asked, len(effects) > 1)
-                out[at] = blocks
-            size = 0
-            waiting.clear()
-        return [blocks for blocks in out if blocks is not None]
+        found = [self._known(effect) for effect in effects]
+        missing = [k for k, known in enumerate(found) if known is None]
+        wide = [k for k in missing if self._by_parts(effects[k])]
+        narrow = [k for k in missing if k not in wide]
+        lots = [[k] for k in wide] + [narrow[k : k + _AT_ONCE] for k in range(0, len(narrow), _AT_ONCE)]
+        for lot in lots:
+            made = self._made([effects[k] for k in lot], lot[0] in wide)
+            for k, blocks in zip(lot, made, strict=True):
+                found[k] = blocks
+                kept = self._kept[depends(effects[k])]
+                kept[self._key(effects[k])] = effects[k], blocks
+                while len(kept) > _MOST:
+                    kept.pop(next(iter(kept)))
+        return [blocks for blocks in found if blocks is not None]
 
-    def _by_parts(self, effect: Effect) -> list[Block]:
-        """The rows of a wide effect of the motion alone, a few after the other."""
-        rows: list[list[Block]] = []
-        for low_pass, motion in zip(self._low_passes, self._watched, strict=True):
-            for start in range(0, len(low_pass.at), _ROWS):
-                few, around = low_pass.part(start, start + _ROWS)
-                made = effect.blocks(motion.part(around))
-                rows.append([replace(b, columns=few @ b.columns) for b in made])
-        return [
-            replace(parts[0], columns=np.concatenate([b.columns for b in parts]))
-            for parts in zip(*rows, strict=True)
-        ]
+    @staticmethod
+    def _by_parts(effect: Effect) -> bool:
+        whole = depends(effect) or effect.has_memory
+        return not whole and len(effect.parameters) >= _WIDE
 
-    def _low_passed(self, made: Sequence[Sequence[Sequence[Block]]]) -> list[Array]:
-        """The rows of all blocks of all effects, from those of each segment."""
-        parts = []
-        for k, low_pass in enumerate(self._low_passes):
-            columns = [b.columns for blocks in made for b in blocks[k]]
-            narrow = [c for c in columns if c.shape[1] < _WIDE]
-            ends = np.cumsum([c.shape[1] for c in narrow])
-            few = iter(np.split(low_pass @ np.hstack(narrow), ends[:-1], axis=1) if narrow else ())
-            parts.append([next(few) if c.shape[1] < _WIDE else low_pass @ c for c in columns])
-        return [np.concatenate(rows) for rows in zip(*parts, strict=True)]
+    def _made(self, effects: Sequence[Effect], by_parts: bool) -> list[list[Block]]:
+        rows, made = [], list[list[Block]]()
+        for low_pass, motion in self._parts:
+            count = len(low_pass.at)
+            step = _ROWS if by_parts else count
+            for start in range(0, count, step):
+                few, around = low_pass.part(start, start + step) if by_parts else (low_pass, slice(None))
+                made = [e.blocks(motion.part(around) if by_parts else motion) for e in effects]
+                rows.append(few @ np.hstack([b.columns for blocks in made for b in blocks]))
+        sizes = [b.columns.shape[1] for blocks in made for b in blocks]
+        columns = iter(np.split(np.concatenate(rows), np.cumsum(sizes)[:-1], axis=1))
+        return [[replace(b, columns=next(columns)) for b in blocks] for blocks in made]
 
     def _known(self, effect: Effect) -> list[Block] | None:
-        kept = (self._of_model if depends(effect) else self._of_motion).get(_key(effect))
-        for asked, blocks in () if kept is None or kept[0] is not effect.robot else kept[1]:
-            if self._widths.same(asked):
-                found: list[Block] = blocks
-                return found
-        return None
+        known = self._kept[depends(effect)].get(self._key(effect))
+        return known[1] if known is not None and known[0].same_columns(effect) else None
 
-    def _keep(
-        self, effect: Effect, blocks: list[Block], asked: dict[int, float], among_many: bool
-    ) -> None:
-        if effect_types().get(effect.name) is not type(effect):
-            return
-        kept, key = self._of_model if depends(effect) else self._of_motion, _key(effect)
-        robot, known = kept.get(key, (None, []))
-        if robot is not effect.robot:
-            _, known = kept[key] = effect.robot, []
-        known.append((asked, blocks))
-        del known[:-_WIDTHS]
-        if not among_many:
-            alone, sizes = kept.setdefault("alone", (deque(), deque([0])))
-            alone.append(key)
-            sizes.append(sizes[-1] + sum(b.columns.nbytes for b in blocks))
-            while sizes[-1] - sizes[0] > _MOST_KEPT:
-                sizes.popleft()
-                kept.pop(alone.popleft(), None)
-
-
-def _key(effect: Effect) -> Hashable:
-    return type(effect), effect.joints, tuple(effect.shape.items())
+    def _key(self, effect: Effect) -> Hashable:
+        width = None if effect.signless or not self._parts else self._parts[0][1].sign_width
+        return type(effect), effect.joints, tuple(effect.shape.items()), width

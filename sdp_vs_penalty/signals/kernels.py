@@ -146,8 +146,8 @@ def _moment_factor(
 ) -> np.polynomial.Polynomial:
     """The even polynomial c(u) with sum kernel c(u) u^k = moment for each order k."""
     powers = 2 * np.arange(len(orders))
-    u, kernel = (np.asarray(x, float)[:, None] for x in (u, kernel))
-    matrix = (u ** np.array(orders)).T @ (kernel * u**powers)
+    raised = np.vander(np.asarray(u, float), 2 * len(orders), increasing=True)
+    matrix = raised[:, orders].T @ (np.asarray(kernel, float)[:, None] * raised[:, powers])
     coefficients = np.zeros(powers[-1] + 1)
     coefficients[powers] = np.linalg.solve(matrix, np.array(moments))
     return np.polynomial.Polynomial(coefficients)

@@ -20,10 +20,9 @@ of the ends of a run would need samples from outside it, and are dropped.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,7 @@ from sdp_vs_penalty.effects.model import JointColumns, Model, depends
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.kernels import Decimator, Kernel, LowPass
+from sdp_vs_penalty.signals.kernels import Decimator, Kernel
 from sdp_vs_penalty.signals.runs import (
     FINEST,
     Movement,
@@ -117,16 +116,6 @@ class Preprocessing:
         return replace(self, state_cutoff=state, torque_cutoff=torque)
 
 
-@lru_cache(maxsize=16)
-def _kernel(cutoff: float, dt: float) -> Kernel:
-    return Kernel(cutoff, dt)
-
-
-@lru_cache(maxsize=16)
-def _sampled(kernel: Kernel, stride: int) -> LowPass:
-    return kernel.sampled(stride)
-
-
 class RunFilter:
     """The filters of one run, ``settings`` resolved: both sides of tau = Y theta pass them alike.
 
@@ -145,11 +134,10 @@ class RunFilter:
         longest = min(float(run.t[-1] - run.t[0]) + self.dt, 2.0 * FINEST * len(run.t) * self.dt)
         if not 2.0 * reach < _LONGER * longest:
             raise no_rows(run, 2.0 * reach)
-        self.state = _kernel(settings.state_cutoff, self.dt)
-        self.column = _kernel(settings.torque_cutoff, self.dt)
+        self.state, self.column = map(self._kernel, (settings.state_cutoff, settings.torque_cutoff))
         self.grid_stride = max(1, int(1.0 / (_COLUMN_RATE * self.column.cutoff * self.dt)))
         self.stride = 1 if every_sample else self.grid_stride
-        self.coarse = _sampled(self.column, self.stride)
+        self.coarse = self.column.sampled(self.stride)
         # Of the samples between two rows, so that rows lie on the grid of smooth columns too.
         step, highest = (
             self.step(_OVERSAMPLING),
@@ -159,8 +147,11 @@ class RunFilter:
         self.smooth_stride = max(
             (k for k in range(1, step + 1) if step % k == 0 and k <= most), default=1
         )
-        self.smooth = _sampled(self.column, self.smooth_stride)
+        self.smooth = self.column.sampled(self.smooth_stride)
         self.standstill = settings.standstill
+
+    def _kernel(self, cutoff: float) -> Kernel:
+        return self.run.once(("kernel", cutoff), lambda: Kernel(cutoff, self.dt))
 
     @property
     def movement(self) -> Movement:
@@ -262,17 +253,18 @@ def filtered_rows(
     """
     # What an effect with memory remembers has to be followed sample by sample, from the start.
     whole = any(effect.has_memory for effect in model.effects)
-    kept = None if moving is not None else _Kept.of(run, settings, whole)
-    pieces: Iterable[_Piece] = (
-        _pieces(run, settings, whole, whole, moving) if kept is None else kept.pieces
-    )
-    for number, piece in enumerate(pieces):
-        known = {} if kept is None else kept.known(model, number)
+    made = partial(_pieces, run, settings, whole, moving)
+    few = moving is None and run.q.size <= _MOST_KEPT
+    for piece in run.once(("filtered", settings, whole), lambda: list(made())) if few else made():
+        known = piece.known(model)
         smooth = None if model.needs_reference else piece.smooth
-        for k, made in model.blocks(piece.around, known, smooth).items():
-            known[k] = piece.low_passed(made, smooth is not None and model.effects[k].smooth)
-        if kept is not None:
-            kept.keep(model, number, known)
+        for k, own in model.blocks(piece.around, known, smooth).items():
+            known[k] = piece.low_passed(own, smooth is not None and model.effects[k].smooth)
+        piece.kept[:] = [
+            (effect, model.sign_width, known[k])
+            for k, effect in enumerate(model.effects)
+            if not depends(effect)
+        ]
         columns = model.joined(known, len(piece.torque))
         columns, torque = model.explaining(columns, piece.torque)
         yield Rows(piece.rows, torque, columns)
@@ -281,7 +273,8 @@ def filtered_rows(
 @dataclass(frozen=True)
 class _Piece:
     """Consecutive rows of a run before they have columns: the motion on the column grid around them,
-    the low-pass from there to the rows, the same of smooth columns, motion and torque at the rows."""
+    the low-pass from there to the rows, the same of smooth columns, motion and torque at the rows;
+    kept : effects of the last model, over which velocities its signs turned, their columns."""
 
     around: Motion
     low_pass: Decimator
@@ -289,6 +282,16 @@ class _Piece:
     smooth_low_pass: Decimator
     rows: Motion
     torque: Array
+    kept: list[tuple[Effect, tuple[float, ...], list[Block]]] = field(default_factory=list)
+
+    def known(self, model: Model) -> dict[int, list[Block]]:
+        """The low-passed columns of a model's effects that are known, by their places in it."""
+        return {
+            k: blocks
+            for k, effect in enumerate(model.effects)
+            for one, width, blocks in self.kept
+            if one.same_columns(effect) and (effect.signless or width == model.sign_width)
+        }
 
     def low_passed(self, blocks: list[Block], smooth: bool) -> list[Block]:
         """An effect's columns at the rows; narrow ones together."""
@@ -303,21 +306,17 @@ class _Piece:
 
 
 def _pieces(
-    run: Measurements,
-    settings: Preprocessing,
-    whole: bool,
-    every_sample: bool,
-    moving: Movement | None = None,
+    run: Measurements, settings: Preprocessing, whole: bool, moving: Movement | None
 ) -> Iterator[_Piece]:
-    """A run's rows piece by piece, or each ``whole`` stretch at once, as where effects remember."""
-    filters = RunFilter(run, settings, every_sample)
+    """A run's rows piece by piece; where effects remember, each ``whole`` stretch sample by sample."""
+    filters = RunFilter(run, settings, whole)
     counts = moving or filters.movement
     step = filters.step(_OVERSAMPLING)
     margin = filters.state.half + filters.column.half
     found = False
     for part in stretches(run):
         outputs = np.arange(margin, part.count - margin, step)
-        per_chunk = len(outputs) if whole else max(1, _CHUNK // step)
+        per_chunk = len(outputs) if whole or run.q.size <= _MOST_KEPT else max(1, _CHUNK // step)
         for number in range(0, len(outputs), max(per_chunk, 1)):
             at = outputs[number : number + per_chunk]
             keep = counts.at(part.clock(at))
@@ -337,45 +336,6 @@ def _pieces(
             )
     if not found:
         raise no_rows(run, 2 * margin * filters.dt)
-
-
-class _Kept:
-    """The pieces of a short run, and the columns that the last model had of them: several models of one
-    robot share them."""
-
-    def __init__(self, key: tuple[Preprocessing, bool], pieces: list[_Piece]) -> None:
-        self.key, self.pieces = key, pieces
-        #: By piece's number: each effect itself, over which velocities signs turned, its columns.
-        self._columns: dict[int, list[tuple[Effect, Any, list[Block]]]] = {}
-
-    @classmethod
-    def of(cls, run: Measurements, settings: Preprocessing, whole: bool) -> _Kept | None:
-        """Those of a run; None for a long one."""
-        if run.q.size > _MOST_KEPT:
-            return None
-        kept: _Kept | None = run.derived.get("filtered")
-        if kept is None or kept.key != (settings, whole):
-            kept = cls((settings, whole), list(_pieces(run, settings, True, whole)))
-            run.derived["filtered"] = kept
-        return kept
-
-    def known(self, model: Model, piece: int) -> dict[int, list[Block]]:
-        """The low-passed columns of a model's effects that are known, by their places in it."""
-        known = self._columns.get(piece, [])
-        return {
-            k: blocks
-            for k, effect in enumerate(model.effects)
-            for one, width, blocks in known
-            if one.same_columns(effect) and (effect.signless or width == model.sign_width)
-        }
-
-    def keep(self, model: Model, piece: int, made: dict[int, list[Block]]) -> None:
-        """For the next model."""
-        self._columns[piece] = [
-            (model.effects[k], model.sign_width, blocks)
-            for k, blocks in made.items()
-            if not depends(model.effects[k])
-        ]
 
 
 def rows_per_sample(run: Measurements, settings: Preprocessing) -> float:

@@ -94,11 +94,7 @@ class Movement:
 
 def movement(run: Measurements, share: float) -> Movement:
     """The movement of a run, worked out once."""
-    key = f"movement {share!r}"
-    if key not in run.derived:
-        run.derived[key] = Movement(run, share)
-    found: Movement = run.derived[key]
-    return found
+    return run.once(("movement", share), lambda: Movement(run, share))
 
 
 def _travel(run: Measurements, j: int, part: slice) -> Array:

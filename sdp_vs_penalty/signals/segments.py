@@ -209,7 +209,7 @@ class SegmentedRuns:
     def with_model(self, attach: Callable[[Motion], Motion]) -> SegmentedRuns:
         """The same with a model's torque and links attached to each segment's motion."""
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
-        columns = Columns([(s.low_pass, s.motion) for s in segments], self.n, self.columns)
+        columns = Columns([(s.low_pass, s.motion) for s in segments], self.columns)
         return replace(self, segments=segments, columns=columns)
 
     def blocks(self, effect: Effect) -> list[Block]:
@@ -250,7 +250,7 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
             if segment is not None:
                 segments.append(segment)
                 rate = 1.0 / (filters.dt * filters.step(_ROW_RATE))
-    columns = Columns([(s.low_pass, s.motion) for s in segments], measurements.n)
+    columns = Columns([(s.low_pass, s.motion) for s in segments])
     repeats = find_repeats(segments)
     return SegmentedRuns(
         tuple(segments), measurements.n, settings.torque_cutoff, rate, tuple(names), columns, repeats
