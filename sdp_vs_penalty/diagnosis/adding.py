@@ -249,7 +249,7 @@ def _add_frozen(
             "data_hash": measurements.data_hash,
             "runs": list(measurements.names),
             "samples": len(measurements.t),
-            "versions": dict(versions()),
+            "versions": versions(),
             "verdict": None,  # that of the smaller model is not this one's
         },
         training_motion=None if before is None or new_motion is None else before.joined(new_motion),

@@ -35,13 +35,8 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.partial import deviations
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.trajectory import (
-    FourierTrajectory,
-    PointTrajectory,
-    joint_limits,
-    random_trajectory,
-)
+from sdp_vs_penalty.robot.robot import Robot, joint_limits
+from sdp_vs_penalty.robot.trajectory import FourierTrajectory, PointTrajectory, random_trajectory
 from sdp_vs_penalty.show import Shown, Summary
 
 
@@ -61,14 +56,14 @@ class Regressor:
             wide[:, j, block.indices] = block.columns
         return wide[:, :, self.columns] * np.broadcast_to(self.scale, n)[:, None]
 
-    def along(self, trajectory: FourierTrajectory, rate: float) -> Array:
+    def along(self, trajectory: FourierTrajectory, rate: float = 20.0) -> Array:
         """W of a trajectory, sampled at ``rate`` [Hz]."""
         t = np.arange(0.0, trajectory.duration, 1.0 / rate)
         return self.at(t, *trajectory.states(t)).reshape(-1, len(self.columns))
 
-    def condition(self, trajectory: FourierTrajectory, rate: float = 20.0) -> float:
+    def condition(self, trajectory: FourierTrajectory) -> float:
         """Ratio of the extreme singular values of W."""
-        return float(np.linalg.cond(self.along(trajectory, rate)))
+        return float(np.linalg.cond(self.along(trajectory)))
 
     @classmethod
     def of(cls, problem: Problem, effects: str | None = None) -> Regressor:
@@ -107,19 +102,28 @@ class Limits:
     acceleration: Array
 
     def __post_init__(self) -> None:
-        for j, (low, high, v, a) in enumerate(
-            zip(self.lower, self.upper, self.velocity, self.acceleration, strict=True)
-        ):
-            if not (np.isfinite(low) and np.isfinite(high) and low < high):
+        rows = np.column_stack([self.lower, self.upper, self.velocity, self.acceleration])
+        for j, (low, high, v, a) in enumerate(rows.tolist()):
+            if not -np.inf < low < high < np.inf:
                 raise InputError(
                     f"joint {j + 1}: no trajectory fits between {low:g} and {high:g}",
                     "give finite limits, the lower below the upper",
                 )
-            if not (np.isfinite(v) and np.isfinite(a) and v > 0.0 and a > 0.0):
+            if not (0.0 < v < np.inf and 0.0 < a < np.inf):
                 raise InputError(
                     f"joint {j + 1}: velocity limit {v:g} or acceleration limit {a:g} is not above 0",
                     "correct it",
                 )
+
+    @property
+    def middle(self) -> Array:
+        """(n,) of the range [rad, m]."""
+        return 0.5 * (self.lower + self.upper)
+
+    @property
+    def half(self) -> Array:
+        """(n,) half of the range [rad, m]."""
+        return 0.5 * (self.upper - self.lower)
 
     @classmethod
     def of_robot(cls, robot: Robot) -> Limits:
@@ -138,9 +142,8 @@ class Limits:
     def excess(self, trajectory: FourierTrajectory) -> float:
         """Largest ratio of the motion to its limits at 1 kHz, about the middle: <= 1 where kept."""
         q, dq, ddq = trajectory.states(_dense(trajectory))
-        middle, half = 0.5 * (self.lower + self.upper), 0.5 * (self.upper - self.lower)
-        ratios = (np.abs(q - middle) / half, np.abs(dq) / self.velocity, np.abs(ddq) / self.acceleration)
-        return float(max(ratio.max() for ratio in ratios))
+        ratios = ((q - self.middle) / self.half, dq / self.velocity, ddq / self.acceleration)
+        return float(np.abs(ratios).max())
 
 
 @dataclass(frozen=True, repr=False)
@@ -227,14 +230,9 @@ def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
     excess = limits.excess(trajectory)
     if excess <= 1.0:
         return trajectory
-    middle = 0.5 * (limits.lower + limits.upper)
     share = (1.0 - 1e-9) / excess
-    return replace(
-        trajectory,
-        a=trajectory.a * share,
-        b=trajectory.b * share,
-        q_0=middle + share * (trajectory.q_0 - middle),
-    )
+    q_0 = limits.middle + share * (trajectory.q_0 - limits.middle)
+    return replace(trajectory, a=trajectory.a * share, b=trajectory.b * share, q_0=q_0)
 
 
 def save_trajectory(
@@ -260,24 +258,27 @@ class _Search:
         objective: str,
         moving: Sequence[int],
     ) -> None:
-        self.regressor, self.start, self.objective = regressor, start, objective
-        self.moving, self.harmonics = moving, start.a.shape[1]
+        self.regressor, self.start, self.objective, self.moving = regressor, start, objective, moving
         # Instants at which the regressor is sampled, and twice as many at which limits are kept.
         self.t = np.linspace(0.0, start.duration, 160)
         self.maps = _state_maps(start, self.t)
         grid = np.linspace(0.0, start.duration, 2 * len(self.t) - 1)
-        self.limit_maps = _state_maps(start, np.union1d(grid, _blend_instants(start)))
-        self.limits = limits
+        maps = _state_maps(start, np.union1d(grid, _blend_instants(start)))
+        units = np.column_stack([limits.half, limits.velocity, limits.acceleration])
+        # (n, K, 2 L + 1) states over their limits, and the middle of the range.
+        self.rows = np.concatenate(maps) / np.repeat(units, len(maps[0]), axis=1)[:, :, None]
+        self.offset = np.pad(
+            np.outer(-limits.middle / limits.half, np.ones(len(maps[0]))),
+            ((0, 0), (0, 2 * len(maps[0]))),
+        )
         self.x = np.column_stack([start.a, start.b, start.q_0])
         # A joint's amplitudes of velocity are of the size of its limit, its centre of the range.
-        self.unit = np.column_stack(
-            [*[limits.velocity] * (2 * self.harmonics), 0.5 * (limits.upper - limits.lower)]
-        )
+        self.unit = np.column_stack([*[limits.velocity] * (self.x.shape[1] - 1), limits.half])
         self.radius = 0.2
         self.value, self.slope = self._evaluate(self.x)
 
     def trajectory(self, x: Array) -> FourierTrajectory:
-        a, b = x[:, : self.harmonics], x[:, self.harmonics : -1]
+        a, b = np.split(x[:, :-1], 2, axis=1)
         return replace(self.start, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
 
     def step(self) -> bool:
@@ -286,7 +287,7 @@ class _Search:
         while self.radius > 1e-4:
             candidate = self._linear_program()
             predicted = float(np.sum(self.slope * (candidate - self.x)))
-            value = self._value(candidate)
+            value = self._at(candidate)[1]
             if value < self.value + 0.05 * predicted < self.value:
                 self.radius *= 2.0 if value < self.value + 0.5 * predicted else 1.0
                 self.x = candidate
@@ -298,24 +299,10 @@ class _Search:
     def _linear_program(self) -> Array:
         """The linear model's best point in the trust region; limits do not couple joints."""
         out = self.x.copy()
-        position, velocity, acceleration = self.limit_maps
         for j in self.moving:
-            middle = 0.5 * (self.limits.lower[j] + self.limits.upper[j])
-            half = 0.5 * (self.limits.upper[j] - self.limits.lower[j])
-            rows = np.vstack(
-                [
-                    position / half,
-                    velocity / self.limits.velocity[j],
-                    acceleration / self.limits.acceleration[j],
-                ]
-            )
-            offset = np.zeros(len(rows))
-            offset[: len(position)] = -middle / half
-            scaled = rows * self.unit[j]
-            now = self.x[j] / self.unit[j]
-            # Where the start uses a limit up, it may go on doing so.
-            # Shares of each limit kept for what happens between the instants that are looked at.
-            room = np.maximum(0.998, np.abs(rows @ self.x[j] + offset))
+            scaled, offset, now = self.rows[j] * self.unit[j], self.offset[j], self.x[j] / self.unit[j]
+            # A share is kept for what happens between these instants; what the start uses up, it may.
+            room = np.maximum(0.998, np.abs(self.rows[j] @ self.x[j] + offset))
             found = optimize.linprog(
                 self.slope[j] * self.unit[j],
                 A_ub=np.vstack([scaled, -scaled]),
@@ -327,13 +314,12 @@ class _Search:
                 out[j] = found.x * self.unit[j]
         return out
 
-    def _states(self, x: Array) -> tuple[Array, Array, Array]:
-        position, velocity, acceleration = self.maps
-        return position @ x.T, velocity @ x.T, acceleration @ x.T
-
-    def _value(self, x: Array) -> float:
-        w = self.regressor.at(self.t, *self._states(x))
-        return self._objective(w.reshape(-1, w.shape[2]))[0]
+    def _at(self, x: Array) -> tuple[list[Array], float, Array]:
+        """States, the objective and its gradient with respect to W, in the shape of the regressor."""
+        states = [linear @ x.T for linear in self.maps]
+        w = self.regressor.at(self.t, *states)
+        value, outer = self._objective(w.reshape(-1, w.shape[2]))
+        return states, value, outer.reshape(w.shape)
 
     def _objective(self, w: Array) -> tuple[float, Array]:
         """The objective and its gradient (rows, p) with respect to W."""
@@ -347,10 +333,7 @@ class _Search:
         return 0.5 * float(np.log(outer * inner)), slope
 
     def _evaluate(self, x: Array) -> tuple[float, Array]:
-        states = self._states(x)
-        w = self.regressor.at(self.t, *states)
-        value, outer = self._objective(w.reshape(-1, w.shape[2]))
-        outer = outer.reshape(w.shape)
+        states, value, outer = self._at(x)
         slope = np.zeros_like(x)
         for which, linear in enumerate(self.maps):
             for j in self.moving:
@@ -418,19 +401,15 @@ def payload_run(
     load's ten parameters apart.
     """
     robot = estimate.robot
-    # Joints that move unless others are named: the last three.
     moving = list(range(max(robot.n - 3, 0), robot.n)) if joints is None else list(joints)
     if not moving or not all(0 <= j < robot.n for j in moving):
         named = ", ".join(str(j + 1) for j in moving) or "none"
         raise InputError(f"joints that move: {named}", f"name some of 1 to {robot.n}")
     limits = Limits.of_robot(robot)
-    frequency = 2.0 * np.pi / duration
-    # Seconds of a blend over those of the motion.
-    start = random_trajectory(robot, seed, duration, harmonics, frequency, 0.125 * duration)
+    # Periods of the motion's own length, blended over an eighth of it.
+    start = random_trajectory(robot, seed, duration, harmonics, 2 * np.pi / duration, 0.125 * duration)
     still = np.setdiff1d(np.arange(robot.n), moving)
-    start.a[still], start.b[still] = 0.0, 0.0
-    middle = 0.5 * (limits.lower + limits.upper)
-    start = replace(start, q_0=np.where(np.isin(np.arange(robot.n), still), middle, start.q_0))
+    start.a[still], start.b[still], start.q_0[still] = 0.0, 0.0, limits.middle[still]
     noise = np.maximum(estimate.uncertainty.noise, 1e-12)
     regressor = Regressor(Model(robot, (Payload(robot),)), np.arange(10), 1.0 / noise)
     rate = independent_rate(estimate)

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import contextlib
 import platform
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -158,7 +158,7 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         "data_hash": measurements.data_hash,
         "runs": list(measurements.names),
         "samples": measurements.samples,
-        "versions": dict(versions()),
+        "versions": versions(),
     }
     return Estimate(
         problem,
@@ -304,16 +304,9 @@ def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000, seed
 
 def versions() -> dict[str, str]:
     """Versions of everything that took part in a figure."""
-    found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
-    parts = {
-        "numpy": "numpy",
-        "scipy": "scipy",
-        "pinocchio": "pin",
-        "clarabel": "clarabel",
-        "cvxpy": "cvxpy",
-    }
-    loaded = ((name, sys.modules.get(module)) for module, name in parts.items())
-    return found | {name: module.__version__ for name, module in loaded if module is not None}
+    own, others = platform.python_version(), ("numpy", "scipy", "pin", "clarabel", "cvxpy")
+    found = {"sdp_vs_penalty": __version__, "python": own}
+    return found | {name: metadata.version(name) for name in others}
 
 
 def identify(

@@ -224,15 +224,10 @@ class _Search:
         rng: np.random.Generator,
     ) -> None:
         self.h, self.collision, self.duration, self.rng = hypotheses, collision, duration, rng
-        middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
-        self.low, self.high = middle - _SHARE * half, middle + _SHARE * half
-        # Acceleration within so many seconds of its limit: the limit of jerk where nothing states
-        # one.
-        self.rates = (
-            _SHARE * limits.velocity,
-            _SHARE * limits.acceleration,
-            _SHARE * limits.acceleration / 0.1,
-        )
+        self.low, self.high = (limits.middle + s * _SHARE * limits.half for s in (-1.0, 1.0))
+        # Where nothing states a limit of jerk: acceleration within .1 s of its limit.
+        limited = limits.velocity, limits.acceleration, limits.acceleration / 0.1
+        self.rates = tuple(_SHARE * x for x in limited)
         self.effort = np.array([j.effort for j in hypotheses.estimate.robot.joints])
         self.value = -1.0
 

@@ -164,7 +164,8 @@ class _Cells:
 @dataclass(frozen=True)
 class _Bank:
     """One shape constant of one effect on one joint: the value that the model has, the values (K,) whose
-    columns are known, where these (K, k) stand among all others, and the ends of its range."""
+    columns are known, where these (K, k) stand among all others, the ends of its range, and of ln u the
+    weights (K,) of each value's columns, a cubic spline."""
 
     effect: Effect
     joint: int
@@ -173,22 +174,7 @@ class _Bank:
     values: Array
     columns: NDArray[np.intp]
     ends: tuple[float, float]
-
-    @cached_property
-    def _spline(self) -> Any:
-        """Of ln u, (K,) the weights of each column that is known."""
-        from scipy.interpolate import CubicSpline
-
-        return CubicSpline(np.log(self.values), np.eye(len(self.values)))
-
-    def weights(self, u: float) -> tuple[Array, Array]:
-        """Of the columns that are known (K,) at a value's logarithm, and their derivatives."""
-        return self._spline(u), self._spline(u, 1)
-
-    @property
-    def start(self) -> float:
-        """ln u of the value that the model has, or of the nearest that is known."""
-        return float(np.log(np.clip(self.now, self.values[0], self.values[-1])))
+    weights: Any
 
 
 def _with_banks(
@@ -196,6 +182,8 @@ def _with_banks(
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
     """The model with the columns of each open constant at all values of its grid, where all other
     columns stand, and where those of the grids do."""
+    from scipy.interpolate import CubicSpline
+
     own = [effect for effect, _, _ in wanted]
     fixed = [e for e in model.effects if not any(e is effect for effect in own)]
     first = sum(len(e.parameters) for e in fixed)
@@ -203,23 +191,16 @@ def _with_banks(
     for effect, joint, key in wanted:
         grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
         grid = (*grid, *(grid[-1] * 2.0**k for k in range(1, beyond + 1)))
-        now = effect.shape[key]
-        values = _with(now, grid)
-        part = _Grid([alone(effect, joint, **{key: float(value)}) for value in values])
-        columns = first + np.arange(len(part.parameters)).reshape(len(values), -1)
-        first += len(part.parameters)
-        parts.append(part)
-        banks.append(_Bank(alone(effect, joint), joint, key, now, values, columns, (grid[0], grid[-1])))
+        ends, now = (grid[0], grid[-1]), effect.shape[key]
+        if ends[0] <= now <= ends[1]:  # in place of those within a tenth of it: exact there as well
+            grid = tuple(sorted({now, *(g for g in grid if g in ends or abs(np.log(g / now)) > 0.1)}))
+        parts.append(_Grid([alone(effect, joint, **{key: value}) for value in grid]))
+        columns = first + np.arange(len(parts[-1].parameters)).reshape(len(grid), -1)
+        first += columns.size
+        spline = CubicSpline(np.log(grid), np.eye(len(grid)))
+        one = alone(effect, joint)
+        banks.append(_Bank(one, joint, key, now, np.array(grid), columns, ends, spline))
     return Model(model.robot, (*fixed, *parts), gains=model.gains, known=model.known), base, banks
-
-
-def _with(value: float, grid: Sequence[float]) -> Array:
-    """The grid with one more value, where the columns are then exact as well, in place of those within
-    a tenth of it."""
-    if not grid[0] <= value <= grid[-1]:
-        return np.array(grid)
-    kept = [g for g in grid if g in (grid[0], grid[-1]) or abs(np.log(g / value)) > 0.1]
-    return np.array(sorted({*kept, value}))
 
 
 class _Grid(Effect):
@@ -252,103 +233,83 @@ class _Grid(Effect):
 class _Profile:
     """What least squares in all other columns leave of the banks' (r, P) and of the torque (r,).
 
-    variance : of a row times how often rows repeat each other; shown (b, k) : directions of the other
-    columns that the data show.
+    others (b, P + 1) : the coefficients of the other columns in these; variance : of a row times how
+    often rows repeat each other.
     """
 
     columns: Array
     torque: Array
     banks: list[_Bank]
+    others: Array
     variance: float
-    shown: Array
 
     @classmethod
     def of(
         cls, folds: Regression, weights: Array, base: NDArray[np.intp], banks: list[_Bank]
     ) -> _Profile:
-        """Of all blocks; base : where the other columns stand."""
+        """Of all blocks; base : where the other columns stand, before the banks'."""
         data = folds.least_squares(weights)
-        pool = np.concatenate([bank.columns.ravel() for bank in banks])
-        both = np.column_stack([data.R[:, pool], data.rho])
+        both = np.column_stack([data.R[:, len(base) :], data.rho])
         shown, V = visible(data.R[:, base])
-        left = triangular([both - shown @ (shown.T @ both)])
+        made = shown.T @ both
+        left = triangular([both - shown @ made])
         U, _ = visible(left[:, :-1])
         error = float(np.sum(partialled(left[:, :-1], left[:, -1]) ** 2)) + data.residual_norm**2
         # Exact data have no variance; their constants still have a best value.
-        error = max(error, 1e-12 * data.tau_squared, 1e-300)
+        error = max(error, 1e-12 * data.tau_squared) or 1.0
         free = max(data.rows - folds.oversampling * (U.shape[1] + shown.shape[1]), 1.0)
-        return cls(left[:, :-1], left[:, -1], banks, folds.oversampling * error / free, V)
+        return cls(left[:, :-1], left[:, -1], banks, V @ made, folds.oversampling * error / free)
 
     @cached_property
     def now(self) -> Array:
-        """(B,) ln u as the model has them."""
-        return np.array([bank.start for bank in self.banks])
+        """(B,) ln u as the model has them, or the nearest that is known."""
+        return np.array([np.log(np.clip(b.now, b.values[0], b.values[-1])) for b in self.banks])
+
+    @cached_property
+    def _parts(self) -> tuple[list[Array], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Of each bank (K, k r) its columns at all values, one after the other; of the M columns at one
+        value each, (M, B) whose they are, and which coefficients are not negative."""
+        ends = np.cumsum([b.columns.size for b in self.banks])[:-1]
+        pairs = zip(self.banks, np.split(self.columns.T, ends), strict=True)
+        parts = [np.ascontiguousarray(x).reshape(len(b.values), -1) for b, x in pairs]
+        owner = np.repeat(
+            np.eye(len(self.banks), dtype=bool), [b.columns.shape[1] for b in self.banks], 0
+        )
+        return parts, owner, np.array([p.lower == 0.0 for b in self.banks for p in b.effect.parameters])
 
     def at(self, u: Array) -> tuple[Array, Array]:
         """What is left of the torque (r,) at constants ln u (B,), and its slopes (r, B)."""
-        A, D = self._columns(u)
-        theta, U = self._solved(A)
-        slopes = np.add.reduceat(D * theta, self._first, axis=1)
+        theta, U, D = self._solved(u)
+        slopes = (D * theta) @ self._parts[1]
         return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
 
-    def _solved(self, A: Array) -> tuple[Array, Array]:
-        """(M,) coefficients of columns A (r, M), and what they span. What would push instead of brake is
-        left out."""
-        used, theta = np.ones(A.shape[1], bool), np.zeros(A.shape[1])
+    def _solved(self, u: Array) -> tuple[Array, Array, Array]:
+        """(M,) coefficients of the columns at constants ln u (B,), what they span, and the columns'
+        derivatives (r, M). What would push instead of brake is left out."""
+        parts, _, brakes = self._parts
+        both = [
+            np.array([bank.weights(x), bank.weights(x, 1)]) @ part
+            for bank, part, x in zip(self.banks, parts, u.tolist(), strict=True)
+        ]
+        A, D = np.concatenate(both, axis=1).reshape(2, -1, len(self.torque)).swapaxes(1, 2)
+        used, theta = np.ones(len(brakes), bool), np.zeros(len(brakes))
         while True:
             U, V = visible(A[:, used])
             theta[used], theta[~used] = V @ (U.T @ self.torque), 0.0
-            pushes = self._brakes & (theta < 0.0)
+            pushes = brakes & (theta < 0.0)
             if not pushes.any():
-                return theta, U
+                return theta, U, D
             used &= ~pushes
 
-    def _columns(self, u: Array) -> tuple[Array, Array]:
-        """(r, M) columns at constants ln u (B,), and their derivatives."""
-        both = [
-            np.array(bank.weights(x)) @ part
-            for bank, part, x in zip(self.banks, self._parts, u.tolist(), strict=True)
+    def coefficients(self, u: Array) -> Array:
+        """(p,) of all columns, with the constants at ln u (B,)."""
+        theta, owner = self._solved(u)[0], self._parts[1]
+        own = [
+            np.outer(bank.weights(x), theta[mine]).ravel()
+            for bank, x, mine in zip(self.banks, u.tolist(), owner.T, strict=True)
         ]
-        A, D = np.concatenate(both, axis=1).reshape(2, -1, len(self.torque))
-        return A.T, D.T
-
-    @cached_property
-    def _parts(self) -> list[Array]:
-        """Of each bank (K, k r) its columns at all values, one after the other."""
-        ends = np.cumsum([bank.columns.size for bank in self.banks])[:-1]
-        pairs = zip(self.banks, np.split(self.columns.T, ends), strict=True)
-        return [np.ascontiguousarray(x).reshape(len(b.values), -1) for b, x in pairs]
-
-    @cached_property
-    def _first(self) -> NDArray[np.intp]:
-        """Of each bank the first of its columns."""
-        return np.cumsum([0, *self._sizes[:-1]])
-
-    @cached_property
-    def _sizes(self) -> list[int]:
-        """Of each bank how many columns there are at one value."""
-        return [bank.columns.shape[1] for bank in self.banks]
-
-    @cached_property
-    def _brakes(self) -> NDArray[np.bool_]:
-        """(M,) columns whose coefficients are not negative."""
-        return np.concatenate([[p.lower == 0.0 for p in b.effect.parameters] for b in self.banks])
-
-    def coefficients(self, u: Array, moved: NDArray[np.intp]) -> Array:
-        """(1 + moved, P) of the banks' columns with the constants as the model has them, and with one of
-        the ``moved`` each at ln u (B,)."""
-        now, other = self._columns(self.now)[0], self._columns(u)[0]
-        bank = np.repeat(np.arange(len(self.banks)), self._sizes)
-        out = []
-        for k in (-1, *moved):
-            theta = self._solved(np.where(bank == k, other, now))[0]
-            own = np.split(theta, self._first[1:])
-            at = np.where(np.arange(len(u)) == k, u, self.now)
-            weights = (b.weights(x)[0] for b, x in zip(self.banks, at.tolist(), strict=True))
-            out.append(
-                np.concatenate([np.outer(w, c).ravel() for w, c in zip(weights, own, strict=True)])
-            )
-        return np.array(out)
+        banks = np.concatenate(own)
+        return np.concatenate([self.others @ np.append(-banks, 1.0), banks])
 
     def loss(self, u: Array) -> float:
         """Squared error at constants ln u (B,)."""
@@ -356,19 +317,11 @@ class _Profile:
 
     def from_grid(self) -> Array:
         """(B,) ln u, each in turn at the value of its grid that leaves least."""
-        u, owner = self.now.copy(), np.repeat(np.arange(len(self.banks)), self._sizes)
-        ends = np.cumsum([bank.columns.size for bank in self.banks])
-        for _ in range(2):
-            for k, (bank, stop) in enumerate(zip(self.banks, ends, strict=True)):
-                own, others = slice(stop - bank.columns.size, stop), owner != k
-                A = np.column_stack([self.columns[:, own], self.torque])
-                left = partialled(self._columns(u)[0][:, others], A)
-                each, brakes = left[:, :-1].reshape(-1, *bank.columns.shape), self._brakes[~others]
-                gram = np.einsum("rKa,rKb->Kab", each, each)
-                pull = np.einsum("rKa,r->Ka", each, left[:, -1])
-                theta = np.einsum("Kab,Kb->Ka", np.linalg.pinv(gram, hermitian=True), pull)
-                taken = np.sum(np.where(brakes & (theta < 0.0), 0.0, theta * pull), axis=1)
-                u[k] = np.log(bank.values[int(np.argmax(taken))])
+        u = self.now
+        for k, bank in enumerate(self.banks):
+            tried = np.tile(u, (len(bank.values), 1))
+            tried[:, k] = np.log(bank.values)
+            u = tried[np.argmin([self.loss(x) for x in tried])]
         return u
 
     def best(self, start: Array, free: NDArray[np.intp]) -> Array:
@@ -403,21 +356,12 @@ class _Profile:
             low, high = np.log(bank.ends)
             own = float(np.linalg.norm(partialled(np.delete(slopes, k, axis=1), slopes[:, k])))
             std = np.sqrt(self.variance) / own if own > 0.0 else np.inf
-            # As many digits as a written effect has.
+            # As many digits as a written effect has; a spread wider than the range bounds nothing.
             after = float(f"{np.exp(u[k]):.6g}") if moves[k] else bank.now
-            out.append(
-                ShapeEstimate(
-                    bank.effect.name,
-                    bank.joint,
-                    bank.key,
-                    bank.now,
-                    after,
-                    # Wider than the range itself: not bounded by the data.
-                    after * std if std < (high - low) / np.sqrt(12.0) else np.inf,
-                    float(gains[k]) if moves[k] else 0.0,
-                    bool(moves[k] and at_end(u[k], low, high)),
-                )
-            )
+            std = after * std if std < (high - low) / np.sqrt(12.0) else np.inf
+            gain, end = (float(gains[k]), at_end(u[k], low, high)) if moves[k] else (0.0, False)
+            one = bank.effect.name, bank.joint, bank.key
+            out.append(ShapeEstimate(*one, bank.now, after, std, gain, bool(end)))
         return out
 
     def _gains(self, u: Array) -> Array:
@@ -439,22 +383,19 @@ def _confirmed(
     count = len(folds.blocks)
     if not len(moved) or count < 2:
         return found
-    u, now = np.log([s.after for s in found]), profile.now
-    own = _products(folds, weights, base, profile)
-    rest, b = own.sum(axis=0) - own, own.shape[1] - profile.columns.shape[1] - 1
-    across = rest[:, :b, b:]
-    explained = np.linalg.pinv(rest[:, :b, :b], rcond=1e-12, hermitian=True) @ across
-    values, vectors = np.linalg.eigh(rest[:, b:, b:] - np.swapaxes(across, 1, 2) @ explained)
-    left = np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2)
+    u, every = np.log([s.after for s in found]), np.arange(len(found))
+    start = np.where(np.isin(every, moved), u, profile.now)
     gains, changes = np.zeros((2, len(moved), count))
-    for k, (rows, base_of, squares) in enumerate(zip(left, explained, own, strict=True)):
-        fold = replace(profile, columns=rows[:, :-1], torque=rows[:, -1])
-        there = fold.best(np.where(np.isin(np.arange(len(u)), moved), u, now), moved)
-        theta = np.column_stack([fold.coefficients(there, moved), np.full(len(moved) + 1, -1.0)])
-        theta = np.hstack([-theta @ base_of.T, theta])
-        loss = np.einsum("tk,kl,tl->t", theta, squares, theta)
-        apart = theta[1:] - theta[0]
-        gains[:, k], changes[:, k] = loss[0] - loss[1:], np.einsum("tk,kl,tl->t", apart, squares, apart)
+    for fold in range(count):
+        rest = _Profile.of(
+            folds.select(k for k in range(count) if k != fold), weights, base, profile.banks
+        )
+        there = rest.best(start, moved)
+        each = [rest.coefficients(np.where(every == k, there, profile.now)) for k in (-1, *moved)]
+        test = folds.select([fold]).least_squares(weights)
+        left = np.array(each) @ test.R.T - test.rho
+        loss, apart = np.sum(left**2, axis=1), left[1:] - left[0]
+        gains[:, fold], changes[:, fold] = loss[0] - loss[1:], np.sum(apart**2, axis=1)
     out = list(found)
     for row, k in enumerate(moved):
         white = 4.0 * profile.variance * changes[row].sum()
@@ -462,19 +403,6 @@ def _confirmed(
         if not gains[row].sum() > stdtrit(count - 1, 0.975) * noise:
             out[k] = replace(out[k], after=out[k].before, std=np.inf, gain=0.0, at_end=False)
     return out
-
-
-def _products(folds: Regression, weights: Array, base: NDArray[np.intp], profile: _Profile) -> Array:
-    """(F, q, q) products of each block's rows [Y_base V, Y_banks, tau], V the profile's ``shown``."""
-    p = folds.p
-    squares = np.zeros((len(folds.blocks), p + 1, p + 1))
-    for f in folds.factors:
-        places = np.append(f.indices, p)
-        squares[f.block][np.ix_(places, places)] += weights[f.joint] ** 2 * f.triangle.T @ f.triangle
-    pool = np.concatenate([*(bank.columns.ravel() for bank in profile.banks), [p]])
-    into = np.zeros((p + 1, profile.shown.shape[1] + len(pool)))
-    into[base, : profile.shown.shape[1]], into[pool, np.arange(-len(pool), 0)] = profile.shown, 1.0
-    return np.asarray(into.T @ squares @ into)
 
 
 def alone(effect: Effect, joint: int, **shape: float) -> Effect:

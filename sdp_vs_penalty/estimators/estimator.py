@@ -276,11 +276,12 @@ def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
     return np.sqrt(variance.mean() / variance)
 
 
-def with_joint_prior(task: Task) -> Task:
-    """The task with the pull of joint parameters to zero that ``lmi-sdp`` has, for any method."""
-    if task.joint_scale is None:
+def with_joint_prior(task: Task, weight: float) -> Task:
+    """The task with a pull of the joints' own parameters to zero: one that alone would make all of its
+    joint's torque costs ``weight`` rows (:attr:`Task.joint_scale`); 0: as it is."""
+    if task.joint_scale is None or weight == 0.0:
         return task
-    return replace(task, data=task.data.with_prior(task.joint_scale, sample_variance(task)))
+    return replace(task, data=task.data.with_prior(task.joint_scale, weight * sample_variance(task)))
 
 
 def sample_variance(task: Task) -> float:

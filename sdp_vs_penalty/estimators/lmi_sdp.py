@@ -16,7 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, sample_variance
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, sample_variance, with_joint_prior
 from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.constraint import ConstraintSet
@@ -73,9 +73,7 @@ class LmiSdp(Estimator):
         constraints = task.constraints.plus(task.minimum_thickness(self.thickness))
         if self.body:
             constraints = constraints.plus(task.bodies)
-        data = task.data
-        if self.joint_prior > 0.0 and task.joint_scale is not None:
-            data = data.with_prior(task.joint_scale, self.joint_prior * sample_variance(task))
+        data = with_joint_prior(task, self.joint_prior).data
         if self.total_spread > 0.0 and self.entropy > 0.0 and task.total:
             masses = np.zeros((1, data.R.shape[1]))
             masses[0, task.links[:, 0]] = 1.0 / (self.total_spread * task.total)

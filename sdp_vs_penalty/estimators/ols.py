@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
+from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task, with_joint_prior
 from sdp_vs_penalty.regression.partial import deviations, visible
 from sdp_vs_penalty.solvers.objective import Objective
 
@@ -17,18 +17,21 @@ class Ols(Estimator):
     """pi_hat = argmin |W pi - tau|^2 (Gautier, Khalil; Gaz et al. 2019, eq. 13).
 
     Determines base parameters only; theta is the minimiser nearest to the nominal robot, and in
-    general not physically consistent.
+    general not physically consistent. joint_prior : as ``lmi-sdp`` has it.
     """
 
     name = "ols"
     table_place: ClassVar[int | None] = 1
     description = "classical least squares, no constraints (the paper's CLS)"
 
+    joint_prior: float = 0.0
+
     @property
     def rest(self) -> str:
         return "prior"
 
     def fit(self, task: Task) -> Fit:
+        task = with_joint_prior(task, self.joint_prior)
         return Fit(task.ols, Objective(task.data), task.constraints)
 
 

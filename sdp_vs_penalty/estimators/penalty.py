@@ -30,7 +30,7 @@ from sdp_vs_penalty.estimators.barycentric import (
     barycentric_box,
     implied_by_centre,
 )
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.regression.regression import LeastSquares
@@ -269,6 +269,7 @@ class Penalty(Estimator):
         of the barycentric box, moved towards it until the convex constraints hold. Where the data
         leave directions open a run may stop above the optimum, and its certified gap says so.
     tolerance : of violation and complementarity, relative to the size of each constraint's values.
+    joint_prior : as ``lmi-sdp`` has it.
     """
 
     name = "penalty"
@@ -279,6 +280,7 @@ class Penalty(Estimator):
     thickness: float = DEFAULT_THICKNESS
     starts: int = 5
     tolerance: float = 1e-9
+    joint_prior: float = 0.0
 
     def demands(self, task: Task) -> ConstraintSet:
         """The same arrays as the SDP's."""
@@ -286,6 +288,7 @@ class Penalty(Estimator):
         return demands.plus(task.bodies) if self.body else demands
 
     def fit(self, task: Task) -> Fit:
+        task = with_joint_prior(task, self.joint_prior)
         return fit_penalty(task, task.data, self.demands(task), self.starts, self.tolerance)
 
 

@@ -164,7 +164,7 @@ class Regression:
             new = place.get(f.block)
             if new is not None:
                 rows = int(counts[new]) * f.rows
-                factors.append(replace(f, block=new, triangle=times[new] * f.triangle, rows=rows))
+                factors.append(Factor(f.joint, new, f.indices, times[new] * f.triangle, rows))
         return replace(self, blocks=tuple(self.blocks[b] for b in numbers), factors=tuple(factors))
 
     def keeping(self, wanted: NDArray[np.bool_]) -> Regression:

@@ -14,7 +14,7 @@ __getattr__ = surface(
         "Joint": "joint",
         "Robot": "robot",
         "cone_margin": "constraint",
-        "joint_limits": "trajectory",
+        "joint_limits": "robot",
         "load_urdf": "urdf",
         "parse_transmission": "transmission",
         "project": "constraint",

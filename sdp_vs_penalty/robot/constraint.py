@@ -41,14 +41,16 @@ def cone_depths(cone: str, values: Array, terms: Array) -> Array:
     above :func:`safe_depth` is a positive margin in any order of summation.
     """
     if cone == "psd":
-        size = np.sqrt(np.diagonal(terms, axis1=1, axis2=2))
-        size = np.where(size > 0.0, size, 1.0)
+        size = np.sqrt(_or_one(np.diagonal(terms, axis1=1, axis2=2)))
         return np.asarray(np.linalg.eigvalsh(values / (size[:, :, None] * size[:, None, :]))[:, 0])
     if cone == "soc":
-        size = terms.sum(axis=1)
-        margin = values[:, 0] - np.linalg.norm(values[:, 1:], axis=1)
-        return np.asarray(margin / np.where(size > 0.0, size, 1.0))
-    return np.asarray((values / np.where(terms > 0.0, terms, 1.0)).min(axis=1))
+        return cone_margin(cone, values) / _or_one(terms.sum(axis=1))
+    return cone_margin(cone, values / _or_one(terms))
+
+
+def _or_one(size: Array) -> Array:
+    """A size by which to divide: one where there is none."""
+    return np.where(size > 0.0, size, 1.0)
 
 
 def safe_depth(size: int) -> float:
@@ -65,7 +67,7 @@ def smallest_eigenvalue(values: Array) -> Array:
     """
     raw = np.linalg.eigvalsh(values)[..., 0]
     diagonal = np.abs(np.diagonal(values, axis1=-2, axis2=-1))
-    t = 2.0 ** -np.round(0.5 * np.log2(np.where(diagonal > 0.0, diagonal, 1.0)))
+    t = 2.0 ** -np.round(0.5 * np.log2(_or_one(diagonal)))
     sign = np.linalg.eigvalsh(values * t[..., :, None] * t[..., None, :])[..., 0]
     # Ostrowski: the eigenvalue is that of T F T times a factor between the extremes of T^-2.
     least = sign * np.min(t**-2, axis=-1)

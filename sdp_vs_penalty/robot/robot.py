@@ -22,47 +22,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint, Mechanism
 from sdp_vs_penalty.robot.transmission import Transmission
 
-
-def dh_joints(
-    a: Sequence[float],
-    alpha: Sequence[float],
-    d: Sequence[float],
-    convention: str,
-    limits: Sequence[Mapping[str, float]] = (),
-) -> tuple[Joint, ...]:
-    """The joints of :meth:`Robot.from_dh`; raises InputError for another convention."""
-    joints: list[Joint] = []
-    for i, row in enumerate(zip(a, alpha, d, strict=True)):
-        a_i, alpha_i, d_i = row
-        if convention == "modified":
-            placement = _rotation_x(alpha_i) @ _translation(a_i, 0.0, d_i)
-            # Rz and Tz commute: the offset along the axis can come first.
-            frame = np.eye(4)
-        elif convention == "standard":
-            placement = np.eye(4) if i == 0 else joints[-1].link_frame
-            frame = _translation(a_i, 0.0, d_i) @ _rotation_x(alpha_i)
-        else:
-            raise InputError(f"DH convention {convention!r} is unknown", "use 'modified' or 'standard'")
-        extra = dict(limits[i]) if limits else {}
-        joints.append(Joint(f"joint{i + 1}", "revolute", i - 1, placement, np.eye(3)[2], frame, **extra))
-    return tuple(joints)
-
-
-def _rotation_x(angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    # Exact quarter turns: cos(pi/2) = 6e-17 would leak into the structural zeros of the regressor.
-    c, s = (np.round(v) if abs(v - np.round(v)) < 1e-15 else v for v in (c, s))
-    out = np.eye(4)
-    out[1:3, 1:3] = [[c, -s], [s, c]]
-    return out
-
-
-def _translation(x: float, y: float, z: float) -> Array:
-    out = np.eye(4)
-    out[:3, 3] = x, y, z
-    return out
-
-
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 
@@ -211,10 +170,8 @@ class Robot(Plain):
         return tuple(tuple(sorted(link[k] for k in m if k in link)) for m in moved)
 
     def random_configurations(self, count: int, seed: int) -> Array:
-        """(count, n) positions, uniform inside the joint range (or +-pi rad, +-1 m where open)."""
-        span = [np.pi if j.kind == "revolute" else 1.0 for j in self.joints]
-        low = [j.lower if np.isfinite(j.lower) else -s for j, s in zip(self.joints, span, strict=True)]
-        high = [j.upper if np.isfinite(j.upper) else s for j, s in zip(self.joints, span, strict=True)]
+        """(count, n) positions, uniform inside the joint range of :func:`joint_limits`."""
+        low, high, _ = joint_limits(self)
         return np.random.default_rng(seed).uniform(low, high, (count, self.n))
 
     def link_reach(self) -> Array:
@@ -253,22 +210,47 @@ class Robot(Plain):
     ) -> Self:
         """A chain of revolute joints from a DH table without joint offsets.
 
+        a, d [m], alpha [rad] : one a joint; limits : further fields of each :class:`Joint`.
         convention "modified" (Craig): Rx(alpha) Tx(a) Rz(q) Tz(d), the link frame on its own joint
-        axis; "standard": Rz(q) Tz(d) Tx(a) Rx(alpha), the link frame at the link's far end.
+        axis; "standard": Rz(q) Tz(d) Tx(a) Rx(alpha), the link frame at the link's far end; InputError
+        for another.
         """
-        joints = dh_joints(a, alpha, d, convention, limits)
-        return cls(name, joints, tuple(map(float, gravity)))
+        if convention not in ("modified", "standard"):
+            raise InputError(f"DH convention {convention!r} is unknown", "use 'modified' or 'standard'")
+        joints: list[Joint] = []
+        for i, (a_i, alpha_i, d_i) in enumerate(zip(a, alpha, d, strict=True)):
+            move, turn, frame = np.eye(4), np.eye(4), np.eye(4)
+            move[:3, 3] = a_i, 0.0, d_i
+            c, s = np.cos(alpha_i), np.sin(alpha_i)
+            # Exact quarter turns: cos(pi/2) = 6e-17 would leak into the regressor's structural zeros.
+            c, s = (np.round(v) if abs(v - np.round(v)) < 1e-15 else v for v in (c, s))
+            turn[1:3, 1:3] = [[c, -s], [s, c]]
+            placement = turn @ move  # Rz and Tz commute: the offset along the axis can come first
+            if convention == "standard":
+                placement, frame = joints[-1].link_frame if joints else np.eye(4), move @ turn
+            extra = dict(limits[i]) if limits else {}
+            one = Joint(f"joint{i + 1}", "revolute", i - 1, placement, np.eye(3)[2], frame, **extra)
+            joints.append(one)
+        return cls(name, tuple(joints), tuple(map(float, gravity)))
 
-    def _projected(self, torque: Array) -> Array:
-        """(N, n, ...) from (N, L, ...): power is the same, tau = matrix^T tau_tree."""
+    def _projected(self, torque: Array, columns: bool = False) -> Array:
+        """(N, n, ...) from (N, L, ...): power is the same, tau = B^T tau_tree; columns : (N, n, n)
+        B^T D B of a matrix D (N, L, L) between joints of the tree."""
         if self.mechanism is None:
             return torque
-        return np.einsum("ln,kl...->kn...", self.mechanism.matrix, torque)
+        out = np.einsum("ln,kl...->kn...", self.mechanism.matrix, torque)
+        return out @ self.mechanism.matrix if columns else out
+
+    @property
+    def _pin(self) -> Any:
+        """Pinocchio, imported when it is first needed."""
+        from sdp_vs_penalty.robot._pinocchio import pin
+
+        return pin
 
     @cached_property
     def _model(self) -> Any:
-        from sdp_vs_penalty.robot._pinocchio import pin
-
+        pin = self._pin
         model = pin.Model()
         model.gravity = pin.Motion(np.array(self.gravity, float), np.zeros(3))
         for joint in self.tree:
@@ -293,47 +275,38 @@ class Robot(Plain):
 
         Atkeson, An, Hollerbach (IJRR 1986), by Pinocchio's joint torque regressor.
         """
-        from sdp_vs_penalty.robot._pinocchio import pin
-
         q, dq, ddq = self.tree_state(q, dq, ddq)
         out = np.empty((len(q), len(self.tree), 10 * len(self.tree)))
         model, data = self._model, self._model.createData()
         for k in range(len(q)):
-            out[k] = pin.computeJointTorqueRegressor(model, data, q[k], dq[k], ddq[k])
+            out[k] = self._pin.computeJointTorqueRegressor(model, data, q[k], dq[k], ddq[k])
+        blocks = self._projected(out).reshape(len(q), self.n, -1, 10)
         if self.mechanism is not None:
-            out = self._projected(out)
-            blocks = out.reshape(len(q), self.n, -1, 10)[:, :, list(self.link_joints)]
-            out = blocks.reshape(len(q), self.n, -1)
+            blocks = blocks[:, :, list(self.link_joints)]
         if self._link_maps is not None:
-            blocks = out.reshape(len(q), self.n, self.links, 10)
-            out = np.einsum("kjla,lab->kjlb", blocks, self._link_maps).reshape(out.shape)
-        return out
+            blocks = np.einsum("kjla,lab->kjlb", blocks, self._link_maps)
+        return blocks.reshape(len(q), self.n, -1)
 
     def _with_inertias(self, theta: ArrayLike) -> Any:
-        from sdp_vs_penalty.robot._pinocchio import pin
-
-        model = self._model.copy()
+        pin, model = self._pin, self._model.copy()
         links = np.asarray(theta, float).reshape(self.links, 10)
         if self._link_maps is not None:
             links = np.einsum("lab,lb->la", self._link_maps, links)
         for i, row in zip(self.link_joints, links, strict=True):
             # FromDynamicParameters divides by the mass: a massless link keeps its inertia this way.
-            mass = row[0]
-            if mass == 0.0:
-                rotational = inertia.inertia_matrix(row[4:])
-                model.inertias[i + 1] = pin.Inertia(0.0, np.zeros(3), rotational)
-            else:
-                model.inertias[i + 1] = pin.Inertia.FromDynamicParameters(row)
+            model.inertias[i + 1] = (
+                pin.Inertia.FromDynamicParameters(row)
+                if row[0] != 0.0
+                else pin.Inertia(0.0, np.zeros(3), inertia.inertia_matrix(row[4:]))
+            )
         return model
 
     def inverse_dynamics(self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Joint torques (N, n) of rigid links by recursive Newton-Euler; theta has 10 a link."""
-        from sdp_vs_penalty.robot._pinocchio import pin
-
         model = self._with_inertias(theta)
         data = model.createData()
         rows = zip(*self.tree_state(q, dq, ddq), strict=True)
-        return self._projected(np.stack([pin.rnea(model, data, *row) for row in rows]))
+        return self._projected(np.stack([self._pin.rnea(model, data, *row) for row in rows]))
 
     def inverse_dynamics_derivatives(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
@@ -343,8 +316,6 @@ class Robot(Plain):
         With respect to q, dq and ddq, of rigid links; theta has 10 a link (Carpentier, Mansard,
         RSS 2018).
         """
-        from sdp_vs_penalty.robot._pinocchio import pin
-
         if (parts := _of_positive_masses(theta)) is not None:
             both = (self.inverse_dynamics_derivatives(x, q, dq, ddq) for x in parts)
             by_q, by_dq, by_ddq = (np.subtract(a, b) for a, b in zip(*both, strict=True))
@@ -354,11 +325,10 @@ class Robot(Plain):
         q, dq, ddq = self.tree_state(q, dq, ddq)
         by_q, by_dq, by_ddq = np.empty((3, len(q), len(self.tree), len(self.tree)))
         for k in range(len(q)):
-            pin.computeRNEADerivatives(model, data, q[k], dq[k], ddq[k])
+            self._pin.computeRNEADerivatives(model, data, q[k], dq[k], ddq[k])
             by_q[k], by_dq[k], by_ddq[k] = data.dtau_dq, data.dtau_dv, data.M
-        upper = np.triu(by_ddq)  # Pinocchio fills one triangle of M
-        by_ddq = upper + np.swapaxes(np.triu(by_ddq, 1), 1, 2)
-        return self._reduced(by_q), self._reduced(by_dq), self._reduced(by_ddq)
+        by_q, by_dq, by_ddq = (self._projected(x, True) for x in (by_q, by_dq, _symmetric(by_ddq)))
+        return by_q, by_dq, by_ddq
 
     def placement_derivatives(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
@@ -369,8 +339,7 @@ class Robot(Plain):
         Six virtual joints that rest stand before each, and it is by their positions that Pinocchio
         derives (Carpentier, Mansard, RSS 2018).
         """
-        from sdp_vs_penalty.robot._pinocchio import pin
-
+        pin = self._pin
         if (parts := _of_positive_masses(theta)) is not None:
             both = (self.placement_derivatives(x, q, dq, ddq) for x in parts)
             return np.asarray(np.subtract(*both))
@@ -394,21 +363,11 @@ class Robot(Plain):
         for k, row in enumerate(np.swapaxes(states, 0, 1)):
             pin.computeRNEADerivatives(model, data, *row)
             out[k] = data.dtau_dq[wanted]
-        if self.mechanism is not None:
-            out = np.einsum("ln,klc->knc", self.mechanism.matrix, out)
-        return out.reshape(len(out), self.n, len(own), 6)
-
-    def _reduced(self, by_tree: Array) -> Array:
-        """(N, n, n) B^T D B of a matrix (N, L, L) between joints of the tree."""
-        if self.mechanism is None:
-            return by_tree
-        return np.asarray(self.mechanism.matrix.T @ by_tree @ self.mechanism.matrix)
+        return self._projected(out).reshape(len(out), self.n, len(own), 6)
 
     def jacobians(self, q: ArrayLike, link: int) -> Array:
         """(N, 6, n) of a tree joint's frame: linear, then angular velocity, in world axes."""
-        from sdp_vs_penalty.robot._pinocchio import pin
-
-        model, data = self._model, self._model.createData()
+        pin, model, data = self._pin, self._model, self._model.createData()
         (q,) = self.tree_state(q)
         out = np.empty((len(q), 6, len(self.tree)))
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -428,12 +387,10 @@ class Robot(Plain):
 
         By the composite rigid body and recursive Newton-Euler algorithms (Featherstone 2008, ch. 5-6).
         """
-        from sdp_vs_penalty.robot._pinocchio import pin
-
         if (parts := _of_positive_masses(theta)) is not None:
             whole, taken = (self.mass_and_bias(x) for x in parts)
             return lambda q, dq: tuple(map(np.subtract, whole(q, dq), taken(q, dq)))  # type: ignore[return-value]
-        model = self._with_inertias(theta)
+        pin, model = self._pin, self._with_inertias(theta)
         data = model.createData()
 
         def terms(q: Array, dq: Array) -> tuple[Array, Array]:
@@ -442,10 +399,27 @@ class Robot(Plain):
             for k in range(len(q)):
                 mass[k] = pin.crba(model, data, q[k])
                 bias[k] = pin.nonLinearEffects(model, data, q[k], dq[k])
-            full = np.triu(mass) + np.swapaxes(np.triu(mass, 1), 1, 2)
-            return self._reduced(full), self._projected(bias)
+            return self._projected(_symmetric(mass), True), self._projected(bias)
 
         return terms
+
+
+def _symmetric(M: Array) -> Array:
+    """(N, L, L) of the upper triangle, which is all that Pinocchio fills."""
+    return np.triu(M) + np.swapaxes(np.triu(M, 1), 1, 2)
+
+
+def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
+    """(n,) lower, upper [rad or m] and velocity limits [rad/s or m/s]; where a robot states none, half a
+    turn or half a metre to each side, 2 rad/s or .5 m/s."""
+    lower, upper, velocity = [], [], []
+    for joint in robot.joints:
+        span, rate = (np.pi, 2.0) if joint.kind == "revolute" else (0.5, 0.5)
+        lower.append(joint.lower if np.isfinite(joint.lower) else min(-span, joint.upper - 2 * span))
+        upper.append(joint.upper if np.isfinite(joint.upper) else max(span, lower[-1] + 2 * span))
+        known = np.isfinite(joint.velocity) and joint.velocity > 0.0
+        velocity.append(joint.velocity if known else rate)
+    return np.array(lower), np.array(upper), np.array(velocity)
 
 
 def _of_positive_masses(theta: ArrayLike) -> tuple[Array, Array] | None:

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.robot import Robot, joint_limits
 
 
 @dataclass(frozen=True)
@@ -115,29 +115,12 @@ def random_trajectory(
     lower, upper, velocity = joint_limits(robot)
     unit = FourierTrajectory(a, b, np.zeros(robot.n), frequency, blend, duration)
     q, dq, _ = unit.states(np.linspace(0.0, duration, 1001))
-    # Share of the velocity limit that a random trajectory uses at most.
-    # Share of the joint range that it uses at most.
     scale = np.minimum(
-        0.6 * velocity / np.abs(dq).max(axis=0),
-        0.8 * (upper - lower) / np.ptp(q, axis=0),
+        0.6 * velocity / np.abs(dq).max(axis=0), 0.8 * (upper - lower) / np.ptp(q, axis=0)
     )
     low, high = scale * q.min(axis=0), scale * q.max(axis=0)
     q_0 = rng.uniform(lower - low, upper - high)
     return FourierTrajectory(a * scale[:, None], b * scale[:, None], q_0, frequency, blend, duration)
-
-
-def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
-    """(n,) lower, upper [rad or m] and velocity limits, with plain assumptions where none is stated."""
-    lower, upper, velocity = [], [], []
-    for joint in robot.joints:
-        # Limits assumed where a robot states none: half a turn [rad] or half a metre [m] to each
-        # side.
-        span = {"revolute": np.pi, "prismatic": 0.5}[joint.kind]
-        lower.append(joint.lower if np.isfinite(joint.lower) else min(-span, joint.upper - 2 * span))
-        upper.append(joint.upper if np.isfinite(joint.upper) else max(span, lower[-1] + 2 * span))
-        known = np.isfinite(joint.velocity) and joint.velocity > 0.0
-        velocity.append(joint.velocity if known else {"revolute": 2.0, "prismatic": 0.5}[joint.kind])
-    return np.array(lower), np.array(upper), np.array(velocity)
 
 
 @dataclass(frozen=True)

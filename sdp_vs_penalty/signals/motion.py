@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
+from sdp_vs_penalty.signals.preprocessing import OVERSAMPLING, Preprocessing, RunFilter
 from sdp_vs_penalty.signals.runs import stretches
 
 #: Motion is new beyond so many spreads of the training motion. A path of more than ``_MOST`` numbers is
@@ -28,12 +28,10 @@ from sdp_vs_penalty.signals.runs import stretches
 DISTANCE, _COARSEST, _MOST = 0.1, 0.4, 100_000
 #: In units of the distance: how far the lines may pass beside a row, how near a row counts as there
 #: already, and the spacing at which lines are looked up.
-_BESIDE, _THERE, _SPACING = 0.2, 0.3, 0.2
+_NEAR = 0.2
 #: A coordinate that spreads less than this share of the largest one is measured in that instead: the
 #: noise of a joint that hardly moves is no motion.
 _IDLE = 0.1
-#: Rows per period of the torque low-pass's cut-off, as the regression has them.
-_ROW_RATE = 4.0
 #: Rows of a path that are compared with the record at a time, at least; a quarter of all before, so that
 #: a long path takes few looks, and its first periods are enough for the later ones.
 _CHUNK = 200
@@ -79,7 +77,7 @@ class MotionRecord:
 
     @cached_property
     def _path(self) -> Array:
-        return _filled(self.lines, _SPACING * self.distance)
+        return _filled(self.lines, _NEAR * self.distance)
 
     def joined(self, other: MotionRecord) -> MotionRecord | None:
         """The motion of both, in units of this one's spread; None where that is too much to keep."""
@@ -132,7 +130,7 @@ def record_motion(measurements: Measurements, settings: Preprocessing) -> Motion
 def _paths(run: Measurements, settings: Preprocessing) -> Iterator[Array]:
     """Uninterrupted paths (M, 2 n) of a run's filtered rows in which the robot moves."""
     filters = RunFilter(run, settings)
-    margin, step = filters.state.half + filters.column.half, filters.step(_ROW_RATE)
+    margin, step = filters.state.half + filters.column.half, filters.step(OVERSAMPLING)
     for part in stretches(run):
         rows = np.arange(margin, part.count - margin, step)
         moving = filters.movement.at(part.clock(rows))
@@ -169,11 +167,11 @@ def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
             start, before = start + count, before + count
             fresh = np.ones(len(rows), bool)
             if lines:
-                fresh = ~_near(_filled(lines, _SPACING * distance), rows, _THERE * distance)
+                fresh = ~_near(_filled(lines, _NEAR * distance), rows, _NEAR * distance)
             for piece in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(fresh)) + 1):
                 if fresh[piece[0]]:
                     around = slice(max(piece[0] - 1, 0), piece[-1] + 2)
-                    lines.append(_straight(rows[around], _BESIDE * distance))
+                    lines.append(_straight(rows[around], _NEAR * distance))
             if sum(line.size for line in lines) > _MOST:
                 return None
     return lines

@@ -20,14 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
-from sdp_vs_penalty.signals.repetition import Track, repeat_lag, repeat_period
+from sdp_vs_penalty.signals.repetition import ALIKE, Track, repeat_lag, repeat_period
 from sdp_vs_penalty.signals.runs import interpolated, sample_rate
 
-#: Positions are compared at this rate [Hz] at most: they hold little above. Those of a run that would
-#: have more instants, at the second one.
-_RATE, _MOST, _COARSE = 100.0, 1 << 17, 25.0
-#: Two runs of one motion have the same period to this share of it.
-_SAME_PERIOD = 0.01
+#: Positions are compared at this rate [Hz] at most: they hold little above; at so many instants at most.
+_RATE, _MOST = 100.0, 1 << 17
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ def tracks_of(measurements: Measurements) -> list[Track]:
     out = []
     for run in measurements.runs():
         span = float(run.t[-1] - run.t[0])
-        rate = min(sample_rate(run), _RATE if span * _RATE < _MOST else _COARSE)
+        rate = min(sample_rate(run), _RATE, _MOST / span)
         t = run.t[0] + np.arange(int(span * rate) + 1) / rate
         out.append((t, interpolated(t, run.t, run.q)))
     return out
@@ -78,7 +75,7 @@ def _shared(
     """The clock of an earlier run with the same motion, as this run shows it."""
     for other, there in zip(clocks, tracks, strict=False):
         if other.periodic and own.periodic:
-            if abs(other.length - own.length) > _SAME_PERIOD * own.length:
+            if abs(other.length - own.length) > ALIKE * own.length:
                 continue
             lag = repeat_lag(there, track, 0.6 * own.length)
         else:

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Sampling
 from sdp_vs_penalty.effects.model import JointColumns, Model, depends
 from sdp_vs_penalty.effects.motion import Command
@@ -47,24 +48,16 @@ from sdp_vs_penalty.signals.runs import (
 from sdp_vs_penalty.signals.spectrum import highest_harmonic, smoothed_cutoff, unbent_cutoff
 
 #: Rows decimated to this multiple of the cut-off: the kernel's stop band starts at 1.4 cut-offs.
-_OVERSAMPLING = 4.0
+OVERSAMPLING = 4.0
 #: Columns are computed at this multiple of the cut-off: what they hold above half of it (reversals of
 #: friction, products of states) must not fold back below the cut-off.
 _COLUMN_RATE = 30.0
 #: Smooth columns hold products of so many states: up to so many state cut-offs. Kernels stop at
 #: ``_STOPS`` cut-offs.
 _PRODUCTS, _STOPS = 4.0, 1.4
-#: Filters that need more than so many lengths of the run are not made at all.
-_LONGER = 1.5
-#: Samples of a run that is not kept worked on at a time: bounds the memory whatever the run's length.
-_CHUNK = 1 << 14
-#: Filtered instants at a time: each has a row as long as the kernel.
-_FILTERED = 512
-#: Samples of a stretch of which a few are chosen.
-_MOST_SAMPLES = 1 << 19
 #: Filtered pieces of runs of at most so many positions are kept, for the next model's columns, with the
-#: low-passed columns of the last one; columns of more than this on a joint are low-passed by themselves.
-_MOST_KEPT, _WIDE = 150_000, 8
+#: low-passed columns of the last one.
+_MOST_KEPT = 150_000
 #: Longest delay of a command that columns can look back over [s].
 _LATEST = 0.12
 
@@ -132,7 +125,7 @@ class RunFilter:
         reach = 2.0 / settings.state_cutoff + 2.0 / settings.torque_cutoff
         # Nor longer than the grid of a run whose clock leaps: at most so many points a sample.
         longest = min(float(run.t[-1] - run.t[0]) + self.dt, 2.0 * FINEST * len(run.t) * self.dt)
-        if not 2.0 * reach < _LONGER * longest:
+        if not reach < longest:
             raise no_rows(run, 2.0 * reach)
         self.state, self.column = map(self._kernel, (settings.state_cutoff, settings.torque_cutoff))
         self.grid_stride = max(1, int(1.0 / (_COLUMN_RATE * self.column.cutoff * self.dt)))
@@ -140,7 +133,7 @@ class RunFilter:
         self.coarse = self.column.sampled(self.stride)
         # Of the samples between two rows, so that rows lie on the grid of smooth columns too.
         step, highest = (
-            self.step(_OVERSAMPLING),
+            self.step(OVERSAMPLING),
             settings.torque_cutoff + _PRODUCTS * settings.state_cutoff,
         )
         most = 1.0 / (_STOPS * highest * self.dt)
@@ -159,11 +152,10 @@ class RunFilter:
         return movement(self.run, self.standstill)
 
     def moving(self, margin: int) -> list[tuple[Stretch, NDArray[np.int64]]]:
-        """Of each stretch the samples, ``margin`` off its ends, in which the robot moves; every few of a
-        long one."""
+        """Of each stretch the samples, ``margin`` off its ends, in which the robot moves."""
         out = []
         for part in stretches(self.run):
-            k = np.arange(margin, part.count - margin, max(1, part.count // _MOST_SAMPLES))
+            k = np.arange(margin, part.count - margin)
             out.append((part, k[self.movement.at(part.clock(k))]))
         return out
 
@@ -226,12 +218,8 @@ class RunFilter:
 
     def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
         """Low-passed torque (len(at), n) at samples of the log, in order."""
-        half, out = self.column.half, []
-        for few in np.split(at, range(_FILTERED, len(at), _FILTERED)):
-            begin, end = few[0] - half, few[-1] + half + 1
-            around = part.resampled(part.tau, begin, end)
-            out.append(self.column.decimator(few - begin) @ around)
-        return np.concatenate(out)
+        begin, end = at[0] - self.column.half, at[-1] + self.column.half + 1
+        return self.column.decimator(at - begin) @ part.resampled(part.tau, begin, end)
 
 
 @dataclass(frozen=True)
@@ -294,10 +282,10 @@ class _Piece:
         }
 
     def low_passed(self, blocks: list[Block], smooth: bool) -> list[Block]:
-        """An effect's columns at the rows; narrow ones together."""
+        """An effect's columns at the rows."""
         low_pass = self.smooth_low_pass if smooth else self.low_pass
-        if not blocks or any(b.columns.shape[1] > _WIDE for b in blocks):
-            return [replace(b, columns=low_pass @ b.columns) for b in blocks]
+        if not blocks:
+            return []
         few = low_pass @ np.hstack([b.columns for b in blocks])
         ends = np.cumsum([b.columns.shape[1] for b in blocks])
         return [
@@ -311,12 +299,12 @@ def _pieces(
     """A run's rows piece by piece; where effects remember, each ``whole`` stretch sample by sample."""
     filters = RunFilter(run, settings, whole)
     counts = moving or filters.movement
-    step = filters.step(_OVERSAMPLING)
+    step = filters.step(OVERSAMPLING)
     margin = filters.state.half + filters.column.half
     found = False
     for part in stretches(run):
         outputs = np.arange(margin, part.count - margin, step)
-        per_chunk = len(outputs) if whole or run.q.size <= _MOST_KEPT else max(1, _CHUNK // step)
+        per_chunk = len(outputs) if whole or run.q.size <= _MOST_KEPT else max(1, PART // step)
         for number in range(0, len(outputs), max(per_chunk, 1)):
             at = outputs[number : number + per_chunk]
             keep = counts.at(part.clock(at))
@@ -347,7 +335,7 @@ def rows_per_sample(run: Measurements, settings: Preprocessing) -> float:
     """
     filters = RunFilter(run, settings)
     kernel = filters.column.value
-    return float(1.0 / (filters.step(_OVERSAMPLING) * (kernel @ kernel)))
+    return float(1.0 / (filters.step(OVERSAMPLING) * (kernel @ kernel)))
 
 
 def filtered_torque(run: Measurements, model: Model, settings: Preprocessing) -> Rows:

@@ -21,8 +21,6 @@ Track: TypeAlias = tuple[Array, Array]
 
 #: Motions are alike if their positions differ by less than this share of each joint's motion.
 ALIKE = 0.01
-#: A joint that moves less than this share of the largest motion is compared with that instead.
-_IDLE = 0.01
 #: Shortest stretch that is compared [s]: shorter ones say little about slow noise.
 _SHORTEST = 2.0
 #: How far a motion may slip from one run to another [s], and the steps in which it is looked for.
@@ -35,9 +33,10 @@ _FEWEST = 8
 
 
 def motion_scale(q: Array) -> Array | None:
-    """(n,) size of each joint's motion, so that a small one counts too; None for no motion at all."""
+    """(n,) size of each joint's motion, so that a small one counts too, but for what is alike beside the
+    largest; None for no motion at all."""
     size = q.std(axis=0)
-    return np.maximum(size, _IDLE * size.max()) if size.max() > 0.0 else None
+    return np.maximum(size, ALIKE * size.max()) if size.max() > 0.0 else None
 
 
 def repeat_period(t: Array, q: Array) -> float | None:

@@ -24,7 +24,8 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, random_trajectory
+from sdp_vs_penalty.robot.robot import joint_limits
+from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 from sdp_vs_penalty.simulation.worlds.arm import Arm
 from sdp_vs_penalty.simulation.worlds.conditions import Conditions

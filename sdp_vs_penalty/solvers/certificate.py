@@ -124,7 +124,7 @@ def _polished(
     data, entries = objective.least_squares, constraints.entries
     shape = len(bound), len(entries.constant)
     adjoint = sparse.csr_matrix((entries.value, (entries.column, entries.row)), shape)
-    slope, pull, first = np.zeros(len(bound)), 2.0 * data.R.T, np.asarray(e.y, float)
+    slope, pull, first = objective.linear + np.zeros(len(bound)), 2.0 * data.R.T, np.asarray(e.y, float)
     if (entropy := objective.entropy) is not None:
         pulls = entropy.weight * (entropy.nominal_terms[0] - np.array(e.entropy_slopes))
         for link, own in zip(entropy.links, pulls, strict=True):

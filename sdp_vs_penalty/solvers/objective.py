@@ -62,17 +62,19 @@ class Entropy:
 
 @dataclass(frozen=True)
 class Objective:
-    """loss(theta) [+ entropy]: convex, with value, gradient and its least-squares part."""
+    """loss(theta) [+ entropy] [+ linear (p,) @ theta]: convex, with value and gradient. linear : what
+    bounds are proved of (:mod:`extremes`); estimates have none."""
 
     least_squares: LeastSquares
     entropy: Entropy | None = None
+    linear: Array | float = 0.0
 
     def value(self, theta: Array) -> float:
         """At theta (p,)."""
         extra = 0.0 if self.entropy is None else self.entropy.value(theta)
-        return self.least_squares.loss(theta) + extra
+        return self.least_squares.loss(theta) + extra + float(np.sum(self.linear * theta))
 
     def gradient(self, theta: Array) -> Array:
         """(p,) at theta (p,)."""
-        gradient = self.least_squares.gradient(theta)
+        gradient = self.least_squares.gradient(theta) + self.linear
         return gradient if self.entropy is None else gradient + self.entropy.gradient(theta)

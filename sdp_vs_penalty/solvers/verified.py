@@ -103,6 +103,7 @@ def lower_bound(
     ]
     taken, slope = _against(constraints, dual, len(bound))
     constant, slope = Enclosure.exact(0.0) - taken, Enclosure(-slope.value, slope.radius)
+    slope = slope + Enclosure.exact(objective.linear)
     if objective.entropy is not None:
         tangent = _entropy_tangent(objective.entropy, entropy_slopes, len(bound))
         constant, slope = constant + tangent[0], slope + tangent[1]
@@ -190,6 +191,7 @@ def upper_bound(objective: Objective, theta: Array) -> float:
     residual = product(data.R, theta) - Enclosure.exact(data.rho)
     worst = residual.magnitude()
     value = product(worst, worst) + product([Long(data.residual_norm)], [Long(data.residual_norm)])
+    value = value + product(np.broadcast_to(objective.linear, theta.shape), theta)
     if objective.entropy is not None:
         value = value + _entropy_value(objective.entropy, theta)
     return -_down(-value.upper)

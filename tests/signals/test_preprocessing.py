@@ -76,7 +76,7 @@ def test_pieces_give_exactly_the_whole(chunk: int, monkeypatch: pytest.MonkeyPat
     model, _, run = model_and_run()
     settings = Preprocessing(4.0, 6.0).resolve(run)
     whole = filtered_torque(run, model, settings)
-    monkeypatch.setattr(preprocessing, "_CHUNK", chunk)
+    monkeypatch.setattr(preprocessing, "PART", chunk)
     monkeypatch.setattr(preprocessing, "_MOST_KEPT", 0)  # what is kept is kept in one piece
     pieces = list(filtered_rows(run, model, settings))
     assert len(pieces) > 1

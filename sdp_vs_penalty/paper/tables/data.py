@@ -154,10 +154,10 @@ def _errors(
     whole, links = [], []
     for train, test in windows:
         task = make_task(study.problem, data.model, train, seed=study.seed)
-        estimator, own = study.posed(method, task)
+        estimator = study.estimator(method)
         if isinstance(estimator, Penalty):
             estimator = replace(estimator, starts=1)  # one start of it stands for all
-        theta = estimator.fit(own).theta
+        theta = estimator.fit(task).theta
         whole.append(torque_errors(test, theta)[1])
         links.append(torque_errors(test, refit_others(test, theta, data.model))[1])
     return whole, links

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,14 +17,7 @@ from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.identify import certify, identify
 from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.estimators.estimator import (
-    Estimator,
-    Progress,
-    Task,
-    make_task,
-    no_progress,
-    with_joint_prior,
-)
+from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, make_task, no_progress
 from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, QUICK_BUDGET, PenaltyPaper
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word
@@ -244,14 +237,9 @@ class Study:
         for (method, _), data in new.items():
             self.task(data)
             self.progress(f"{method} on {data.label} data")
-        tasks = [self.posed(method, self._tasks[key]) for method, key in new]
+        tasks = [(self.estimator(method), self._tasks[key]) for method, key in new]
         workers = replace(self.workers, progress=self.progress)
         self._results.update(zip(new, workers.map(_estimated, tasks), strict=True))
-
-    def posed(self, method: str, task: Task) -> tuple[Estimator, Task]:
-        """Who estimates what; "penalty, joint prior": one of :data:`WITH_PRIOR`."""
-        name, _, prior = method.partition(", ")
-        return self.estimator(name), with_joint_prior(task) if prior else task
 
     @property
     def about_priors(self) -> list[str]:
@@ -277,11 +265,14 @@ class Study:
         return self.fitted(method, data)[data.model.rigid_indices].reshape(-1, 10)
 
     def estimator(self, method: str) -> Estimator:
-        """The method with the settings of this budget."""
-        kind = estimator_types()[method]
+        """The method with the settings of this budget, and of its name: "penalty, joint prior"."""
+        name, _, prior = method.partition(", ")
+        kind: Any = estimator_types()[name]
+        if prior:
+            return cast(Estimator, kind(joint_prior=1.0))
         if issubclass(kind, PenaltyPaper):
             return kind(evaluations=PAPER_BUDGET if self.budget == "paper" else QUICK_BUDGET)
-        return kind()
+        return cast(Estimator, kind())
 
     @cached_property
     def base(self) -> Array:

@@ -13,8 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.trajectory import joint_limits
+from sdp_vs_penalty.robot.robot import Robot, joint_limits
 from sdp_vs_penalty.simulation.engines.engine import Engine, Followed
 
 #: Time step of all engines [s].
