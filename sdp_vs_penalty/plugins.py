@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
-from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
@@ -53,26 +51,6 @@ def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
             names = f"{out[value].__name__} and {thing.__name__}"
             raise InputError(f"{names} have the same {word}, {value!r}", "give each its own")
     return dict(sorted(out.items()))
-
-
-def written(folders: Iterable[Path], *names: str) -> Iterator[tuple[str, ...]]:
-    """The texts assigned to all of ``names`` side by side, in a file or a class, without an import."""
-    for file in sorted(path for folder in folders for path in folder.glob("*.py")):
-        text = file.read_text(encoding="utf-8")
-        if not all(name in text for name in names):
-            continue
-        tree = ast.parse(text)
-        scopes: list[ast.Module | ast.ClassDef] = [tree]
-        for scope in scopes + [node for node in tree.body if isinstance(node, ast.ClassDef)]:
-            texts = {
-                target.id: node.value.value
-                for node in scope.body
-                if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(node.value, ast.Constant)
-                for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
-                if isinstance(target, ast.Name)
-            }
-            if texts.keys() >= set(names):
-                yield tuple(str(texts[name]) for name in names)
 
 
 def surface(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:

@@ -17,7 +17,7 @@ from sdp_vs_penalty.cli.verbs.list import listing
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
 from sdp_vs_penalty.paper.tables.methods import WITH_PRIOR, build
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.plugins import by_word, written
+from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.solvers import solver_modules
@@ -105,8 +105,7 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def test_an_estimator_is_one_file(added: None) -> None:
     assert "ridge" in estimator_types()
-    (listed,) = written([Path(sdp_vs_penalty.estimators.__path__[-1])], "name", "description")
-    assert listed == ("ridge", "least squares pulled to the nominal parameters")
+    assert ("ridge", "least squares pulled to the nominal parameters") in listing("methods")[1]
     problem = load_problem("two_link")
     run = experiment(problem).training_run(seed=0)
     estimate = identify(problem, run, "ridge")

@@ -81,7 +81,8 @@ class AuthMiddleware:
             if socket:
                 await send({"type": "websocket.close", "code": 1008})
             else:
-                await _REFUSAL(scope, receive, send)
+                said = "Only the page itself may ask: open the address that was printed, key included.\n"
+                await PlainTextResponse(said, 403, {"connection": "close"})(scope, receive, send)
             return
 
         async def with_headers(message: MutableMapping[str, Any]) -> None:
@@ -108,10 +109,3 @@ class AuthMiddleware:
         path = "/" + asked.scope["path"].lstrip("/") + (f"?{rest}" if rest else "")
         cookie = f"{self.cookie}={self.key}; Path=/; HttpOnly; SameSite=Strict" + "; Secure" * self.tls
         return RedirectResponse(path, 303, {"set-cookie": cookie, "cache-control": "no-store"})
-
-
-_REFUSAL = PlainTextResponse(
-    "Only the page itself may ask here: open the address that was printed, key included.\n",
-    403,
-    {"connection": "close"},
-)

@@ -23,12 +23,12 @@ from sdp_vs_penalty.problem.convert import convert
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import real_data_folder
+from sdp_vs_penalty.reports.plots import POINTS
 from sdp_vs_penalty.signals.phases import filter_reach, motion_clocks, phase_windows, tracks_of
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, hidden_runs
 
-#: Share of a run that is identified from where the rest of it is kept for testing, and the seconds
-#: between, so that no filter sees both.
-SPLIT, _PAUSE = 0.7, 0.5
+#: Share of a run that is identified from where the rest of it is kept for testing.
+SPLIT = 0.7
 #: What the page shows of a finding of the check.
 _SHOWN = ("severity", "kind", "where", "what", "remedy", "mends", "gravity")
 Request = Mapping[str, Any]
@@ -207,10 +207,6 @@ def keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[
     }
 
 
-#: Samples of a run that the page draws before anything is identified.
-_DRAWN = 1200
-
-
 def _preview(problem: Problem, part: Measurements, mended: Measurements, out: Path) -> None:
     """What the page shows of a run at once: t, q, dq, tau at some instants, the positions and torques
     that the check would put there (NaN where it changes nothing), and the arm's poses."""
@@ -224,9 +220,9 @@ def _preview(problem: Problem, part: Measurements, mended: Measurements, out: Pa
         # What a picture shows; rows that were left out come between their neighbours.
         changed = np.abs(there - raw) > 1e-3 * np.nanmax(np.abs(there), axis=0)
         repaired[changed] = there[changed]
-    keep = np.linspace(0, len(part.t) - 1, _DRAWN).astype(int)
+    keep = np.linspace(0, len(part.t) - 1, POINTS).astype(int)
     rare = np.flatnonzero(np.isfinite(repaired).any(axis=1))
-    keep = np.unique(np.concatenate([keep, rare[:: 1 + len(rare) // _DRAWN]]))
+    keep = np.unique(np.concatenate([keep, rare[:: 1 + len(rare) // POINTS]]))
     t, q, n = part.t[keep], part.q[keep], part.n
     dq = np.gradient(part.q, part.t, axis=0)[keep] if part.dq is None else part.dq[keep]
     arrays = {"t0": t, "q0": q, "dq0": dq, "torque0": part.tau[keep], "modelled0": part.tau[keep]}
@@ -239,11 +235,11 @@ def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, 
     """Windows to identify from and to test on, rounded so that a command can name them."""
     try:
         settings = problem.preprocessing.resolve(part)
-        shortest = 1.5 * filter_reach(part, settings)
+        reach = filter_reach(part, settings)  # half of it lies between: no filter sees both
     except InputError:  # no motion: the check says so
         return None
     (clock,) = motion_clocks(tracks_of(part))
-    windows = phase_windows(clock, float(part.t[-1] - part.t[0]), SPLIT, _PAUSE, shortest)
+    windows = phase_windows(clock, float(part.t[-1] - part.t[0]), SPLIT, 0.5 * reach, 1.5 * reach)
     if windows is None:
         return None
     train, test = ([(round(a, 3), round(b, 3)) for a, b in side] for side in windows)

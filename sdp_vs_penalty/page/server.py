@@ -30,11 +30,9 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.auth_middleware import KEY, LOOPBACK, guarded
-from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.session import Session, internal_error
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.stages import STAGES
-from sdp_vs_penalty.page.stages.use import FILES, LOAD, MADE, MORE
-from sdp_vs_penalty.page.state import internal_error
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
 from sdp_vs_penalty.page.worker_pool import Cancelled, WorkerPool, Working
@@ -229,7 +227,7 @@ def make_app(page: Page) -> FastAPI:
 
     @app.get("/s/{token}/take/{name}")
     async def _take(session: Named, name: str) -> Response:
-        if name not in (*FILES, *MORE, *LOAD, *MADE) or not (session.folder / name).is_file():
+        if name not in session.made or not (session.folder / name).is_file():
             raise HTTPException(404, "There is no such file.")
         return FileResponse(session.folder / name, filename=name, headers={"cache-control": "no-store"})
 

@@ -10,12 +10,12 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
-from sdp_vs_penalty.page.stages import STAGES
+from sdp_vs_penalty.page.stages import STAGES, WORK
 from sdp_vs_penalty.page.view import Part, Stage, View
 
 _COLOURS = frozenset({"good", "usable", "bad"})
 _THEMES = {None: "Colours: auto", False: "Colours: light", True: "Colours: dark"}
-_NEXT = dict(itertools.pairwise(STAGES[:-1]))
+_NEXT = dict(itertools.pairwise(WORK))
 
 
 class Workbench:
@@ -92,7 +92,7 @@ class Workbench:
     def _rail(self) -> None:
         with tag("nav", style="stages", aria_label="Stages"):
             for k, stage in enumerate(STAGES, start=1):
-                extra = "" if stage in STAGES[:-1] else "aside"
+                extra = "" if stage in WORK else "aside"
                 with tag("a", style=extra, href="#", data_key=f"nav-{k}", data_to=stage.anchor) as link:
                     if not extra:
                         tag("span", str(k), "number", aria_hidden="true")

@@ -22,22 +22,22 @@ from sdp_vs_penalty.reports.section import Material, page
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
 
-#: Processor time that free runs may take [s], and about that of a step: on its own and each joint's.
-_FREE_SECONDS, _STEP_SECONDS = 0.3, (3e-4, 1.6e-4)
-_SECTIONS = (
-    sections.verdict,
-    sections.torques,
-    sections.failures,
-    sections.findings,
-    sections.history,
-    sections.forward,
-    parameters.parameters,
-    parameters.arm,
-    parameters.friction,
-    sections.certificate,
-    sections.data_check,
-    sections.provenance,
-)
+#: Steps of the free runs together, a third of a second of processor time.
+_STEPS = 200
+_SECTIONS = {
+    "Verdict": sections.verdict,
+    "Where and when: measured against modelled": sections.torques,
+    "Why": sections.failures,
+    "What is missing": sections.findings,
+    "From model to model": sections.history,
+    "Run forward": sections.forward,
+    "Parameters": parameters.parameters,
+    "Links on the arm": parameters.arm,
+    "Friction": parameters.friction,
+    "Certificate": sections.certificate,
+    "Data check": sections.data_check,
+    "Provenance": sections.provenance,
+}
 
 
 def report(
@@ -77,7 +77,7 @@ def report(
     material = _material(named, runs, whole, forward, progress)
     progress("drawing")
     material = replace(material, commands=commands, diagnosis=said)
-    made = [make(material) for make in _SECTIONS]
+    made = [(make.__name__, title, make(material)) for title, make in _SECTIONS.items()]
     write_text(out, page(f"{material.last.robot.name}: identified dynamics", made, get_plotlyjs()))
 
 
@@ -99,10 +99,10 @@ def _material(
         name: [filtered_torque(run, e.model, settings) for run in driving.runs()]
         for name, (e, driving) in moved.items()
     }
-    each = _STEP_SECONDS[0] + _STEP_SECONDS[1] * last.robot.n
-    steps = None if forward else int(_FREE_SECONDS / each)
     try:
-        ahead: Following | str = follow(last, runs, drive=drive, steps=steps, progress=progress)
+        ahead: Following | str = follow(
+            last, runs, drive=drive, steps=None if forward else _STEPS, progress=progress
+        )
     except InputError as error:
         ahead = str(error)
     progress("looking where it fails")

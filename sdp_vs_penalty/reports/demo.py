@@ -22,8 +22,8 @@ from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.reports import report
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
-#: The arm, what is hidden on which joint (from 0), how strongly, and the methods side by side.
-ARM, HIDDEN, JOINT, LEVEL = "panda", "presliding_hysteresis", 6, "strong"
+#: The arm, what is hidden on its last joint, how strongly, and the methods side by side.
+ARM, HIDDEN, LEVEL = "panda", "presliding_hysteresis", "strong"
 METHODS = ("ols", "penalty", "lmi-sdp")
 #: Names of the runs: to identify from, and to judge on.
 RUNS = ("run1.csv", "run2.csv", "test.csv")
@@ -62,7 +62,7 @@ def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) ->
     folder = Path(folder)
     problem = load_problem(ARM)
     progress("simulating three runs")
-    made = hidden_runs(problem, [(HIDDEN, [JOINT])], LEVEL, seed, count=len(RUNS))
+    made = hidden_runs(problem, [(HIDDEN, [problem.robot.n - 1])], LEVEL, seed, count=len(RUNS))
     for name, run in zip(RUNS, made.runs, strict=True):
         save(run, folder / name)
     train, test = concatenate(list(made.train)), made.test
@@ -82,7 +82,7 @@ def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) ->
     progress("writing the report")
     named = {"before": model, "after": better}
     report(named, test, folder / "report.html", commands=["sdp-vs-penalty demo"], findings=found)
-    return Demo(compared, failures, found, better, after, f"{HIDDEN} on joint {JOINT + 1}")
+    return Demo(compared, failures, found, better, after, f"{HIDDEN} on joint {problem.robot.n}")
 
 
 def _keep(folder: Path, models: dict[str, tuple[Estimate, Comparison]]) -> None:

@@ -13,13 +13,13 @@ from sdp_vs_penalty.estimation.uncertainty import Interval, counts
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, friction_figure
-from sdp_vs_penalty.reports.section import Material, Section, figure, number, table, text
+from sdp_vs_penalty.reports.section import Material, figure, number, table, text
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
 
-def parameters(material: Material) -> Section:
+def parameters(material: Material) -> str:
     """Base and standard parameters with intervals and verdicts."""
     known = material.last.uncertainty
     base, standard = counts(known.base), counts(known.standard)
@@ -41,7 +41,7 @@ def parameters(material: Material) -> Section:
     body += table(HEADS, [cells(row) for row in rows], numbers_from=3)
     inner = table(HEADS, [cells(row) for row in standard_rows(last)], numbers_from=3)
     body += f"<details><summary>Standard parameters</summary>{inner}</details>"
-    return Section("parameters", "Parameters", body)
+    return body
 
 
 #: What :func:`cells` writes of a parameter.
@@ -143,11 +143,11 @@ def plausibility(estimate: Estimate) -> list[str]:
     return said
 
 
-def arm(material: Material) -> Section:
+def arm(material: Material) -> str:
     """Every link's inertia ellipsoid on the arm's skeleton in the runs' mean pose, and its margins."""
     estimate = material.last
     if not len(estimate.model.rigid_indices):
-        return Section("arm", "Links", text("This model has no rigid_body effect."))
+        return text("This model has no rigid_body effect.")
     robot, links = estimate.robot, estimate.links
     (poses,) = robot.poses(robot.tree_state(material.measurements.q.mean(axis=0))[0])
     plot = _picture(robot, links, poses)
@@ -156,16 +156,14 @@ def arm(material: Material) -> Section:
         "ellipsoid that leaves the picture belongs to a link that these data hardly determine. Zero "
         "thickness (a rod or a sheet) is unphysical."
     )
-    return Section(
-        "arm",
-        "Links on the arm",
+    return (
         text(" ".join(plausibility(estimate)))
         + table(LINK_HEADS, link_rows(estimate))
-        + figure(plot, caption, 460),
+        + figure(plot, caption, 460)
     )
 
 
-def friction(material: Material) -> Section:
+def friction(material: Material) -> str:
     """Friction by velocity with its band, a figure a joint."""
     curves, units = friction_curves(material.last), material.last.robot.torque_units
     body = text("Torque of all effects that follow the velocity alone; shaded: 95 % intervals.")
@@ -174,7 +172,7 @@ def friction(material: Material) -> Section:
         body += figure(plot, "", 250)
     if not curves:
         body = text("The model has no friction that follows the velocity alone.")
-    return Section("friction", "Friction", body)
+    return body
 
 
 def _picture(robot: Robot, links: Array, poses: Array) -> Figure:

@@ -26,7 +26,6 @@ SHADES = dict(
 )  # fmt: skip
 #: Shares below this are not shown: one in a hundred of the error.
 _SEEN = 0.01
-_WIDTH, _BAR = 400.0, 9.0
 
 
 def bars(
@@ -55,16 +54,14 @@ def bars(
         change = new / old - 1.0 if old > 0.0 else 0.0
         kind = "better" if change < -CHANGES else "worse" if change > CHANGES else "same"
         note = "" if after is None else f'<td class="change {kind}">{change_of(old, new)}</td>'
-        shapes = _bar(old, largest, 2.0, "before") if after is not None else ""
-        shapes += _bar(new, largest, 3.0 + _BAR if after is not None else 6.5, "after")
-        if known:
-            at = _WIDTH / largest
-            shapes += f'<rect class="noise" x="0" y="0" width="{at:.1f}" height="24"/>'
-            shapes += f'<line class="floor" x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="24"/>'
-        drawn = f'<svg viewBox="0 0 {_WIDTH:g} 24" preserveAspectRatio="none" aria-hidden="true">'
+        sizes = {"alone": new} if after is None else {"before": old, "after": new}
+        sizes |= {"noise": 1.0} if known else {}
+        shapes = "".join(
+            f'<i class="{k}" style="width:{x / largest:.2%}"></i>' for k, x in sizes.items()
+        )
         name = f"joint {joints[j] if joints else j + 1}"
         rows.append(
-            f'<tr><th scope="row">{name}</th><td class="drawn">{drawn}{shapes}</svg></td>'
+            f'<tr><th scope="row">{name}</th><td class="drawn">{shapes}</td>'
             f'<td class="number">{said}</td>{note}</tr>'
         )
     caption = f"{what} over the noise floor of each joint" if known else f"{what} (RMS) of each joint"
@@ -80,11 +77,6 @@ def change_of(before: float, after: float) -> str:
         return "-"
     percent = 100.0 * (after / before - 1.0)
     return f"{percent:+.0f} %" if abs(percent) >= 0.5 else "0 %"
-
-
-def _bar(value: float, largest: float, top: float, kind: str) -> str:
-    width = _WIDTH * value / largest
-    return f'<rect class="{kind}" x="0" y="{top:g}" width="{width:.1f}" height="{_BAR:g}" rx="1.5"/>'
 
 
 def found_shares(diagnosis: Any, n: int) -> dict[str, list[float]]:

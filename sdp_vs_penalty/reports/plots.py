@@ -19,7 +19,7 @@ from sdp_vs_penalty.show import plain_unit
 MEASURED = "#888888"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8A6FDF")
 
-#: Points of a curve: more than a screen is wide, few enough to draw at once.
+#: Points of a curve or a cloud: more than a screen is wide, few enough to draw at once.
 POINTS = 800
 
 
@@ -94,8 +94,6 @@ SIGNALS = {
     "torque": "measured torque",
     "t": "time",
 }
-#: Points of a scatter, and reversals that it rings at most.
-_SCATTER, _TURNS = 1500, 200
 
 
 def signal_title(signal: str, unit: str) -> str:
@@ -114,8 +112,8 @@ def residual_figure(
 ) -> Figure:
     """What is left of a joint's torque (N,) against a signal x (N,), its reversals (of dq) ringed; the
     band is 1.96 noise floors wide to either side. first (N,) : what the first model left."""
-    keep = np.unique(np.linspace(0, len(dq) - 1, _SCATTER).astype(int))
-    turns = np.flatnonzero(np.sign(dq[1:]) != np.sign(dq[:-1]))[:_TURNS]
+    keep = np.unique(np.linspace(0, len(dq) - 1, POINTS).astype(int))
+    turns = np.flatnonzero(np.sign(dq[1:]) != np.sign(dq[:-1]))[:POINTS]
     own = COLOURS[0 if first is None else 1]  # as in the torque's figure
     looks = [
         (keep, left, "error", {"size": 3, "color": own}),

@@ -66,15 +66,6 @@ class Material:
         return list(self.models)[-1]
 
 
-@dataclass(frozen=True)
-class Section:
-    """A heading, an anchor, and a body of markup in which everything is escaped already."""
-
-    anchor: str
-    title: str
-    body: str
-
-
 def text(sentence: str) -> str:
     return f"<p>{marked(sentence)}</p>"
 
@@ -102,11 +93,7 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[object]], *, numbers_
 _SHEET = 820
 
 
-#: Height [px] of the figure of one joint's torque.
-JOINT_HEIGHT = 215
-
-
-def figure(plot: Figure, caption: str, height: int, group: str = "") -> str:
+def figure(plot: Figure, caption: str = "", height: int = 215, group: str = "") -> str:
     """A figure as data, which the page's script draws when it is about to be seen; those of a
     group are zoomed in time together, and a name that is hidden in one is hidden in all."""
     if group:
@@ -135,11 +122,12 @@ _STYLE, _DRAW = (f"\n{(Path(__file__).parent / name).read_text()}" for name in (
 _STYLE = f"{_STYLE}\n{PICTURES}"
 
 
-def page(title: str, sections: Sequence[Section], script: str) -> str:
-    """A whole HTML document; ``script`` is plotly's, embedded once."""
-    links = "".join(f'<a href="#{s.anchor}">{escape(s.title)}</a>' for s in sections)
+def page(title: str, sections: Sequence[tuple[str, str, str]], script: str) -> str:
+    """A whole HTML document; sections : anchor, title and body, in which everything is escaped;
+    ``script`` is plotly's, embedded once."""
+    links = "".join(f'<a href="#{at}">{escape(name)}</a>' for at, name, _ in sections)
     bodies = "".join(
-        f'<section id="{s.anchor}"><h2>{escape(s.title)}</h2>{s.body}</section>' for s in sections
+        f'<section id="{at}"><h2>{escape(name)}</h2>{body}</section>' for at, name, body in sections
     )
     return (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'

@@ -32,9 +32,7 @@ from sdp_vs_penalty.reports.pictures import (
 )
 from sdp_vs_penalty.reports.plots import POINTS, Curves, missing_figure, torque_figure
 from sdp_vs_penalty.reports.section import (
-    JOINT_HEIGHT,
     Material,
-    Section,
     figure,
     marked,
     number,
@@ -45,7 +43,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
 
 
-def verdict(material: Material) -> Section:
+def verdict(material: Material) -> str:
     """How good the last model is, what became of each joint's error, and each model in a line."""
     said, first, last = material.verdict, material.comparisons[0], material.comparisons[-1]
     several = len(material.comparisons) > 1
@@ -85,10 +83,10 @@ def verdict(material: Material) -> Section:
         f"{', '.join(m.names)}. Measured and modelled torques passed the same low-pass at "
         f"{material.comparisons[0].band_hz:.3g} Hz."
     )
-    return Section("verdict", "Verdict", body)
+    return body
 
 
-def torques(material: Material) -> Section:
+def torques(material: Material) -> str:
     """Measured and modelled torque of each joint, and what is left."""
     shade: dict[str, Any] = {"line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
     n, units = material.last.robot.n, material.last.robot.torque_units
@@ -124,8 +122,8 @@ def torques(material: Material) -> Section:
         ]
         plot.update_layout(shapes=shades(placed, ("x", "x2")))
         plot.update_axes("x", 1, matches="x")
-        body += figure(plot, "", JOINT_HEIGHT, "torques")
-    return Section("torques", "Where and when: measured against modelled", body)
+        body += figure(plot, group="torques")
+    return body
 
 
 def _shifts(material: Material) -> list[float]:
@@ -151,7 +149,7 @@ def _bands(material: Material, shifts: Sequence[float]) -> list[tuple[Array, Arr
     return bands
 
 
-def history(material: Material) -> Section:
+def history(material: Material) -> str:
     """The error of every joint, model by model, above the noise."""
     heads = ["joint"]
     for c in material.comparisons:
@@ -177,14 +175,14 @@ def history(material: Material) -> Section:
     body += table([*heads, "noise floor"], rows)
     if floor is None:
         body += text("No motion repeats in these runs: the noise floor is unknown.")
-    return Section("history", "From model to model", body)
+    return body
 
 
-def forward(material: Material) -> Section:
+def forward(material: Material) -> str:
     """The last model run forward: after one sample, 0.1 s ahead, and freely from the first state."""
-    title, made = "Run forward", material.forward
+    made = material.forward
     if isinstance(made, str):
-        return Section("forward", title, text(f"{material.last_name} cannot be simulated: {made}"))
+        return text(f"{material.last_name} cannot be simulated: {made}")
     runs = [Curves(f.simulated.t, f.measured, {material.last_name: f.simulated.q}) for f in made.free]
     body = text(made.verdict) + table(*made.table(), numbers_from=2) + text(made.explained)
     body += text(
@@ -194,11 +192,11 @@ def forward(material: Material) -> Section:
         * any(f.cut for f in made.free)
     )
     for j, unit in enumerate(made.units):
-        body += figure(torque_figure(runs, j, unit), "", JOINT_HEIGHT, "forward")
-    return Section("forward", title, body)
+        body += figure(torque_figure(runs, j, unit), group="forward")
+    return body
 
 
-def failures(material: Material) -> Section:
+def failures(material: Material) -> str:
     """Which cause explains how much of each joint's error, before and after, and in words."""
     found = found_shares(material.diagnosis, material.last.robot.n)
     body = text(
@@ -221,16 +219,15 @@ def failures(material: Material) -> Section:
         for f in last
     ]
     heads = ("joint", f"where {material.last_name} errs", "RMS error", "noise floor")
-    return Section("failures", "Why", body + table(heads, said, numbers_from=2))
+    return body + table(heads, said, numbers_from=2)
 
 
-def findings(material: Material) -> Section:
+def findings(material: Material) -> str:
     """What a diagnosis says: verdict, what the last model still lacks, a row a finding, each curve."""
     found = material.diagnosis
     if found is None:
         note = "No diagnosis was given. Name one with `--findings findings.json`."
-        return Section("findings", "What is missing", text(note))
-    title = "What was found"
+        return text(note)
     rows = []
     for f in found.effects:
         joint = f.joints[0] - 1 if f.joints else 0
@@ -271,7 +268,7 @@ def findings(material: Material) -> Section:
         said = curve.sentence(units)
         plot = missing_figure(curve, units, _along(curve, material))
         body += figure(plot, f"{said[0].upper()}{said[1:]}", 360)
-    return Section("findings", title, body)
+    return body
 
 
 def _along(curve: Curve, material: Material) -> list[Array]:
@@ -319,7 +316,7 @@ CERTIFICATE = (
 )
 
 
-def certificate(material: Material) -> Section:
+def certificate(material: Material) -> str:
     """Computed by this program, whoever solved the problem."""
     body = text(CERTIFICATE)
     body += table(["figure", *material.models], certificate_rows(list(material.models.values())))
@@ -327,14 +324,14 @@ def certificate(material: Material) -> Section:
         if e.certificate.held:
             held = ", ".join(e.certificate.held)
             body += text(f"{name}: objective and gap are of the added effects, with {held} held fixed.")
-    return Section("certificate", "Certificate", body)
+    return body
 
 
 def _violation(value: float | None) -> str:
     return "-" if value is None else ("0" if value == 0.0 else f"{value:.2g}")
 
 
-def data_check(material: Material) -> Section:
+def data_check(material: Material) -> str:
     """What `sdp-vs-penalty check` says of the runs."""
     parts = []
     for report in material.checks:
@@ -348,10 +345,10 @@ def data_check(material: Material) -> Section:
                 f"({escape(f.where)}): {escape(f.what)} <span>How sure: {escape(f.certainty)}. "
                 f"What to do: {escape(f.remedy)}.</span></div>"
             )
-    return Section("data", "Data check", "".join(parts))
+    return "".join(parts)
 
 
-def provenance(material: Material) -> Section:
+def provenance(material: Material) -> str:
     """Versions, settings, hashes, and the commands."""
     rows = []
     for name, e in material.models.items():
@@ -373,4 +370,4 @@ def provenance(material: Material) -> Section:
     body = table(("model", "what", "which"), rows, numbers_from=3)
     if material.commands:
         body += f"<pre tabindex=0>{escape(chr(10).join(material.commands))}</pre>"
-    return Section("provenance", "Provenance", body)
+    return body

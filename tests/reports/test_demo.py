@@ -10,7 +10,7 @@ import pytest
 from printed_pages import check_printed
 
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.reports.demo import HIDDEN, JOINT
+from sdp_vs_penalty.reports.demo import HIDDEN
 
 pytest.importorskip("plotly")
 
@@ -23,8 +23,8 @@ def test_the_demo_tells_the_whole_story(tmp_path: Path, capsys: pytest.CaptureFi
     assert stop.value.code == 0, shown.err
     assert time.process_time() - begin < 20.0  # 13 s where nothing else runs
     text = " ".join(shown.out.split())
-    assert f"Missing: {HIDDEN} on joint {JOINT + 1}" in text
-    fall = text.partition(f"joint {JOINT + 1}: ")[2].partition(" %)")[0]
+    assert f"Missing: {HIDDEN} on joint 7" in text
+    fall = text.partition("joint 7: ")[2].partition(" %)")[0]
     assert int(fall.rpartition("(")[2]) <= -60
     readme = re.sub("<!--.*?-->", "", (Path(__file__).parents[2] / "README.md").read_text())
     for figure in re.findall(r"-?[\d.]+", fall.replace("->", "")):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from pathlib import Path
 
 from sdp_vs_penalty.errors import unknown
 
@@ -50,7 +49,7 @@ def details(kind: str, name: str) -> tuple[str, ...]:
     return rows[name]
 
 
-def _problems() -> Listing:
+def problems() -> Listing:
     from sdp_vs_penalty.problem.load import load_problem, problem_names
 
     found = map(load_problem, problem_names())
@@ -58,7 +57,7 @@ def _problems() -> Listing:
     return ("name", "joints", "torque side", "what it is"), rows
 
 
-def _effects() -> Listing:
+def effects() -> Listing:
     from sdp_vs_penalty.effects import effect_types
 
     rows: Rows = []
@@ -71,19 +70,15 @@ def _effects() -> Listing:
     return ("name", "torque", "shape constants", "acts on", "what it is", "reference"), rows
 
 
-def _methods() -> Listing:
-    """Read from the files' text: naming the methods needs nothing that they compute with."""
-    from sdp_vs_penalty.plugins import written
+def methods() -> Listing:
+    from sdp_vs_penalty.estimation.output_error import DESCRIPTION, OUTPUT_ERROR
+    from sdp_vs_penalty.estimators import estimator_types
 
-    here = Path(__file__).parents[2]
-    rows = [
-        *written([here / "estimators"], "name", "description"),
-        *written([here / "estimation"], "OUTPUT_ERROR", "DESCRIPTION"),
-    ]
-    return ("name", "what it is"), sorted(rows)
+    rows: Rows = [(name, kind.description) for name, kind in estimator_types().items()]
+    return ("name", "what it is"), sorted([*rows, (OUTPUT_ERROR, DESCRIPTION)])
 
 
-def _solvers() -> Listing:
+def solvers() -> Listing:
     from sdp_vs_penalty.solvers import absent, installed_by, solver_modules
 
     rows: Rows = []
@@ -93,7 +88,7 @@ def _solvers() -> Listing:
     return ("name", "here", "installed by", "what it is"), rows
 
 
-def _tables() -> Listing:
+def tables() -> Listing:
     from sdp_vs_penalty.paper.tables import table_modules
 
     rows: Rows = [
@@ -103,14 +98,14 @@ def _tables() -> Listing:
     return ("name", "only for", "what it is"), rows
 
 
-def _datasets() -> Listing:
+def datasets() -> Listing:
     from sdp_vs_penalty.data.datasets import DATASETS
 
     rows: Rows = [(d.name, d.problem, d.licence, d.title) for d in DATASETS.values()]
     return ("name", "problem", "licence", "what it is"), rows
 
 
-def _engines() -> Listing:
+def engines() -> Listing:
     from sdp_vs_penalty.simulation.engines import engine_types
 
     rows: Rows = [
@@ -120,13 +115,13 @@ def _engines() -> Listing:
     return ("name", "version here", "installed by", "formulation"), rows
 
 
-def _exports() -> Listing:
+def exports() -> Listing:
     from sdp_vs_penalty.exporters.export import formats
 
     return ("file ends in", "what it is"), [(ending, home.ABOUT) for ending, home in formats().items()]
 
 
 _KINDS = {
-    made.__name__[1:]: made
-    for made in (_problems, _effects, _methods, _solvers, _tables, _datasets, _engines, _exports)
+    made.__name__: made
+    for made in (problems, effects, methods, solvers, tables, datasets, engines, exports)
 }

@@ -9,5 +9,6 @@ from sdp_vs_penalty.page.stages.identify import IDENTIFY
 from sdp_vs_penalty.page.stages.measure import MEASURE
 from sdp_vs_penalty.page.stages.use import USE
 
-#: In the order of the work.
-STAGES = (MEASURE, CHECK, IDENTIFY, DIAGNOSE, USE, ADVANCED)
+#: In the order of the work; ADVANCED stands beside them.
+WORK = (MEASURE, CHECK, IDENTIFY, DIAGNOSE, USE)
+STAGES = (*WORK, ADVANCED)

@@ -21,8 +21,6 @@ from sdp_vs_penalty.page.controls import (
     text_field,
     tile,
 )
-from sdp_vs_penalty.page.stages.advanced import POSED_FILES
-from sdp_vs_penalty.page.uploads import MOST_FILES
 from sdp_vs_penalty.page.view import Stage, View, after_model, identified
 from sdp_vs_penalty.reports.plots import Curves
 
@@ -37,13 +35,6 @@ FILES = {
 _EXPORTS = {home.FILE: home.ABOUT for home in formats().values() if home.FILE not in FILES}
 LOAD = {name: use for name, use in _EXPORTS.items() if use.startswith("payload")}
 MORE = {name: use for name, use in _EXPORTS.items() if name not in LOAD}
-
-#: What else a job may have made to be fetched.
-MADE = (
-    *("findings.json", "trajectory.csv", "proof.json", "fixed.urdf"),
-    *(f"run-{k}.csv" for k in range(1, MOST_FILES + 1)),
-    *(name for posed in POSED_FILES for name in (posed, f"{posed}.json")),
-)
 
 
 def _draw_take_away(view: View) -> None:
