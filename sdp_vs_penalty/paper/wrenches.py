@@ -68,12 +68,10 @@ class WrenchIntervals:
     """For M instants, n joints and six components, (M, n, 6) each [N, N m].
 
     lower, upper : attained by parameters with equal torques within the convex constraints;
-    lower_bound, upper_bound : certified from the dual, no such parameters lie outside; centre : of
-    the slice's interior point.
+    lower_bound, upper_bound : certified from the dual, no such parameters lie outside.
     """
 
     t: Array
-    centre: Array
     lower: Array
     upper: Array
     lower_bound: Array
@@ -108,7 +106,7 @@ def wrench_intervals(
 ) -> WrenchIntervals:
     """The smallest and largest value of every wrench component at M instants over a slice.
 
-    Two SDPs a component, each certified. The centre is the slice's interior point.
+    Two SDPs a component, each certified.
     """
     rows = wrench_regressor(robot, q, dq, ddq)
     shape = rows.shape[:3]
@@ -118,10 +116,7 @@ def wrench_intervals(
         least, most = feasible.minimum(rows[index]), feasible.maximum(rows[index])
         lower[index], low_bound[index] = least.value, least.bound
         upper[index], high_bound[index] = most.value, most.bound
-    centre = rows @ feasible.interior
-    return WrenchIntervals(
-        np.atleast_1d(np.asarray(t, float)), centre, lower, upper, low_bound, high_bound
-    )
+    return WrenchIntervals(np.atleast_1d(np.asarray(t, float)), lower, upper, low_bound, high_bound)
 
 
 def spread(wrenches: Sequence[Array]) -> Array:

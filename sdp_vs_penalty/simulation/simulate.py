@@ -82,15 +82,13 @@ class Sensor:
     @classmethod
     def ideal(cls, n: int, rate: float = 1000.0) -> Self:
         """No noise, no quantisation, no jitter."""
-        zero = np.zeros(n)
-        return cls(rate, zero, np.zeros((n, 0)), zero, zero)
+        return cls.white(np.zeros(n), np.zeros(n), rate)
 
     @classmethod
-    def white(cls, torque_std: ArrayLike, position_step: ArrayLike) -> Self:
-        """At 1 kHz, white torque noise (n,) [N m] and an encoder's step (n,) [rad]."""
-        std = np.asarray(torque_std, float)
-        n = len(std)
-        return cls(1000.0, std, np.zeros((n, 0)), np.zeros(n), np.asarray(position_step, float))
+    def white(cls, torque_std: ArrayLike, position_step: ArrayLike, rate: float = 1000.0) -> Self:
+        """White torque noise (n,) [N m] and an encoder's step (n,) [rad]."""
+        std, step = np.asarray(torque_std, float), np.asarray(position_step, float)
+        return cls(rate, std, np.zeros((len(std), 0)), np.zeros(len(std)), step)
 
     def noise(self, count: int, rng: np.random.Generator) -> Array:
         """(count, n) samples of the torque noise at ``rate``, stationary from the first on."""
