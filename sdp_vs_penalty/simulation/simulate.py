@@ -85,10 +85,11 @@ class Sensor:
         return cls.white(np.zeros(n), np.zeros(n), rate)
 
     @classmethod
-    def white(cls, torque_std: ArrayLike, position_step: ArrayLike, rate: float = 1000.0) -> Self:
+    def white(cls, torque_std: ArrayLike, position_step: ArrayLike = 1e-5, rate: float = 1000.0) -> Self:
         """White torque noise (n,) [N m] and an encoder's step (n,) [rad]."""
-        std, step = np.asarray(torque_std, float), np.asarray(position_step, float)
-        return cls(rate, std, np.zeros((len(std), 0)), np.zeros(len(std)), step)
+        std = np.asarray(torque_std, float)
+        none = np.zeros(len(std))
+        return cls(rate, std, np.zeros((len(std), 0)), none, none + position_step)
 
     def noise(self, count: int, rng: np.random.Generator) -> Array:
         """(count, n) samples of the torque noise at ``rate``, stationary from the first on."""
