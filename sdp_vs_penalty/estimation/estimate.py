@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_from_dict
-from sdp_vs_penalty.effects.effect import Motion, Parameter
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
@@ -36,36 +36,6 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 if TYPE_CHECKING:
     import pandas
-
-
-def parameter_rows(
-    parameters: Sequence[Parameter], theta: Array, std: Array, nominal: Array, sources: Sequence[str]
-) -> list[tuple[str, ...]]:
-    """Name, value with its standard deviation, nominal value, who says so, unit and effect of each."""
-    rows: list[tuple[str, ...]] = []
-    for p, value, spread, known, source in zip(parameters, theta, std, nominal, sources, strict=True):
-        plus = "" if np.isnan(spread) else f" ± {spread:.1g}"
-        before = "" if np.isnan(known) else f"{known:.4g}"
-        rows.append((p.name, f"{value:.4g}{plus}", before, source, p.unit, p.effect))
-    return rows
-
-
-def plot_parameters(parameters: Sequence[Parameter], theta: Array, std: Array, axes: Any) -> Any:
-    """One panel an effect (of the rigid body the masses), a bar a parameter, two standard deviations."""
-    shown: dict[str, list[int]] = {}
-    for k, p in enumerate(parameters):
-        if p.effect != "rigid_body" or p.name.removeprefix("m").isdigit():
-            shown.setdefault(p.effect, []).append(k)
-    panels = np.atleast_1d(
-        show.axes(axes, 1, len(shown), figsize=(3.0 * len(shown), 2.6), layout="constrained")
-    )
-    for panel, (effect, indices) in zip(panels, shown.items(), strict=False):
-        names = [parameters[k].name for k in indices]
-        spread = 2.0 * np.nan_to_num(std[indices])
-        panel.bar(names, theta[indices], yerr=spread, capsize=2)
-        panel.set(title=effect, ylabel=f"[{parameters[indices[0]].unit}]")
-        panel.tick_params(axis="x", labelrotation=90)
-    return panels
 
 
 #: Of model.json; a file with a larger number was written by a newer version of this package. Format 1
@@ -219,7 +189,19 @@ class Estimate(Shown):
         axes : one for each effect (default: a new figure); returns them.
         Raises InputError without matplotlib (extra [plot]).
         """
-        return plot_parameters(self.model.parameters, self.theta, self.standard_deviations, axes)
+        shown: dict[str, list[int]] = {}
+        for k, p in enumerate(self.model.parameters):
+            if p.effect != "rigid_body" or p.name.removeprefix("m").isdigit():
+                shown.setdefault(p.effect, []).append(k)
+        size = (3.0 * len(shown), 2.6)
+        panels = np.atleast_1d(show.axes(axes, 1, len(shown), figsize=size, layout="constrained"))
+        for panel, (effect, indices) in zip(panels, shown.items(), strict=False):
+            own = [self.model.parameters[k] for k in indices]
+            spread = 2.0 * np.nan_to_num(self.standard_deviations[indices])
+            panel.bar([p.name for p in own], self.theta[indices], yerr=spread, capsize=2)
+            panel.set(title=effect, ylabel=f"[{own[0].unit}]")
+            panel.tick_params(axis="x", labelrotation=90)
+        return panels
 
     def _summary(self) -> Summary:
         title = f"Estimate: {self.problem.name}, {self.method}, {len(self.theta)} parameters"
@@ -232,8 +214,12 @@ class Estimate(Shown):
         ]
 
     def _table(self) -> Table:
-        spread = self.standard_deviations
-        rows = parameter_rows(self.model.parameters, self.theta, spread, self.nominal, self.sources)
+        rows: list[tuple[str, ...]] = []
+        each = self.theta, self.standard_deviations, self.nominal, self.sources
+        for p, value, spread, known, source in zip(self.model.parameters, *each, strict=True):
+            plus = "" if np.isnan(spread) else f" ± {spread:.1g}"
+            before = "" if np.isnan(known) else f"{known:.4g}"
+            rows.append((p.name, f"{value:.4g}{plus}", before, source, p.unit, p.effect))
         return ("parameter", "value", "nominal", "from", "unit", "effect"), rows
 
     def to_frame(self) -> pandas.DataFrame:
@@ -312,7 +298,7 @@ def load_estimate(path: str | Path) -> Estimate:
 def _from_dict(data: dict[str, Any]) -> Estimate:
     if not isinstance(data["format"], int) or data["format"] > FORMAT:
         raise InputError(
-            (f"written by a newer version (format {data['format']}, this one reads up to {FORMAT})"),
+            f"written by a newer version (format {data['format']}, this one reads up to {FORMAT})",
             "upgrade sdp-vs-penalty",
         )
     if data["format"] < FORMAT:
@@ -395,18 +381,12 @@ def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
     """
     if isinstance(models, Mapping):
         named = {str(name): as_estimate(model, what) for name, model in models.items()}
-    elif isinstance(models, list | tuple):
-        named = {}
-        for k, model in enumerate(models, start=1):
-            estimate = as_estimate(model, what)
-            named[_name(model, f"{k} ({estimate.method})")] = estimate
     else:
-        estimate = as_estimate(models, what)
-        named = {_name(models, estimate.method): estimate}
+        several, named = isinstance(models, list | tuple), {}
+        for k, model in enumerate(models if several else [models], start=1):
+            estimate = as_estimate(model, what)
+            method = f"{k} ({estimate.method})" if several else estimate.method
+            named[str(model) if isinstance(model, str | Path) else method] = estimate
     if not named:
         raise InputError("No model to compare", "name at least one model.json")
     return named
-
-
-def _name(source: Any, otherwise: str) -> str:
-    return str(source) if isinstance(source, str | Path) else otherwise

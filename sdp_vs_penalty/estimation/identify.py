@@ -11,7 +11,6 @@ is where its answer is an accident of the bounds.
 
 from __future__ import annotations
 
-import contextlib
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -69,22 +68,19 @@ def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[st
 
     rest : what decides where the data do not (:attr:`Estimator.rest`).
     """
-    own, base_own = np.split(
-        data_share(task, np.vstack([np.eye(len(theta)), base.rows])) > DATA_SHARE, [len(theta)]
-    )
-    values = zip(base.names, base.rows @ theta, base.rows @ task.nominal, base_own, strict=True)
-    open_ones = [p.name for p, seen in zip(task.model.parameters, own, strict=True) if not seen]
+    every = np.vstack([np.eye(len(theta)), base.rows])
+    names = [*(p.name for p in task.model.parameters), *base.names]
+    shares = (data_share(task, every) > DATA_SHARE).tolist()
+    sources = [
+        "given" if k in task.model.known else DATA if x else rest
+        for k, x in zip(names, shares, strict=True)
+    ]
+    values = zip(names, (every @ theta).tolist(), (every @ task.nominal).tolist(), sources, strict=True)
+    found = [dict(zip(("name", "value", "nominal", "source"), row, strict=True)) for row in values]
+    own = found[: len(theta)]
     return {
-        "undetermined": dict.fromkeys(open_ones, rest),
-        "base_parameters": [
-            {
-                "name": name,
-                "value": float(value),
-                "nominal": float(nominal),
-                "source": DATA if seen else rest,
-            }
-            for name, value, nominal, seen in values
-        ],
+        "undetermined": {x["name"]: x["source"] for x in own if x["source"] != DATA},
+        "base_parameters": found[len(theta) :],
     }
 
 
@@ -145,14 +141,11 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         own=posed.regression,
     )
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
-    decided = record(task, theta, base, estimator.rest)
-    decided["undetermined"].update(dict.fromkeys(task.model.known, "given"))
-    for entry in decided["base_parameters"]:
-        entry["source"] = "given" if entry["name"] in task.model.known else entry["source"]
-    settings = {
-        **asdict(estimator),  # type: ignore[call-overload]
-        "weighting": posed.weighting,
-    }
+    settings = {**asdict(estimator), "weighting": posed.weighting}  # type: ignore[call-overload]
+    details = {**fit.details, "on_bounds": bounds, **record(task, theta, base, estimator.rest)}
+    motion = None
+    if isinstance(measurements, Measurements):
+        motion = record_motion(measurements, posed.preprocessing)
     provenance = {
         "seed": task.seed,
         "data_hash": measurements.data_hash,
@@ -169,15 +162,9 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         certificate,
         posed.preprocessing,
         settings,
-        {
-            **fit.details,
-            "on_bounds": bounds,
-            **decided,
-        },
+        details,
         provenance,
-        record_motion(measurements, posed.preprocessing)
-        if isinstance(measurements, Measurements)
-        else None,
+        motion,
     )
 
 
@@ -249,13 +236,10 @@ def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certifi
     effects alone, whose objective and gap remain. Every constraint of the problem is judged at the
     whole theta; what only the estimate's method demanded of it (a thickness) stays as it was judged.
     """
+    own = violations(estimate.problem.constraints(model), theta)
     return replace(
         part,
-        violations={
-            **estimate.certificate.violations,
-            **part.violations,
-            **violations(estimate.problem.constraints(model), theta),
-        },
+        violations={**estimate.certificate.violations, **part.violations, **own},
         held=[effect.text for effect in estimate.model.effects],
         **link_figures(estimate.problem, estimate.links),
     )
@@ -267,11 +251,8 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
         return {}
     gyration = inertia.gyration(links)
     bodies = problem.link_bodies
-    densities = [
-        float(mass / body.volume)
-        for mass, body in zip(links[:, 0], bodies, strict=True)
-        if body.volume is not None
-    ]
+    pairs = zip(links[:, 0].tolist(), bodies, strict=True)
+    densities = [mass / body.volume for mass, body in pairs if body.volume is not None]
     follows = consistent(links)
     return {
         "positive_mass_matrices": 1.0 if follows else positive_mass_matrices(problem.robot, links),
@@ -296,9 +277,6 @@ def consistent(links: Array) -> bool:
 def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000, seed: int = 0) -> float:
     """Share of random poses at which the joint-space inertia matrix M(q) is positive definite."""
     matrices = robot.mass_matrices(links, robot.random_configurations(poses, seed))
-    with contextlib.suppress(np.linalg.LinAlgError):  # ten times faster, where it is so everywhere
-        np.linalg.cholesky(matrices)
-        return 1.0
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
 
 

@@ -199,17 +199,11 @@ def separate(
         for s in range(seed, seed + 3)
     ]
     default = float(np.median(before))
-    return Separation(
-        search.best,
-        search.value,
-        default,
-        hypotheses.right(search.value, duration),
-        hypotheses.right(default, duration),
-        hypotheses.needed(search.value, duration),
-        hypotheses.needed(default, duration),
-        hypotheses.scale,
-        collision is not None,
-    )
+    deltas = search.value, default
+    right = (hypotheses.right(delta2, duration) for delta2 in deltas)
+    needed = (hypotheses.needed(delta2, duration) for delta2 in deltas)
+    known = collision is not None
+    return Separation(search.best, *deltas, *right, *needed, hypotheses.scale, known)
 
 
 class _Search:
@@ -229,7 +223,7 @@ class _Search:
         limited = limits.velocity, limits.acceleration, limits.acceleration / 0.1
         self.rates = tuple(_SHARE * x for x in limited)
         self.effort = np.array([j.effort for j in hypotheses.estimate.robot.joints])
-        self.value = -1.0
+        self.value, self.looked = -1.0, 0
 
     def run(self, iterations: int, progress: Progress) -> None:
         for _ in range(20 * _DRAWN):
@@ -247,8 +241,6 @@ class _Search:
             reach = min(0.5, reach * 1.3) if better else max(0.02, reach * 0.93)
             if k % 20 == 19:
                 progress(f"separating: {k + 1} of {iterations} changes, delta {self.value**0.5:.2f}")
-
-    looked = 0
 
     def _drawn(self) -> tuple[Array, Array, Array]:
         """Points, slowness of each move, pauses."""
@@ -287,13 +279,8 @@ class _Search:
             return False
         self.looked += 1
         value = self.h.distance(motion)
-        if value <= self.value or not self._free(trajectory):
+        poses = trajectory.states(np.arange(0.0, self.duration, 0.1))[0]
+        if value <= self.value or (self.collision is not None and not self.collision.free(poses)):
             return False
         self.best, self.value, self.now = trajectory, value, (points, slow, pauses)
         return True
-
-    def _free(self, trajectory: PointTrajectory) -> bool:
-        if self.collision is None:
-            return True
-        t = np.arange(0.0, self.duration, 0.1)
-        return self.collision.free(trajectory.states(t)[0])

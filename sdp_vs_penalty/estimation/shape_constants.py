@@ -169,19 +169,22 @@ def settled(
     compressed : the measurements in the columns of a model; weighting : of the joints' rows, "noise" or
     "none". Effects with a wanted constant act on one joint each.
     """
-    first = compressed(model)
-    data = first.least_squares()
-    search = _Search(
-        model.plausible,
-        frozenset(wanted),
-        compressed,
-        np.ones(model.robot.n),
-        max(white_variance(data, first.oversampling), 1e-24 * data.tau_squared / max(data.rows, 1)),
-    )
-    theta = search.solved(first)[1]
+    first, p, keys = compressed(model), len(model.parameters), frozenset(wanted)
+    data, weights = first.least_squares(), np.ones(model.robot.n)
+    white = max(white_variance(data, first.oversampling), 1e-24 * data.tau_squared / max(data.rows, 1))
+
+    def solved(wide: Regression) -> tuple[LeastSquares, Array]:
+        """Least squares of all columns, and theta (p,) of the parameters, which come first, alone."""
+        data = wide.least_squares(weights)
+        if np.isfinite(model.plausible).any():
+            data = data.with_prior(np.append(model.plausible, np.full(wide.p - p, np.inf)), white)
+        return data, smallest(data.R[:, :p], data.rho)
+
+    theta = solved(first)[1]
     if weighting == "noise":
-        search = replace(search, weights=joint_weights(first, theta))
-    return min((search.descended(form, theta) for form in _forms(model, wanted)), key=lambda s: s.error)
+        weights = joint_weights(first, theta)
+    found = (_descended(form, theta, keys, compressed, solved) for form in _forms(model, keys))
+    return min(found, key=lambda s: s.error)
 
 
 def _forms(model: Model, wanted: Collection[Key]) -> Iterator[Model]:
@@ -199,68 +202,52 @@ def _forms(model: Model, wanted: Collection[Key]) -> Iterator[Model]:
         yield replace(model, effects=tuple(effects))
 
 
-@dataclass(frozen=True)
-class _Search:
-    """plausible (p,), white : prior of the parameters and its weight, the variance of a row; weights
-    (n,) : of the joints' rows."""
+def _descended(
+    model: Model,
+    theta: Array,
+    wanted: frozenset[Key],
+    compressed: Callable[[Model], Regression],
+    solved: Callable[[Regression], tuple[LeastSquares, Array]],
+) -> Settled:
+    """From one choice of the constants on a grid; theta (p,) : the parameters there."""
 
-    plausible: Array
-    wanted: frozenset[Key]
-    compressed: Callable[[Model], Regression]
-    weights: Array
-    white: float
+    def is_open(effect: Effect) -> bool:
+        return any((effect.name, effect.joints[0], key) in wanted for key in free_constants(effect))
 
-    def open(self, effect: Effect) -> bool:
-        return any((effect.name, effect.joints[0], key) in self.wanted for key in free_constants(effect))
+    p, effects = len(theta), model.effects
+    every = [(k, key) for k, e in enumerate(effects) if is_open(e) for key in free_constants(e)]
+    names = [(effects[k].name, effects[k].joints[0], key) for k, key in every]
+    refined = [effects[k].shapes[key].bounds is not None for k, key in every]
+    mine = np.array([name in wanted and fine for name, fine in zip(names, refined, strict=True)])
+    free = [both for both, own in zip(every, mine, strict=True) if own]
+    unit = np.array([prior_deviation(effects[k], key) for k, key in free])
+    latest, variances = theta, dict[bytes, float]()
 
-    def solved(self, wide: Regression) -> tuple[LeastSquares, Array]:
-        """Least squares of all columns, and theta (p,) of the parameters, which come first, alone."""
-        p = len(self.plausible)
-        data = wide.least_squares(self.weights)
-        if np.isfinite(self.plausible).any():
-            data = data.with_prior(np.append(self.plausible, np.full(wide.p - p, np.inf)), self.white)
-        return data, smallest(data.R[:, :p], data.rho)
+    def at(steps: Array) -> Model:
+        out = list(effects)
+        for (k, key), step in zip(free, steps.tolist(), strict=True):
+            out[k] = moved(out[k], key, step)
+        return replace(model, effects=tuple(out))
 
-    def descended(self, model: Model, theta: Array) -> Settled:
-        """From one choice of the constants on a grid; theta (p,) : the parameters there."""
-        p, effects = len(theta), model.effects
-        every = [(k, key) for k, e in enumerate(effects) if self.open(e) for key in free_constants(e)]
-        mine = np.array(
-            [
-                (effects[k].name, effects[k].joints[0], key) in self.wanted
-                and effects[k].shapes[key].bounds is not None
-                for k, key in every
-            ]
-        )
-        free = [both for both, own in zip(every, mine, strict=True) if own]
-        unit = np.array([prior_deviation(effects[k], key) for k, key in free])
-        latest, variances = theta, dict[bytes, float]()
+    def left(steps: Array) -> tuple[Array, Array]:
+        nonlocal latest
+        wide = compressed(with_sensitivities(at(steps), latest, is_open))
+        data, latest = solved(wide.keeping(np.append(np.ones(p, bool), mine)))
+        variances[steps.tobytes()] = white_variance(data, wide.oversampling)
+        columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
+        rest = np.append(data.rho - data.R[:, :p] @ latest, data.residual_norm)
+        return rest, np.vstack([columns, np.zeros((1, len(free)))])
 
-        def at(steps: Array) -> Model:
-            out = list(effects)
-            for (k, key), step in zip(free, steps.tolist(), strict=True):
-                out[k] = moved(out[k], key, step)
-            return replace(model, effects=tuple(out))
-
-        def left(steps: Array) -> tuple[Array, Array]:
-            nonlocal latest
-            wide = self.compressed(with_sensitivities(at(steps), latest, self.open))
-            data, latest = self.solved(wide.keeping(np.append(np.ones(p, bool), mine)))
-            variances[steps.tobytes()] = white_variance(data, wide.oversampling)
-            columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
-            rest = np.append(data.rho - data.R[:, :p] @ latest, data.residual_norm)
-            return rest, np.vstack([columns, np.zeros((1, len(free)))])
-
-        start = np.zeros(len(free))
-        if not free:
-            return Settled(model, {}, float(np.sum(left(start)[0] ** 2)))
-        low, high = np.transpose([_room(effects[k], key) for k, key in free])
-        best, rest, slopes = least_squares(left, start, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
-        spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
-        std = np.sqrt(variances[best.tobytes()] * spread)
-        names = [(effects[k].name, effects[k].joints[0], key) for k, key in free]
-        found = replace(model, effects=tuple(map(_written, at(best).effects)))
-        return Settled(found, dict(zip(names, std.tolist(), strict=True)), float(rest @ rest))
+    start = np.zeros(len(free))
+    if not free:
+        return Settled(model, {}, float(np.sum(left(start)[0] ** 2)))
+    low, high = np.transpose([_room(effects[k], key) for k, key in free])
+    best, rest, slopes = least_squares(left, start, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
+    spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
+    std = np.sqrt(variances[best.tobytes()] * spread)
+    found = replace(model, effects=tuple(map(_written, at(best).effects)))
+    own = [name for name, moves in zip(names, mine, strict=True) if moves]
+    return Settled(found, dict(zip(own, std.tolist(), strict=True)), float(rest @ rest))
 
 
 def _room(effect: Effect, key: str) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -49,22 +49,6 @@ from sdp_vs_penalty.solvers.objective import Objective
 _FIRST_WEIGHT, _LARGEST_WEIGHT = 0.1, 1e10
 #: Stages, and Newton steps of each, at most.
 _STEPS = 60
-
-
-class Part(Protocol):
-    """Constraints of one kind: F(x) (g, ...) in a cone, with first and second derivatives."""
-
-    @property
-    def cone(self) -> str: ...
-
-    def values(self, x: Array) -> Array:
-        """F(x), (g, ...)."""
-
-    def jacobian(self, x: Array) -> Array:
-        """dF/dx, (rows, p), rows in the order of F.ravel()."""
-
-    def second(self, multiplier: Array) -> Array | float:
-        """Hessian of <multiplier, F(x)>, (p, p), F being at most quadratic; 0.0 where it is affine."""
 
 
 @dataclass(frozen=True)
@@ -98,13 +82,20 @@ class AffinePart:
         return cls(stack.cone, at.shape, stack.constant.ravel() * flat, matrix * flat[:, None], scale)
 
     def values(self, x: Array) -> Array:
+        """F(x), (g, ...)."""
         return (self.constant + self.matrix @ x).reshape(self.shape)
 
     def jacobian(self, x: Array) -> Array:
+        """dF/dx, (rows, p), rows in the order of F.ravel()."""
         return self.matrix
 
     def second(self, multiplier: Array) -> float:
+        """Hessian of <multiplier, F(x)>, (p, p); 0.0 where F is affine."""
         return 0.0
+
+
+#: Constraints of one kind: F(x) (g, ...) in a cone, with first and second derivatives.
+Part = AffinePart | BarycentricPart
 
 
 @dataclass(frozen=True)
@@ -159,14 +150,12 @@ class ShiftedPenalty:
 
 @dataclass(frozen=True)
 class Minimum:
-    """x (p,) and the shifts (multipliers) there; residual: the largest of violation and slackness."""
+    """x (p,) and the shifts (multipliers) there; spent : its residual, the largest of violation and
+    slackness, the weight in the end, evaluations of L, and iterations."""
 
     x: Array
     shifts: list[Array]
-    weight: float
-    residual: float
-    evaluations: int
-    iterations: int
+    spent: dict[str, float]
 
 
 def minimise(penalty: ShiftedPenalty, x: Array, tolerance: float = 1e-9) -> Minimum:
@@ -178,8 +167,8 @@ def minimise(penalty: ShiftedPenalty, x: Array, tolerance: float = 1e-9) -> Mini
     residual, accuracy = np.inf, 1e-2
     evaluations = iterations = 0
     for _ in range(_STEPS):
-        x, spent, steps = newton(penalty, x, shifts, weight, accuracy)
-        evaluations, iterations = evaluations + spent, iterations + steps
+        x, more, steps = newton(penalty, x, shifts, weight, accuracy)
+        evaluations, iterations = evaluations + more, iterations + steps
         moved = penalty.shifted(x, shifts, weight)
         changes = (np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True))
         previous, residual = residual, float(max(changes, default=0.0)) / weight
@@ -189,7 +178,8 @@ def minimise(penalty: ShiftedPenalty, x: Array, tolerance: float = 1e-9) -> Mini
         if residual > 0.25 * previous and weight < _LARGEST_WEIGHT:
             weight *= 10.0
         accuracy = max(0.1 * accuracy, 1e-8)
-    return Minimum(x, shifts, weight, residual, evaluations, iterations)
+    spent = {"residual": residual, "weight": weight, "evaluations": evaluations}
+    return Minimum(x, shifts, {**spent, "iterations": iterations})
 
 
 def newton(
@@ -296,17 +286,8 @@ def fit_penalty(
         minimum = minimise(scaled.penalty, start / scaled.theta_scale, tolerance)
         theta = feasible(constraints, scaled.theta_scale * minimum.x, interior)
         objective, violation = data.loss(theta), max(constraints.worst(theta).values(), default=0.0)
-        runs.append(
-            {
-                "loss": task.data.loss(theta),
-                "objective": objective,
-                "violation": violation,
-                "residual": minimum.residual,
-                "weight": minimum.weight,
-                "evaluations": minimum.evaluations,
-                "iterations": minimum.iterations,
-            }
-        )
+        found = {"loss": task.data.loss(theta), "objective": objective, "violation": violation}
+        runs.append({**found, **minimum.spent})
         # A run that could not be made feasible counts behind every one that could.
         rank = objective if violation <= 1e-9 else np.inf
         # One that is lower by less than it violates is no better: its multipliers may be worse.
