@@ -79,16 +79,21 @@ class CrossValidation(Shown):
     band_hz: float
 
     @property
+    def _whole(self) -> Fold:
+        """All folds as one."""
+        names = ("losses", "rows", "torque_squared")
+        sums = (np.sum([getattr(f, name) for f in self.folds], axis=0) for name in names)
+        return Fold(self.folds[0].start, self.folds[-1].stop, self.folds[0].theta, *sums)
+
+    @property
     def rmse(self) -> Array:
-        """(n,) of each joint over all folds."""
-        losses, rows = (sum(getattr(f, name) for f in self.folds) for name in ("losses", "rows"))
-        return np.asarray(np.sqrt(losses / np.maximum(rows, 1)))
+        """(n,) [N m or N] of each joint over all folds."""
+        return self._whole.rmse
 
     @property
     def relative_error_percent(self) -> float:
         """100 |tau - tau_hat| / |tau| over all folds and joints."""
-        losses = sum(f.losses.sum() for f in self.folds)
-        return float(100.0 * np.sqrt(losses / sum(f.torque_squared.sum() for f in self.folds)))
+        return self._whole.relative_error_percent
 
     @property
     def worst(self) -> int:

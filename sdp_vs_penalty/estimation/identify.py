@@ -110,14 +110,10 @@ def _prior_factor(task: Task) -> Array:
         whitened = (root @ inertia.PSEUDO_INERTIA_BASIS @ root.T).reshape(10, 16)
         # -log det has the curvature |P0^-1 dP|^2 / 2 beside |R theta|^2.
         information = 0.5 * LmiSdp.entropy * variance * (whitened @ whitened.T)
-        out[np.ix_(indices, indices)] = _upper(information)
+        size = np.sqrt(np.diagonal(information))  # balanced first: masses and moments differ by 1e6
+        upper = scipy.linalg.cholesky(information / np.outer(size, size)) * size
+        out[np.ix_(indices, indices)] = upper
     return out
-
-
-def _upper(information: Array) -> Array:
-    """U (d, d) with U^T U = information, balanced first: masses and moments differ by 1e6."""
-    size = np.sqrt(np.diagonal(information))
-    return np.asarray(scipy.linalg.cholesky(information / np.outer(size, size)) * size)
 
 
 def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Workers = ALONE) -> Estimate:

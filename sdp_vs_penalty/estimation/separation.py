@@ -194,16 +194,15 @@ def separate(
     bounds = Limits.of_robot(estimate.robot) if limits is None else limits
     search = _Search(hypotheses, bounds, collision, duration, np.random.default_rng(seed))
     search.run(iterations, progress)
-    before = [
-        hypotheses.distance(hypotheses.motion(default_excitation(estimate, duration, s), duration))
-        for s in range(seed, seed + 3)
-    ]
-    default = float(np.median(before))
-    deltas = search.value, default
-    right = (hypotheses.right(delta2, duration) for delta2 in deltas)
-    needed = (hypotheses.needed(delta2, duration) for delta2 in deltas)
-    known = collision is not None
-    return Separation(search.best, *deltas, *right, *needed, hypotheses.scale, known)
+    usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
+    motions = (hypotheses.motion(states, duration) for states in usual)
+    default = float(np.median([hypotheses.distance(motion) for motion in motions]))
+    (right, seconds), (right_before, before) = (
+        (hypotheses.right(delta2, duration), hypotheses.needed(delta2, duration))
+        for delta2 in (search.value, default)
+    )
+    told = right, right_before, seconds, before, hypotheses.scale, collision is not None
+    return Separation(search.best, search.value, default, *told)
 
 
 class _Search:

@@ -21,6 +21,7 @@ def estimator_types() -> dict[str, type[Estimator]]:
 
 
 def make_estimator(method: str | Estimator) -> Estimator:
+    """The estimator of a name, with its default settings, or the one given; InputError for no such."""
     if isinstance(method, Estimator):
         return method
     found = named(__name__, __path__, Estimator, method) or estimator_types().get(method)

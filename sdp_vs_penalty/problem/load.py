@@ -156,6 +156,7 @@ def _fill_box(box: Array, path: Path) -> None:
 
 
 def problem_names() -> list[str]:
+    """The built-in problems, sorted."""
     return sorted(p.parent.name for p in problems_folder().glob("*/problem.toml"))
 
 

@@ -137,15 +137,13 @@ class _Reader:
 
     def mimics(self, root: Any) -> dict[str, Follower]:
         """The <mimic> of each <joint> that has one."""
-        return {
-            joint.get("name"): (
-                str(element.get("joint")),
-                *self.numbers(element, "multiplier", (1.0,)),
-                *self.numbers(element, "offset", (0.0,)),
-            )
-            for joint in root.findall("joint")
-            if (element := joint.find("mimic")) is not None
-        }
+        out = {}
+        for joint in root.findall("joint"):
+            if (element := joint.find("mimic")) is not None:
+                (ratio,) = self.numbers(element, "multiplier", (1.0,))
+                (offset,) = self.numbers(element, "offset", (0.0,))
+                out[joint.get("name")] = (str(element.get("joint")), ratio, offset)
+        return out
 
     def pose(self, element: Any) -> Array:
         origin = element.find("origin")
