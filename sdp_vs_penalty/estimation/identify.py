@@ -177,16 +177,9 @@ def proved(
             f"method {method} has no lower bound to prove",
             "choose one that solves the SDP, such as lmi-sdp, or penalty",
         )
-    return optimum_proof(
-        fit.objective,
-        fit.constraints,
-        fit.multipliers,
-        theta,
-        task.bound,
-        fit.entropy_slopes,
-        [parameter.name for parameter in task.model.parameters],
-        made_of,
-    )
+    names = [parameter.name for parameter in task.model.parameters]
+    solved = fit.objective, fit.constraints, fit.multipliers, theta, task.bound, fit.entropy_slopes
+    return optimum_proof(*solved, names, made_of)
 
 
 def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
@@ -216,13 +209,8 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
         lower = (fit if same else replace(fit, theta=theta, bound=task.bound)).lower
         scale = max(fit.objective.least_squares.loss(theta), 1e-12 * task.data.tau_squared)
         gap = (upper - lower) / scale if scale > 0.0 else 0.0
-    return theta, Certificate(
-        violations=violations(fit.constraints, theta),
-        loss=task.data.loss(theta),
-        upper=upper,
-        lower=lower,
-        gap=gap,
-    )
+    worst = violations(fit.constraints, theta)
+    return theta, Certificate(worst, task.data.loss(theta), upper, lower, gap)
 
 
 def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certificate) -> Certificate:

@@ -67,6 +67,7 @@ class Gains:
         return np.asarray(np.linalg.norm(self.factor, axis=1))
 
     def to_dict(self) -> dict[str, list[float]]:
+        """Plain JSON: gains and their standard deviations."""
         return {"gain": self.gain.tolist(), "std": (self.gain * self.std).tolist()}
 
 

@@ -122,10 +122,8 @@ def _verdict(half: float, value: float, largest: float) -> str:
 
 def counts(intervals: Sequence[Interval]) -> dict[str, int]:
     """How many of each verdict."""
-    return {
-        verdict: sum(i.verdict == verdict for i in intervals)
-        for verdict in (IDENTIFIABLE, WEAKLY, NOT_SEEN)
-    }
+    every = [i.verdict for i in intervals]
+    return {verdict: every.count(verdict) for verdict in (IDENTIFIABLE, WEAKLY, NOT_SEEN)}
 
 
 @dataclass(frozen=True)

@@ -87,6 +87,7 @@ class BarycentricPart:
 
     @classmethod
     def of(cls, bounds: Sequence[OneSided], theta_scale: Array, reference: Array) -> BarycentricPart:
+        """Each of about unit size at the reference (p,)."""
         indices = np.array([b.indices for b in bounds], np.intp).reshape(-1, 10)
         forms, slopes = np.zeros((len(bounds), 10, 10)), np.zeros(len(bounds))
         for k, b in enumerate(bounds):
@@ -99,10 +100,12 @@ class BarycentricPart:
         return cls(indices, forms, slopes, len(theta_scale))
 
     def values(self, x: Array) -> Array:
+        """F(x), (k,)."""
         u = x[self.indices]
         return np.einsum("ki,kij,kj->k", u, self.forms, u) + self.slopes * u[:, 0]
 
     def jacobian(self, x: Array) -> Array:
+        """dF/dx, (k, p)."""
         out = np.zeros((len(self.indices), self.width))
         local = 2.0 * np.einsum("kij,kj->ki", self.forms, x[self.indices])
         local[:, 0] += self.slopes
@@ -110,6 +113,7 @@ class BarycentricPart:
         return out
 
     def second(self, multiplier: Array) -> Array:
+        """Hessian of <multiplier, F(x)>, (p, p), multiplier (k,)."""
         out = np.zeros((self.width, self.width))
         for k in np.flatnonzero(multiplier):
             out[np.ix_(self.indices[k], self.indices[k])] += 2.0 * multiplier[k] * self.forms[k]

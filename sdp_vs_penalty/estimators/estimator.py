@@ -106,10 +106,8 @@ class Task:
         """Sigma_c >= m radius^2 1 for every link; nothing for radius 0."""
         if radius <= 0.0:
             return []
-        return [
-            build.minimum_thickness(f"link {k + 1}", indices, radius)
-            for k, indices in enumerate(self.links)
-        ]
+        links = enumerate(self.links, start=1)
+        return [build.minimum_thickness(f"link {k}", indices, radius) for k, indices in links]
 
 
 @dataclass(frozen=True)
@@ -134,14 +132,8 @@ class Fit:
         """The certified lower bound on the optimum that follows from the multipliers: computed once."""
         assert self.multipliers is not None
         assert self.bound is not None
-        return lower_bound(
-            self.objective,
-            self.constraints,
-            self.multipliers,
-            self.theta,
-            self.bound,
-            self.entropy_slopes,
-        )
+        own = self.objective, self.constraints, self.multipliers, self.theta, self.bound
+        return lower_bound(*own, self.entropy_slopes)
 
     @cached_property
     def gap(self) -> float:
@@ -190,19 +182,9 @@ def make_task(
     masses = model.with_known(nominal)[links[:, :1]]  # a link of a known mass is scaled to it
     nominal[links] *= masses / nominal[links[:, :1]]
     nominal = model.with_known(nominal)
-    plain = Task(
-        model,
-        with_plausible(regression.least_squares(), model, regression.oversampling),
-        problem.constraints(model),
-        bound,
-        nominal,
-        problem.box,
-        problem.independent,
-        seed,
-        progress,
-        None,
-        problem.body_constraints(model),
-    )
+    data = with_plausible(regression.least_squares(), model, regression.oversampling)
+    known = problem.constraints(model), bound, nominal, problem.box, problem.independent
+    plain = Task(model, data, *known, seed, progress, bodies=problem.body_constraints(model))
     plain = replace(plain, joint_scale=joint_scale(regression, model, plain.ols))
     if weighting not in ("noise", "none"):
         raise unknown("weighting", weighting, ("noise", "none"))

@@ -329,6 +329,7 @@ class ScaledProblem:
     def of(
         cls, task: Task, data: LeastSquares, constraints: ConstraintSet, interior: Array
     ) -> ScaledProblem:
+        """In units of what each parameter can be, of the cones at the interior point and of the loss."""
         norms, size = data.column_norms, np.sqrt(data.tau_squared)
         theta_scale = task.bound.copy()
         np.divide(size, norms, out=theta_scale, where=(norms > 0.0) & (size > 0.0))

@@ -83,19 +83,11 @@ def retrieve(settings: PenaltyPaper, task: Task, data: LeastSquares, free: NDArr
         for weight in settings.weights:
             u, spent = anneal_and_search(loss, weight, u, budget, rng)
             evaluations += spent
-        penalised = loss.value(u, settings.weights[-1])
-        p = loss.p(u)
-        theta = box.theta(p)
-        runs.append(
-            {
-                "loss": task.data.loss(theta),
-                "objective": data.loss(theta),
-                "penalised": penalised,
-                "violation": max(loss.violations(p).values()),
-                "violations": loss.violations(p),
-                "evaluations": evaluations,
-            }
-        )
+        penalised, p = loss.value(u, settings.weights[-1]), loss.p(u)
+        theta, broken = box.theta(p), loss.violations(p)
+        found = {"loss": task.data.loss(theta), "objective": data.loss(theta), "penalised": penalised}
+        worst = {"violation": max(broken.values()), "violations": broken}
+        runs.append({**found, **worst, "evaluations": evaluations})
         if best is None or penalised < best[0]:
             best = (penalised, theta)
         task.progress(
@@ -119,14 +111,8 @@ def anneal_and_search(
     if not len(u):
         return u, 0
     box = [(0.0, 1.0)] * len(u)
-    annealed = optimize.dual_annealing(
-        lambda v: loss.value(v, weight),
-        box,
-        x0=u,
-        maxfun=budget // 2,
-        no_local_search=True,
-        seed=rng,
-    )
+    settings = {"maxfun": budget // 2, "no_local_search": True, "seed": rng}
+    annealed = optimize.dual_annealing(lambda v: loss.value(v, weight), box, x0=u, **settings)
     best, lowest, spent = annealed.x, float(annealed.fun), int(annealed.nfev)
     while spent < budget and lowest > 0.0:
         # SLSQP stops at kinks of the penalty, and its tolerances want values of size 1: start it
@@ -137,14 +123,8 @@ def anneal_and_search(
             value, gradient = loss.value_and_gradient(v, weight)
             return value / scale, gradient / scale
 
-        local = optimize.minimize(
-            scaled,
-            best,
-            jac=True,
-            method="SLSQP",
-            bounds=box,
-            options={"maxiter": max(1, (budget - spent) * 4 // 5), "ftol": 1e-9},
-        )
+        steps = {"maxiter": max(1, (budget - spent) * 4 // 5), "ftol": 1e-9}
+        local = optimize.minimize(scaled, best, jac=True, method="SLSQP", bounds=box, options=steps)
         spent += int(local.nfev)
         found = np.clip(local.x, 0.0, 1.0)
         value = loss.value(found, weight)
@@ -171,16 +151,19 @@ class PenalisedLoss:
         ]
 
     def p(self, u: Array) -> Array:
+        """Barycentric parameters (p,) at u (d,)."""
         out = self.fixed.copy()
         out[self.free] = self.box.lower[self.free] + u * self.width
         return out
 
     def value(self, u: Array, weight: float) -> float:
+        """loss + weight g at u (d,)."""
         p = self.p(u)
         value = self.data.loss(self.box.theta(p))
         return value if weight == 0.0 else value + weight * self.penalty(p, None)
 
     def value_and_gradient(self, u: Array, weight: float) -> tuple[float, Array]:
+        """The same, and its gradient (d,)."""
         p = self.p(u)
         theta = self.box.theta(p)
         residual = self.data.R @ theta - self.data.rho

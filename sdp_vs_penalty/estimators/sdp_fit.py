@@ -82,11 +82,7 @@ class PosedSdp:
 
     @classmethod
     def of(
-        cls,
-        task: Task,
-        objective: Objective,
-        constraints: ConstraintSet,
-        solver_name: str | None = None,
+        cls, task: Task, objective: Objective, constraints: ConstraintSet, solver_name: str | None = None
     ) -> PosedSdp:
         """Raises InputError where the constraints admit no interior point."""
         interior = interior_point(task, constraints, solver_name or REFERENCE)
@@ -120,19 +116,10 @@ class PosedSdp:
             found = minimise(cones, data, starts, accuracy)
         if found is None:
             return None
-        multipliers, slopes = cones.multipliers(found.multipliers)
+        own = *cones.multipliers(found.multipliers), self.interior, self.task.bound
         theta = repair(self.constraints, found.theta, self.interior)
-        return Fit(
-            theta,
-            objective,
-            self.constraints,
-            multipliers,
-            slopes,
-            self.interior,
-            self.task.bound,
-            {"solver": OWN, "solver_said": [found.said]},
-            found.central,
-        )
+        details = {"solver": OWN, "solver_said": [found.said]}
+        return Fit(theta, objective, self.constraints, *own, details, found.central)
 
 
 def _start(task: Task, data: LeastSquares, interior: Array) -> Array:

@@ -138,6 +138,7 @@ class PointTrajectory:
 
     @property
     def duration(self) -> float:
+        """Of the whole motion, pauses included [s]."""
         return float(self.moves.sum() + self.pauses.sum())
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:

@@ -216,18 +216,9 @@ class _Reader:
                 f"line {limit.sourceline}, joint {name!r} has its lower limit {lower:g} above its upper "
                 f"{upper:g}"
             )
-        return Joint(
-            name,
-            _MOVING[kind],
-            parent,
-            placement,
-            axis / length,
-            np.eye(4),
-            lower,
-            upper,
-            self.limit(limit, "velocity", np.inf),
-            self.limit(limit, "effort", np.inf),
-        )
+        rates = (self.limit(limit, key, np.inf) for key in ("velocity", "effort"))
+        place = placement, axis / length, np.eye(4)
+        return Joint(name, _MOVING[kind], parent, *place, lower, upper, *rates)
 
 
 def read_inertial(path: str | Path, link: Any) -> Array:
