@@ -65,8 +65,8 @@ def build(study: Study) -> Table:
             "f = phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)).",
             "lower, upper: 95 % intervals from the Jacobian of the whole fit; of phi_3 many are wide, "
             "and one that holds zero leaves the sign open. covered_percent: how many of them hold the "
-            f"truth, over all joints and {len(fits)} simulated runs with different noise ({len(fits) * n} "
-            f"intervals: 95 % +- {expected:.0f} % expected).",
+            f"truth, over all joints and {len(fits)} simulated runs with different noise "
+            f"({len(fits) * n} intervals: 95 % +- {expected:.0f} % expected).",
             *notes,
             "Held out: the residual of each friction model on the judged data, fitted on the training "
             "part by ordinary least squares; shapes too are chosen on the training part.",
