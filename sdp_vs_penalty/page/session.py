@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -300,9 +300,9 @@ class Session:
         """Before the robot changes: what is dropped, said and kept, so that it can be brought back."""
         self.dropped = {name: getattr(self, name) for name in _OF_A_ROBOT}
         if self.robot is not None and self.runs:
-            what = [show.count(len(self.runs), "run")]
-            what += [show.count(len(self.history), "model")] if self.history else []
-            said = f"{self.robot['name']}: {show.words(what)} put aside with the robot."
+            what = [formatting.count(len(self.runs), "run")]
+            what += [formatting.count(len(self.history), "model")] if self.history else []
+            said = f"{self.robot['name']}: {formatting.words(what)} put aside with the robot."
             self.notice = Notice((said,), error=False, undo=True)
 
     def bring_back(self) -> None:

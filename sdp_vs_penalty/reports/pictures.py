@@ -9,7 +9,7 @@ from typing import Any
 
 from sdp_vs_penalty.diagnosis.causes import CAUSES
 from sdp_vs_penalty.estimation.constants import CHANGES
-from sdp_vs_penalty.show import plain_unit
+from sdp_vs_penalty.formatting import plain_unit
 
 #: How bars and legends look.
 LOOK = (Path(__file__).parent / "pictures.css").read_text()

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from functools import partial
 
+from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page.controls import button, check, drop, note, table, tag, tile
 from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import Stage, View, after_model
-from sdp_vs_penalty.page.wording import figure
 from sdp_vs_penalty.reports.sections import CERTIFICATE
 
 

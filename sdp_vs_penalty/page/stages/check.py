@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, note, tag
@@ -84,8 +84,8 @@ def _checked(session: Session) -> Verdict | None:
         return Verdict("bad", f"{session.meaningless[0]}.", "Check failed")
     warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
     if warned:
-        return Verdict("usable", f"It found {show.words(warned)}.", "Check")
-    return Verdict("good", f"Nothing wrong in {show.count(len(session.runs), 'run')}.", "Check")
+        return Verdict("usable", f"It found {formatting.words(warned)}.", "Check")
+    return Verdict("good", f"Nothing wrong in {formatting.count(len(session.runs), 'run')}.", "Check")
 
 
 _PART = Part("check", "", lambda session: bool(session.runs), _check_depends, _draw_check)

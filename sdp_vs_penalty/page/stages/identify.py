@@ -9,6 +9,7 @@ from nicegui import ui
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import new_motion
+from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page.arm import draw_arm, torque_errors
 from sdp_vs_penalty.page.charts import (
     asked_span,
@@ -38,7 +39,7 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified
-from sdp_vs_penalty.page.wording import figure, plain_name, spoken, with_unit
+from sdp_vs_penalty.page.wording import plain_name, spoken, with_unit
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
 from sdp_vs_penalty.reports.plots import SIGNALS
