@@ -13,8 +13,6 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: What is said where no motion repeats: the residual was taken for noise, which it then equals.
 NOISE_UNKNOWN = "is not known: no motion repeats, so noise and model error cannot be separated."
-#: Events that are listed one by one; more would hide the findings.
-_EVENTS = 3
 
 
 def repeatability_warning(new_share: float | None) -> str | None:
@@ -33,12 +31,12 @@ def new_motion(new_share: float | None) -> str:
     return "not recorded" if new_share is None else f"{100.0 * new_share:.0f} %"
 
 
-def event_lines(events: Sequence[Any], every: bool = False) -> list[str]:
-    """A line an event; one for all of them where they are more than three, unless ``every``.
+def event_lines(events: Sequence[Any], every: bool = False, most: int = 3) -> list[str]:
+    """A line an event; one for all of them where they are more than ``most``, unless ``every``.
 
     events : with ``joint`` (from 1), ``t_start``, ``t_end`` [s] and ``frequency`` [Hz] or None.
     """
-    if len(events) > _EVENTS and not every:
+    if len(events) > most and not every:
         where = formatting.joints(sorted({e.joint for e in events}))
         hums = sum(e.frequency is not None for e in events)
         hum = f", {hums} of them a hum" if hums else ""
