@@ -56,11 +56,11 @@ def _draw_check(view: View) -> None:
 def _findings(session: Session) -> None:
     """What the check says, each with its repair; a tick where it says nothing."""
     with tag("p", style="row"):
-        for run, findings in session.checked:
-            if not findings:
+        for run in session.runs:
+            if not run["findings"]:
                 tag("span", f"✓ {run['name']}", "tick")
-    for run, findings in session.checked:
-        for found in findings:
+    for run in session.runs:
+        for found in run["findings"]:
             with tag("p", style=f"finding {found['severity']}"):
                 tag("strong", f"{run['name']}: {found['kind']}. ")
                 tag("span", f"{found['what']} What to do: {found['remedy']}.")

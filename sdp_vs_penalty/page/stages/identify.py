@@ -14,10 +14,8 @@ from sdp_vs_penalty.page.arm import draw_arm, torque_errors
 from sdp_vs_penalty.page.charts import (
     asked_span,
     friction_chart,
-    merged,
     residual_chart,
     torque_chart,
-    with_shades,
 )
 from sdp_vs_penalty.page.controls import (
     button,
@@ -42,7 +40,7 @@ from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified
 from sdp_vs_penalty.page.wording import plain_name, spoken, with_unit
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
-from sdp_vs_penalty.reports.plots import SIGNALS
+from sdp_vs_penalty.reports.plots import SIGNALS, Curves
 
 _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 
@@ -198,6 +196,7 @@ def _draw_fit(view: View) -> None:
     view.joint = min(view.joint, robot["n"] - 1)
     if view.run not in model.runs:
         view.run, view.span = model.runs[-1], None
+    steps = [session.history[0], model][-len(session.history) :]
     first = session.history[0].comparison
     floor = None if None in comparison["noise_floor"] else comparison["noise_floor"]
     after = comparison["rmse"] if len(session.history) > 1 else None
@@ -210,20 +209,16 @@ def _draw_fit(view: View) -> None:
         choice("Run", names, view.run, lambda name: view.look(run=name), "shown-run")
 
     def options() -> dict[str, Any]:
-        curves = session.curves(model, view.run)
-        if len(session.history) > 1:
-            curves = merged(session.curves(session.history[0], view.run), curves)
-        shown = torque_chart(curves, view.joint or 0, units, view.span)
-        return with_shades(shown, _stretches(view, model))
-
-    def reads() -> list[Any]:
-        steps = [session.history[0], model][-len(session.history) :]
-        return [session.recording(step, view.run) for step in steps]
+        modelled = {step.label: session.recording(step, view.run)["modelled"] for step in steps}
+        read = session.recording(model, view.run)
+        run = Curves(read["t"], read["torque"], modelled)
+        return torque_chart(run, view.joint or 0, units, view.span, _stretches(view, model))
 
     def against() -> dict[str, Any]:
         j = view.joint or 0
         floor = comparison["noise_floor"][j]
-        return residual_chart(reads(), j, view.signal, units[j], floor, view.span)
+        reads = [session.recording(step, view.run) for step in steps]
+        return residual_chart(reads, j, view.signal, units[j], floor, view.span)
 
     def zoom(event: Any) -> None:
         span = asked_span(event.args)
