@@ -7,7 +7,7 @@ reported is the net repair, each number once. Several runs are compared with eac
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks.constants import PARTS
 from sdp_vs_penalty.checks.content import Content, content
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.rules import mended
@@ -30,8 +31,8 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 __all__ = ["Issue", "Report", "check"]
 
-#: Samples that are looked at as a whole, and those of each window of a longer run.
-_MOST, _WINDOW = 1 << 18, 1 << 16
+#: Samples that are looked at as a whole; of a longer run as many in windows.
+_MOST = 1 << 18
 
 
 @dataclass(frozen=True, repr=False)
@@ -121,48 +122,37 @@ def check(
     if measurements.n != problem.robot.n:
         raise other_robot(measurements.n, problem.robot.n, measurements.names[0])
     settings = preprocessing or problem.preprocessing
-    reports = [report for run in measurements.runs() for report in _unusable(run)]
-    windows = [window for run in measurements.runs() for window in _windows(run)]
-    return reports + of_one_arm([_check_run(problem, w, settings, thorough) for w in windows])
+    reports: list[Report] = []
+    for run in measurements.runs():
+        windows = [run]
+        if run.samples > _MOST:  # rows of windows count from their first
+            try:
+                check_usable(run.names[0], run)
+            except InputError as error:
+                issue = _stopped("unusable rows", error, "certain: read from the file")
+                reports.append(Report(run.names[0], (issue,), run, run, None))
+            length, name = _MOST // PARTS, run.names[0]
+            starts = np.linspace(0, run.samples - length, PARTS).astype(int).tolist()
+            windows = [run.rows(slice(k, k + length), f"{name} from sample {k + 1} on") for k in starts]
+        reports += [_check_run(problem, window, settings, thorough) for window in windows]
+    return of_one_arm(reports)
 
 
 def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     """Runs of one arm share its mounting, its zeros, its gains and its load: where one run's differ,
     it is named."""
     out = list(reports)
-    contents = [(k, r.content) for k, r in enumerate(out) if r.content and r.content.settled]
-    whole = [(k, c.scene, c.repair) for k, c in contents if c.scene is not None]
-    if len(whole) > 1:
-        places, scenes, repairs = zip(*whole, strict=True)
-        for k, issue in compare(scenes, repairs, [out[k].run for k in places]):
-            odd = out[places[k]]
-            out[places[k]] = replace(odd, issues=gravest_first((*odd.issues, issue)))
+    whole = [(k, r.content) for k, r in enumerate(out) if r.content and r.content.scene]
+    whole = [(k, found) for k, found in whole if found.settled]
+    for k, issue in compare([found for _, found in whole], [out[k].run for k, _ in whole]):
+        odd = out[whole[k][0]]
+        out[whole[k][0]] = replace(odd, issues=gravest_first((*odd.issues, issue)))
     return out
 
 
 def gravest_first(issues: Iterable[Issue]) -> tuple[Issue, ...]:
     """In the order of their severity, otherwise as they came."""
-    order = ("error", "warning", "note")
-    return tuple(sorted(issues, key=lambda f: order.index(f.severity)))
-
-
-def _windows(run: Measurements) -> list[Measurements]:
-    """A run, or of a long one the windows that are checked; their rows count from their first."""
-    if run.samples <= _MOST:
-        return [run]
-    starts = np.linspace(0, run.samples - _WINDOW, _MOST // _WINDOW).astype(int).tolist()
-    name = run.names[0]
-    return [run.rows(slice(k, k + _WINDOW), f"{name} from sample {k + 1} on") for k in starts]
-
-
-def _unusable(run: Measurements) -> Iterator[Report]:
-    """A report where a long run has a broken clock or numbers that are not finite, anywhere."""
-    try:
-        if run.samples > _MOST:
-            check_usable(run.names[0], run)
-    except InputError as error:
-        issue = _stopped("unusable rows", error, "certain: read from the file")
-        yield Report(run.names[0], (issue,), run, run, None)
+    return tuple(sorted(issues, key=lambda f: ("error", "warning", "note").index(f.severity)))
 
 
 def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool) -> Report:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sdp_vs_penalty.checks.constants import CLIPPED, COARSE, LONG, MIRRORED, SAMPLES_A_PERIOD
+from sdp_vs_penalty.checks.constants import LONG, SAMPLES_A_PERIOD, STUCK, TIMES, TYPICAL
 from sdp_vs_penalty.checks.glance import Glance, constant_parts, evened, lattice_step
 from sdp_vs_penalty.checks.issue import Finding, joints_text, rule
 from sdp_vs_penalty.data.plausibility import beside_range
@@ -63,23 +63,21 @@ def dead(g: Glance) -> Iterator[Finding]:
     "a torque passes through zero, and does not turn round there", "log the torque with its sign",
 )  # fmt: skip
 def magnitude(g: Glance) -> Iterator[Finding]:
-    """Torques that are never negative because their sign is lost."""
-    tau, moving = g.run.tau, np.flatnonzero(g.moving).tolist()
-    every = len(moving) > 2 and all(tau[:, j].min() >= 0.0 for j in moving)
-    joints = [j for j in moving if every or _mirrored(tau[:, j])]
+    """Torques that are never negative because their sign is lost: they come down to zero and turn there,
+    without slowing down before."""
+    joints = [j for j in np.flatnonzero(g.moving).tolist() if _mirrored(g.run.tau[:, j])]
     if joints:
         yield ", ".join(f"tau{j + 1}" for j in joints), None, {"joints": [j + 1 for j in joints]}
 
 
 def _mirrored(x: Array) -> bool:
-    """Whether a channel comes down to zero and turns there, without slowing down before."""
     if x.min() < 0.0 or np.ptp(x) == 0.0 or x.min() > 0.01 * x.max():
         return False
     low = spans(x < 0.05 * x.max())
     low = low[(low[:, 0] > 3) & (low[:, 1] < len(x) - 4)]
     slope = np.abs(x[low[:, 0] - 3] - x[low[:, 0]]) / 3.0
     way = np.array([np.abs(np.diff(x[a:b])).sum() / max(b - a, 1) for a, b in low])
-    return len(low) >= 3 and bool(np.mean(way > 0.5 * slope) > MIRRORED)
+    return len(low) >= 3 and bool(np.mean(way > 0.5 * slope) > 0.5)
 
 
 @rule(
@@ -97,12 +95,14 @@ def clipped(g: Glance) -> Iterator[Finding]:
         lengths, values = np.diff(parts)[:, 0] + 1, x[parts[:, 0]]
         ends = np.isin(values, (x.min(), x.max()))
         elsewhere, k = int(lengths[~ends].max(initial=1)), int(np.argmax(lengths * ends))
-        if ends[k] and lengths[k] >= max(CLIPPED[1] * elsewhere, CLIPPED[0]):
-            yield f"tau{j + 1}", None, {
-                "joint": j + 1, "limit": float(values[k]), "unit": g.robot.torque_units[j],
-                "longest": int(lengths[k]), "samples": int(np.sum(x == values[k])),
+        if ends[k] and lengths[k] >= max(TIMES * elsewhere, STUCK):
+            figures = {
+                "limit": float(values[k]),
+                "unit": g.robot.torque_units[j],
                 "elsewhere": elsewhere,
-            }  # fmt: skip
+            }
+            figures |= {"longest": int(lengths[k]), "samples": int(np.sum(x == values[k]))}
+            yield f"tau{j + 1}", None, {"joint": j + 1, **figures}
 
 
 @rule(
@@ -113,25 +113,21 @@ def clipped(g: Glance) -> Iterator[Finding]:
 def quantised(g: Glance) -> Iterator[Finding]:
     """Noise from rounding, in the band that identification uses, beside the signal itself."""
     assert g.settings.state_cutoff is not None
-    cutoff, run = g.settings.state_cutoff, g.run
+    cutoff, run, robot = g.settings.state_cutoff, g.run, g.robot
     motion, tau = low_passed(run, g.settings, 500)
     # A second derivative weighs the power of rounding errors with (2 pi f)^4.
     twice = (2.0 * np.pi * cutoff) ** 2 / np.sqrt(5.0)
-    channels = (
-        ("q", run.q, motion.ddq, twice, "acceleration", g.robot.position_units),
-        ("tau", run.tau, tau, 1.0, "torque", g.robot.torque_units),
-    )
-    for name, values, signal, weight, seen, units in channels:
-        for j in np.flatnonzero(g.moving).tolist():
-            step, size = lattice_step(values[:, j]), float(np.std(signal[:, j]))
-            # They renew themselves when the level changes; the part below the cut-off stays.
-            lasts = g.step * len(run.t) / max(int(np.count_nonzero(np.diff(values[:, j]))), 1)
-            noise = weight * step / np.sqrt(12.0) * np.sqrt(min(1.0, 2.0 * cutoff * lasts))
-            if step > 0.0 and size > 0.0 and noise >= COARSE * size:
-                yield f"{name}{j + 1}", None, {
-                    "joint": j + 1, "step": step, "unit": units[j], "hertz": cutoff, "seen": seen,
-                    "percent": 100.0 * noise / size,
-                }  # fmt: skip
+    signals = {"q": (motion.ddq, twice, "acceleration"), "tau": (tau, 1.0, "torque")}
+    for name, j, x in (c for c in g.channels if g.moving[c[1]]):
+        signal, weight, seen = signals[name.rstrip("0123456789")]
+        step, size = lattice_step(x), float(np.std(signal[:, j]))
+        # They renew themselves when the level changes; the part below the cut-off stays.
+        lasts = g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1)
+        noise = weight * step / np.sqrt(12.0) * np.sqrt(min(1.0, 2.0 * cutoff * lasts))
+        if step > 0.0 and size > 0.0 and noise >= TYPICAL["link"] * size:
+            unit = (robot.position_units if seen == "acceleration" else robot.torque_units)[j]
+            figures = {"joint": j + 1, "step": step, "unit": unit, "hertz": cutoff, "seen": seen}
+            yield name, None, figures | {"percent": 100.0 * noise / size}
 
 
 @rule(

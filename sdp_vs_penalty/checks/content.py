@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sdp_vs_penalty.checks import channel_rules as rules
 from sdp_vs_penalty.checks import excitation, residual
-from sdp_vs_penalty.checks.constants import JUDGED, TRIED, UNRELATED
+from sdp_vs_penalty.checks.constants import JUDGED, LOUDEST, TRIED, UNRELATED
 from sdp_vs_penalty.checks.glance import Glance
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.search import Found, Search
-from sdp_vs_penalty.checks.transformation import Element, Scene
-from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS
+from sdp_vs_penalty.checks.search import Search
+from sdp_vs_penalty.checks.transformation import Scene
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
@@ -25,10 +23,6 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: Independent samples for each parameter, below which a good fit says nothing.
 _SPARE = 1.5
-#: What is this much likelier than without it (natural logarithm) is certain, where it explains nine
-#: tenths of what a joint's torque leaves over, or half as much again (a factor of ten in odds for each
-#: doubling).
-_CERTAIN, _TENFOLD = 30.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -74,81 +68,64 @@ def content(problem: Problem, run: Measurements, settings: Preprocessing, thorou
         return Content(first, None, none, none, None, False)
     data = RegressionData.of(problem, run, settings, JUDGED)
     scene = Scene(problem, Likelihood(data.few(TRIED)), Likelihood(data), bool(coarse))
-    found = Search(scene).run()
-    settled, stated = _settled(scene, settings), _stated(scene, found)
-    dark = float(np.mean(found.after.shares[scene.moving])) > UNRELATED
+    search = Search(scene)
+    net = search.run()
+    score, (stated, certain) = scene.judged.score(net), _stated(search, net)
+    dark = float(np.mean(score.shares[scene.moving])) > UNRELATED
     issues = [*first, *(() if dark else stated), *told]  # no cause that leaves most dark
-    sizes = list(residual.size(scene, found.repair))
+    sizes = list(residual.size(scene, net))
     if any(i.kind == "torque channel kind" for i in sizes):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
-    issues += [*sizes, *residual.find(scene, found.repair, found.after, settled)]
-    bent = {e.joints[0] + 1 for e in found.elements if e.kind == "saturation"}
+    seconds = float(np.ptp(data.motion.t))
+    parameters = int(data.independent.sum()) + scene.n * data.own.shape[2]
+    assert settings.torque_cutoff is not None
+    settled = 2.0 * settings.torque_cutoff * seconds * len(scene.joints) > _SPARE * parameters
+    issues += [*sizes, *residual.find(scene, net, score, settled)]
+    bent = {i.figures["joints"][0] for i in stated if i.kind == "saturation"}
     issues += [i for i in rules.clipped(glance) if i.figures["joint"] not in bent]
-    if not any(e.kind in ("encoder offset", "positions in degrees") for e in found.elements):
+    if not any(i.kind in ("encoder offset", "positions in degrees") for i in stated):
         issues += rules.beside(glance)
     if thorough:
         for issue in sizes:
             run = issue.repair(run) if issue.repair is not None else run
-        run = run if found.repair.leaves_log else found.repair.apply(run)
-        issues += excitation.find(problem.with_gravity(found.repair.gravity), run, settings)
-        issues += excitation.hidden_errors(scene, found.repair)
-    score = found.after
+        run = run if net.leaves_log else net.apply(run)
+        issues += excitation.find(problem.with_gravity(net.gravity), run, settings)
+        issues += excitation.hidden_errors(scene, net)
     unexplained = float(score.left[scene.moving].sum() / score.whole[scene.moving].sum())
-    certain = _certain(scene, found, stated)
     # A report holds the rows, not what was worked out of them.
     scene = replace(scene, tried=Likelihood(scene.tried.data), judged=Likelihood(data))
-    return Content(issues, scene, found.repair, certain, unexplained, settled)
+    return Content(issues, scene, net, certain, unexplained, settled)
 
 
-def _certain(scene: Scene, found: Found, stated: Sequence[Issue]) -> Repair:
-    """The net repair without what is only likely."""
-    certain = found.repair
-    for doubtful in (e.name for e, i in zip(found.elements, stated, strict=True) if not i.mends):
-        elements = (e for t in TRANSFORMATIONS for e in t.elements(scene, certain))
-        certain = next((e.without for e in elements if e.name == doubtful), certain)
-    return certain
-
-
-def _settled(scene: Scene, settings: Preprocessing) -> bool:
-    assert settings.torque_cutoff is not None
-    data = scene.judged.data
-    seconds = float(np.ptp(data.motion.t))
-    parameters = int(data.independent.sum()) + scene.n * data.own.shape[2]
-    return bool(2.0 * settings.torque_cutoff * seconds * len(scene.joints) > _SPARE * parameters)
-
-
-def _stated(scene: Scene, found: Found) -> list[Issue]:
-    """An issue for each element of the net repair, with its interval and what it explains."""
-    out = []
-    for told in found.told:
-        e, gain, without = told.element, told.gain, told.without
-        change = np.log(without.shares / found.after.shares)
+def _stated(search: Search, net: Repair) -> tuple[list[Issue], Repair]:
+    """An issue for each element of the net repair, with its interval and what it explains; the repair
+    without what is only likely."""
+    scene, certain, out = search.scene, net, []
+    after = scene.judged.score(net).shares
+    for e in search.elements(net):
+        before = scene.judged.score(e.without).shares
+        gain, change = search.posterior(net) - search.posterior(e.without), np.log(before / after)
         j = int(np.argmax(change))
-        sure = gain > _CERTAIN and (change[j] > np.log(_TENFOLD) or gain > 5.0 * _CERTAIN)
+        sure = gain > LOUDEST
         word = "certain" if sure else "likely"
         text = (
             f"{word}: what the arm's dynamics leave unexplained of joint {j + 1}'s torque falls from "
-            f"{100.0 * np.sqrt(without.shares[j]):.3g} % to "
-            f"{100.0 * np.sqrt(found.after.shares[j]):.3g} %"
+            f"{100.0 * np.sqrt(before[j]):.3g} % to {100.0 * np.sqrt(after[j]):.3g} %"
         )
         if change[j] < 0.05:  # the fit is the same: physics alone tells
             text = f"{word}: as recorded, friction would drive the motion, or inertia be negative"
         figures = {"joints": [j + 1 for j in e.joints], **e.figures, "net": True, "log_odds": gain}
         what = e.what
         if e.number is not None:
-            low, high = (e.number.value + s * 2.0 * told.deviation for s in (-1.0, 1.0))
+            reach = 2.0 * search.deviation(e.number)
+            low, high = e.number.value - reach, e.number.value + reach
             figures["interval"] = [low, high]
             what = f"{what.rstrip('.')} (95 %: {e.number.text(low)} to {e.number.text(high)})."
-        mend = found.repair.apply if e.mends else None
-        out.append(
-            Issue(e.kind, e.severity, e.where, what, text, e.remedy, mend, figures, _gravity(e, found))
-        )
-    return out
-
-
-def _gravity(e: Element, found: Found) -> tuple[float, float, float] | None:
-    if e.kind.startswith("gravity"):
-        share = found.repair.weight[0] if len(set(found.repair.weight)) == 1 else 1.0
-        x, y, z = (float(round(share * g, 3)) + 0.0 for g in found.repair.gravity)
-        return x, y, z
-    return None
+        mend, gravity = net.apply if e.mends else None, None
+        if e.kind.startswith("gravity"):
+            share = net.weight[0] if len(set(net.weight)) == 1 else 1.0
+            gravity = tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
+        out.append(Issue(e.kind, e.severity, e.where, what, text, e.remedy, mend, figures, gravity))
+        if not out[-1].mends:
+            certain = next((x.without for x in search.elements(certain) if x.name == e.name), certain)
+    return out, certain

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.checks.constants import CALIBRATED_ZERO
+from sdp_vs_penalty.checks.constants import CALIBRATED
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformation import Number, Scene
+from sdp_vs_penalty.checks.transformation import Scene
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
 from sdp_vs_penalty.problem.problem import Problem
@@ -43,14 +42,14 @@ def find(problem: Problem, run: Measurements, settings: Preprocessing) -> Iterat
 
 def hidden_errors(scene: Scene, repair: Repair) -> Iterator[Issue]:
     """One note: from which size on the zero of a joint would be named (few rows tell)."""
-    scene, zeros = replace(scene, judged=scene.tried), {}
+    zeros = {}
     for j in scene.revolute:
         at = partial(repair.with_entries, "zero", (j,))
-        zeros[j + 1] = 3.0 * scene.deviation(Number(repair.zero[j], at, CALIBRATED_ZERO, 0.0, str))
+        zeros[j + 1] = 3.0 * scene.tried.change(at, repair.zero[j], 0.3 * CALIBRATED)[1]
     hidden = [
         f"joint {j}{'' if not x < np.pi else f' below {np.degrees(x):.2g} degrees'}"
         for j, x in zeros.items()
-        if not x < CALIBRATED_ZERO
+        if not x < CALIBRATED
     ]
     if hidden:
         yield Issue(

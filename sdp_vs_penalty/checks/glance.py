@@ -28,9 +28,8 @@ class Glance:
     @cached_property
     def finite(self) -> NDArray[np.bool_]:
         """(N,) rows of numbers that some robot may measure."""
-        parts = {"t": self.run.t[:, None], **self.run.groups}.items()
-        with np.errstate(invalid="ignore"):  # what is not a number compares false
-            return np.all([np.all(np.abs(x) <= LARGEST_VALUE[k], axis=1) for k, x in parts], axis=0)
+        parts = {"t": self.run.t[:, None], **self.run.groups}.items()  # nan compares false
+        return np.all([np.all(np.abs(x) <= LARGEST_VALUE[k], axis=1) for k, x in parts], axis=0)
 
     @cached_property
     def steps(self) -> Array:
@@ -64,7 +63,7 @@ class Glance:
         """(N,) equal numbers for rows that are the same, bit by bit, in every column but t."""
         rows = np.ascontiguousarray(np.column_stack([*self.run.groups.values()]))
         packed = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
-        return np.asarray(np.unique(packed, return_inverse=True)[1].ravel())
+        return np.unique(packed, return_inverse=True)[1].ravel()
 
     @cached_property
     def held(self) -> NDArray[np.bool_]:

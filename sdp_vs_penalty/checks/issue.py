@@ -36,7 +36,7 @@ class Issue:
     remedy: str
     repair: Repair | None = None
     figures: Mapping[str, Any] = field(default_factory=dict)
-    gravity: tuple[float, float, float] | None = None
+    gravity: tuple[float, ...] | None = None
 
     @property
     def mends(self) -> bool:
@@ -83,6 +83,8 @@ def joints_text(joints: Any) -> str:
     return f"joint{'s' if len(numbers) > 1 else ''} {formatting.words(numbers)}"
 
 
-def rows_text(first: int, count: int) -> str:
-    """ "row 12", "row 12 and 3 more": the first of so many rows, counted as the file counts them."""
-    return f"row {first}" + (f" and {count - 1} more" if count > 1 else "")
+def rows_text(rows: Any) -> str:
+    """ "row 12", "rows 12 to 14 and 3 more": the first of the row numbers that follow each other."""
+    first = next((k for k, row in enumerate(rows) if row != rows[0] + k), len(rows))
+    text = f"row {rows[0]}" if first == 1 else f"rows {rows[0]} to {rows[first - 1]}"
+    return text + (f" and {len(rows) - first} more" if len(rows) > first else "")

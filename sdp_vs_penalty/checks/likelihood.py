@@ -26,9 +26,9 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import FLOOR, LEADS, LOUDEST, PARTS, RIDGE, ROUNDS
+from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, under_gravity
-from sdp_vs_penalty.checks.repair import Event, Repair
+from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -66,7 +66,7 @@ class Equations:
 
     def solved(self, weights: Array) -> Array:
         """(s,) parameters of weighted (n,) least squares."""
-        return solve(np.tensordot(weights, self.gram, 1), weights @ self.cross)
+        return solve(np.tensordot(weights, self.gram, 1), (weights @ self.cross)[:, None])[:, 0]
 
     def fitted(self, asked: Array) -> tuple[Array, Array]:
         """(s,) parameters at the maximum of L and (n,) squared residuals there, at least FLOOR of the
@@ -129,18 +129,11 @@ class Likelihood:
         return self.data.heard.T[list(repair.order)]
 
     def _at(self, k: int, lead: float) -> tuple[Array, Array]:
-        """Channel k and its rate, so much later [s]: cubic between the leads that were filtered."""
-
-        def make() -> tuple[Array, Array]:
-            x, dx = self.data.torque[:, :, k], self.data.rate[:, :, k]
-            i = int(np.clip(np.searchsorted(LEADS, lead, "right") - 1, 0, len(LEADS) - 2))
-            h = float(LEADS[1] - LEADS[0])
-            u = (lead - float(LEADS[i])) / h
-            a, b = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u**2 * (3.0 - 2.0 * u)
-            bent = h * (u * (1.0 - u) ** 2 * dx[i] - u**2 * (1.0 - u) * dx[i + 1])
-            return a * x[i] + b * x[i + 1] + bent, (1.0 - u) * dx[i] + u * dx[i + 1]
-
-        return self._once("channel", 200, (k, lead), make)
+        """Channel k and its rate, so much later [s]."""
+        torque, t = self.data.torque, self.data.motion.t + lead
+        late = np.clip(t, torque.x[0], torque.x[-1])
+        both = self._once("torque", 40, lead, lambda: (torque(late), torque(late, 1)))
+        return both[0][:, k], both[1][:, k]
 
     def motion(self, repair: Repair) -> Motion:
         """States as repaired."""
@@ -198,35 +191,28 @@ class Likelihood:
         return np.asarray(robot.regressor(*states) @ self.data.nominal)
 
     def _own(self, repair: Repair) -> tuple[Array, Array, Array]:
-        """Bases of the joints' own columns, and the rows that read friction and rotor."""
-        events = [tuple(e for e in repair.events if e.joint == j) for j in range(self.data.n)]
-        found = [self._joint(k, some) for k, some in zip(repair.order, events, strict=True)]
-        widest = self.data.own.shape[2] + max(map(len, events))
-        basis = np.stack([np.pad(u, ((0, 0), (0, widest - u.shape[1]))) for u, *_ in found])
-        sign = np.sign(repair.scale)[:, None]
-        drag, spin = (np.stack([f[i] for f in found]) * sign for i in (1, 2))
-        return basis, -drag if repair.reversed else drag, spin
-
-    def _joint(self, k: int, events: tuple[Event, ...]) -> tuple[Array, Array, Array]:
-        """Of one channel: basis (M, k), 0 for columns that depend on others; drag and spin (M,)."""
-        data, m, heard = self.data, self.data.motion, self.data.heard[:, k]
+        """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others; (n, M) the
+        rows that read the power of friction and of the rotor."""
 
         def make() -> tuple[Array, Array, Array]:
-            columns = np.column_stack([data.own[k], *(e.shape(m.t) for e in events)])
-            columns = heard[:, None] * columns
-            sizes = np.linalg.norm(columns, axis=0)
+            data, m, order = self.data, self.data.motion, list(repair.order)
+            shapes = [e.shape(m.t) * (np.arange(data.n) == e.joint)[:, None] for e in repair.events]
+            columns = np.concatenate([data.own[order], *(x[:, :, None] for x in shapes)], axis=2)
+            columns = columns * data.heard.T[order][:, :, None]
+            sizes = np.linalg.norm(columns, axis=1, keepdims=True)
             columns = columns / np.where(sizes > 0.0, sizes, 1.0)
             u, s, vt = np.linalg.svd(columns, full_matrices=False)
-            kept = s > 1e-6 * s.max(initial=0.0)
-            u, back = u * kept, (vt / np.where(kept, s, np.inf)[:, None]).T
-            power = columns.T @ np.column_stack([m.dq[:, k], m.ddq[:, k]]) / data.count
-            power[[0, 1], 0] = 0.0  # rotor and offset are no friction
-            power[data.own.shape[2] :, 0] = 0.0
-            power[1:, 1] = 0.0
-            drag, spin = (u @ (back.T @ power)).T
+            kept = s > 1e-6 * s.max(axis=1, keepdims=True)
+            u, back = u * kept[:, None], vt / np.where(kept, s, np.inf)[:, :, None]
+            power = np.swapaxes(columns, 1, 2) @ np.stack([m.dq.T[order], m.ddq.T[order]], axis=2)
+            # The rotor comes first; it, the offset and events are no friction.
+            power[:, [0, 1, *range(data.own.shape[2], columns.shape[2])], 0] = power[:, 1:, 1] = 0.0
+            drag, spin = np.moveaxis(u @ (back @ power) / data.count, 2, 0)
             return u, drag, spin
 
-        return self._once("joint", 200, (k, events), make)
+        basis, drag, spin = self._once("own", 20, (repair.order, repair.events), make)
+        sign = np.sign(repair.scale)[:, None]
+        return basis, drag * (-sign if repair.reversed else sign), spin * sign
 
     def slope(self, at: Callable[[float], Repair], value: float, h: float, theta: Array) -> Array:
         """(n, M) d(y - Y theta)/dx of a number at a value, by a difference forward."""
@@ -278,29 +264,21 @@ class Likelihood:
             out.append(np.maximum(np.einsum("jw,jwx,jx->j", v, part, v) / whole, FLOOR))
         return np.array(out)
 
-    def step(self, repair: Repair, weights: Array, slope: Array) -> float:
-        """By how much a number has to change whose change makes d(y - Y theta)/dx = slope (n, M), to
-        first order; 0 where nothing tells."""
-        parts, k = self.parts(repair, 1, -slope[:, :, None])
-        one = Equations.of(parts[0], k)
-        normal = np.tensordot(weights, one.gram, 1)
-        across, along = normal[:-1, -1], normal[-1, -1]
-        told = along - across @ solve(normal[:-1, :-1], across)
-        return float(one.solved(weights)[-1]) if told > 1e-3 * along > 0.0 else 0.0
+    def change(self, at: Callable[[float], Repair], value: float, h: float) -> tuple[float, float]:
+        """By how much a number has to change, to first order, and the standard deviation of that.
 
-    def deviation(self, repair: Repair, weights: Array, slope: Array) -> float:
-        """Standard deviation of such a number, by leaving out parts of the log (a delete-a-group
-        jackknife): what the model lacks makes it vary from part to part, and noise alone would make it
-        look exact."""
-        size = float(np.linalg.norm(slope)) / max(
-            float(np.linalg.norm(self.rows(repair).raw[0])), 1e-300
-        )
+        By leaving out parts of the log (a delete-a-group jackknife): what the model lacks makes it vary
+        from part to part, and noise alone would make it look exact."""
+        repair = at(value)
+        score = self.score(repair)
+        slope = self.slope(at, value, h, score.theta)
+        size = float(np.linalg.norm(slope)) / max(float(np.linalg.norm(score.rows.raw[0])), 1e-300)
         if size == 0.0:
-            return np.inf
+            return 0.0, np.inf
         parts, k = self.parts(repair, PARTS, -slope[:, :, None] / size)
-        rests = (Equations.of(parts.sum(axis=0) - part, k) for part in parts)
-        found = np.array([rest.solved(weights)[-1] for rest in rests])
-        return float(np.sqrt((PARTS - 1) / PARTS * np.sum((found - found.mean()) ** 2))) / size
+        logs = [parts.sum(axis=0), *(parts.sum(axis=0) - parts)]
+        best, *found = (float(Equations.of(x, k).solved(score.weights)[-1]) / size for x in logs)
+        return best, float(np.sqrt((PARTS - 1) * np.var(found)))
 
     def pushed(self, repair: Repair) -> Array:
         """(2, s) what the mean of ddq^T M(q) ddq is of the shared parameters, and the weight's mean
@@ -349,15 +327,6 @@ class Score:
         return float(np.log(self.shares)[self.moving].sum())
 
     @cached_property
-    def alone(self) -> Array:
-        """(n,) share with a theta of its own for each joint: no arm does better."""
-        rest, columns = self.rows.rest(self.channels[:, :, None]), self.rows.columns
-        cross = (np.swapaxes(columns, 1, 2) @ rest)[:, :, 0]
-        fits = [solve(g, c) @ c for g, c in zip(self.rows.gram, cross, strict=True)]
-        left = np.sum(rest[:, :, 0] ** 2, axis=1) - np.array(fits)
-        return np.maximum(left / self.whole, FLOOR)
-
-    @cached_property
     def residual(self) -> Array:
         """(n, M) what the arm leaves of the channels."""
         rest = self.rows.rest(self.channels[:, :, None])[:, :, 0]
@@ -395,12 +364,12 @@ class Score:
 
 def left_out_alone(score: Score, repair: Repair) -> Array:
     """(n,) share of each channel that its joint's own model leaves of parts it was not fitted to."""
-    parts, left = score.of.parts(repair)[0], 0.0 * score.whole
-    for part in parts:
-        rest = parts.sum(axis=0) - part
-        fits = (solve(r[:-1, :-1], r[:-1, -1]) for r in rest)
-        left += [v @ p @ v for p, v in zip(part, (np.append(x, -1.0) for x in fits), strict=True)]
-    return np.maximum(left / score.whole, FLOOR)
+    parts = score.of.parts(repair)[0]
+    rests = parts.sum(axis=0) - parts
+    v = np.insert(
+        solve(rests[..., :-1, :-1], rests[..., :-1, -1:])[..., 0], parts.shape[-1] - 1, -1.0, -1
+    )
+    return np.maximum(np.einsum("pjw,pjwx,pjx->j", v, parts, v) / score.whole, FLOOR)
 
 
 def independent_samples(residual: Array, asked: NDArray[np.bool_]) -> float:
@@ -416,15 +385,14 @@ def independent_samples(residual: Array, asked: NDArray[np.bool_]) -> float:
 
 
 def solve(gram: Array, right: Array) -> Array:
-    """(G + ridge)^-1 b with columns scaled to one; zero for columns that are not there."""
-    norms = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
-    seen = np.flatnonzero(norms > 1e-9 * norms.max(initial=0.0))
-    out = np.zeros_like(right)
-    if len(seen):
-        scale = 1.0 / norms[seen]
-        unit = scale[:, None] * gram[np.ix_(seen, seen)] * scale + RIDGE * np.eye(len(seen))
-        out[seen] = (np.linalg.solve(unit, (scale * right[seen].T).T).T * scale).T
-    return out
+    """(..., s, r) (G + ridge)^-1 B with columns of G (..., s, s) scaled to one; zero for those that are
+    not there."""
+    norms = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 0.0))
+    seen = norms > 1e-9 * norms.max(axis=-1, keepdims=True, initial=0.0)
+    scale = np.where(seen, 1.0 / np.where(seen, norms, 1.0), 0.0)[..., None]
+    unit = scale * gram * np.swapaxes(scale, -1, -2)
+    np.einsum("...ii->...i", unit)[...] += np.where(seen, RIDGE, 1.0)
+    return np.asarray(scale * np.linalg.solve(unit, scale * right))
 
 
 def minimised(
@@ -435,22 +403,10 @@ def minimised(
     gram (n, s, s) of all, cross (K, n, s), energy (K, n) with the own columns projected out, whole (K,
     n) before; asked (n,) 0 for joints that are not.
     """
-    k, n, s = cross.shape
-    theta, left = np.zeros((k, s)), energy.copy()
-    if not s:
-        return theta, left
-    flat, sizes = gram.reshape(n, s * s), np.diagonal(gram, axis1=1, axis2=2)
-    weights = asked / whole
+    theta, left, weights = np.zeros(0), energy, asked / whole
     for _ in range(ROUNDS):
-        normal = (weights @ flat).reshape(k, s, s)
-        norms = np.sqrt(np.maximum(weights @ sizes, 0.0))
-        seen = norms > 1e-9 * norms.max(axis=1, keepdims=True, initial=0.0)
-        scale = np.where(seen, 1.0 / np.where(seen, norms, 1.0), 0.0)
-        normal *= scale[:, :, None]
-        normal *= scale[:, None, :]
-        normal.reshape(k, -1)[:, :: s + 1] += np.where(seen, RIDGE, 1.0)
-        right = scale * np.einsum("kj,kjs->ks", weights, cross)
-        theta = scale * np.linalg.solve(normal, right[..., None])[..., 0]
+        right = np.einsum("kj,kjs->ks", weights, cross)
+        theta = solve(np.tensordot(weights, gram, 1), right[..., None])[..., 0]
         bent = np.einsum("jst,kt->kjs", gram, theta) - 2.0 * cross
         left = np.maximum(energy + np.einsum("kjs,ks->kj", bent, theta), 0.0)
         weights = asked / np.maximum(left, FLOOR * whole)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,7 @@ from sdp_vs_penalty.checks.constants import (
     BRISTLE_TRAVELS,
     COULOMB_WIDTHS,
     DENSE,
-    LEADS,
     SLIDES,
-    STATES,
 )  # fmt: skip
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import dahl
@@ -31,27 +30,28 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import random_motion, structure
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.kernels import LowPass
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 
 @dataclass(frozen=True)
 class RegressionData:
     """At M instants of one log at which the arm moves.
 
-    motion : (M, n) low-passed states; torque, rate : (K, M, n) low-passed channels and their time
-    derivatives, each LEADS[k] later than the motion; own : (n, M, k) columns that each joint's own
-    motion makes; heard : (M, n) 1 where a joint slides, 0 where its torque is not asked; moving : (n,);
-    shared : the effects whose columns joints share, ``independent`` of their parameters stand for all;
-    nominal : (10 links,) parameters of a plausible arm; largest : (n,) sizes that the channels reach.
+    motion : (M, n) low-passed states; torque : (n,) low-passed channels, a spline over time;
+    own : (n, M, k) columns that each joint's own motion makes; heard : (M, n) 1 where a joint slides, 0
+    where its torque is not asked; moving : (n,); shared : the effects whose columns joints share,
+    ``independent`` of their parameters stand for all; nominal : (10 links,) parameters of a plausible
+    arm; largest : (n,) sizes that the channels reach.
     """
 
     shared: Model | None
     independent: NDArray[np.bool_]
     motion: Motion
-    torque: Array
-    rate: Array
+    torque: CubicSpline
     own: Array
     heard: Array
     moving: NDArray[np.bool_]
@@ -66,17 +66,11 @@ class RegressionData:
     def count(self) -> int:
         return len(self.motion.t)
 
-    def part(self, rows: NDArray[np.intp] | slice) -> RegressionData:
+    def part(self, rows: NDArray[np.intp]) -> RegressionData:
         """The same at some of the instants."""
         m = self.motion
-        return replace(
-            self,
-            motion=Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows]),
-            torque=self.torque[:, rows],
-            rate=self.rate[:, rows],
-            own=self.own[:, rows],
-            heard=self.heard[rows],
-        )
+        motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
+        return replace(self, motion=motion, own=self.own[:, rows], heard=self.heard[rows])
 
     def few(self, rows: int) -> RegressionData:
         """At most so many of the instants, evenly spread."""
@@ -89,66 +83,56 @@ class RegressionData:
     ) -> RegressionData:
         """At most so many instants; ``settings`` resolved. Raises InputError for a log that is shorter
         than the filters need."""
+        from scipy.interpolate import CubicSpline
+
         assert settings.torque_cutoff is not None
         # As much of the band as the rows can hold, each row independent of the next.
         band = rows / (2.0 * DENSE * max(float(run.t[-1] - run.t[0]), 1e-9))
         settings = replace(settings, torque_cutoff=min(settings.torque_cutoff, band))
-        filters = RunFilter(run, settings)
+        filters, model = RunFilter(run, settings), problem.model()
         margin = filters.state.half + filters.column.half
         places = filters.moving(margin)
         count = sum(len(k) for _, k in places)
         if count == 0:
             raise no_rows(run, 2 * margin * filters.dt)
-        model = problem.model()
-        chosen = np.unique(np.linspace(0, count - 1, min(rows, count)).round().astype(int))
-        pieces, start = [], 0
+        pieces, grid = [], []
         for part, k in places:
-            at = k[chosen[(chosen >= start) & (chosen < start + len(k))] - start]
-            start += len(k)
-            if len(at):
-                pieces.append(_piece(filters, part, at, model))
+            some = min(round(rows * len(k) / count), len(k))
+            if some:
+                pieces.append(
+                    _piece(filters, part, k[np.linspace(0, len(k) - 1, some).astype(int)], model)
+                )
+                at = np.arange(filters.column.half, part.count - filters.column.half, filters.stride)
+                grid.append((part.clock(at), filters.torque(part, at)))
         t, q, dq, ddq = (np.concatenate(x) for x in list(zip(*pieces, strict=True))[:4])
-        torque, rate, own = (np.concatenate(x, axis=1) for x in list(zip(*pieces, strict=True))[4:])
+        own = np.concatenate([piece[4] for piece in pieces], axis=1)
+        times, torque = (np.concatenate(x) for x in zip(*grid, strict=True))
         shared = shared_model(model)
         kept = np.zeros(0, bool) if shared is None else independent_columns(shared)
         moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)  # and its channel is not dead
-        usual = np.sqrt(np.mean(dq**2, axis=0))
-        slides = np.abs(dq) > SLIDES * usual
+        slides = np.abs(dq) > SLIDES * np.sqrt(np.mean(dq**2, axis=0))
         asked = np.flatnonzero(np.any(slides[:, moving], axis=1))
         if not len(asked):
             raise InputError(
                 "no joint both moves and has a torque that changes", "record such a run", run.names[0]
             )
-        nominal, states = np.asarray(problem.nominal_links.ravel(), float), Motion(t, q, dq, ddq)
-        heard = slides.astype(float)
-        largest = np.abs(torque).max(axis=(0, 1))
-        made = cls(shared, kept, states, torque, rate, own, heard, moving, nominal, largest)
+        nominal, heard = np.asarray(problem.nominal_links.ravel(), float), slides.astype(float)
+        spline, largest = CubicSpline(times, torque), np.abs(torque).max(axis=0)
+        made = cls(shared, kept, Motion(t, q, dq, ddq), spline, own, heard, moving, nominal, largest)
         # Where all have stopped nothing is asked of any joint.
         return made.part(asked)
 
 
 def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Model) -> tuple[Array, ...]:
-    """t, q, dq, ddq, torque and rate at all leads, and own columns of one stretch."""
-    coarse = filters.coarse
-    reach = filters.stride * coarse.half
+    """t, q, dq, ddq and own columns (n, M, k) of one stretch."""
+    half, reach = filters.coarse.half, filters.stride * filters.coarse.half
     dense = filters.motion(part, at[0] - reach, at[-1] + reach)
     # Off the column grid by at most half a step: both sides of the relation alike would cost more.
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
-    local = np.clip(local, coarse.half, len(dense.t) - 1 - coarse.half)
-    exact = at[0] - reach + local * filters.stride
-    low_pass = coarse.decimator(local)
-    own = np.stack([low_pass @ c for c in own_columns(model, dense)], axis=2)
-    kernel, half = filters.column, filters.column.half
-    shifts = np.rint(LEADS / filters.dt).astype(np.int64)
-    first, last = int(exact[0] + shifts[0]) - half, int(exact[-1] + shifts[-1]) + half + 1
-    around = part.resampled(part.tau, first, last)
-    torque, rate = np.empty((2, len(LEADS), len(exact), around.shape[1]))
-    decimators = [LowPass(x).decimator(exact - exact[0] + half) for x in (kernel.value, kernel.first)]
-    for k, shift in enumerate(shifts - shifts[0]):
-        for out, decimator in zip((torque, rate), decimators, strict=True):
-            out[k] = decimator @ around[shift:]
-    states = (x[local] for x in (dense.q, dense.dq, dense.ddq))
-    return (part.clock(exact), *states, torque, rate, np.moveaxis(own, 1, 0))
+    local = np.clip(local, half, len(dense.t) - 1 - half)
+    low_pass = filters.coarse.decimator(local)
+    own = np.stack([(low_pass @ c).T for c in own_columns(model, dense)], axis=2)
+    return dense.t[local], dense.q[local], dense.dq[local], dense.ddq[local], own
 
 
 def own_effects(model: Model) -> list[int]:
@@ -182,7 +166,7 @@ def independent_columns(model: Model) -> NDArray[np.bool_]:
     links = model.rigid_indices
     kept = np.ones(len(model.parameters), bool)
     if len(links):
-        motion = random_motion(model.robot, 0, STATES * model.robot.n)
+        motion = random_motion(model.robot, 0)
         turned = [replace(model.robot, gravity=tuple(g)) for g in 9.81 * np.eye(3)]
         stack = np.vstack([r.regressor(motion.q, motion.dq, motion.ddq) for r in turned])
         _, independent = structure(stack.reshape(-1, len(links)))

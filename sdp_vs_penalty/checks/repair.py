@@ -71,27 +71,26 @@ class Repair:
 
     def with_entries(self, name: str, joints: Sequence[int], value: Any) -> Repair:
         """Some joints' entries of one of the tuples."""
-        entries = tuple(value if j in joints else x for j, x in enumerate(getattr(self, name)))
-        changed: dict[str, Any] = {name: entries}
-        return replace(self, **changed)
+        entries: Any = tuple(value if j in joints else x for j, x in enumerate(getattr(self, name)))
+        return replace(self, **{name: entries})
 
     def times(self, name: str, joints: Sequence[int], factor: float) -> Repair:
         """Some joints' entries multiplied by a factor."""
-        values = getattr(self, name)
-        entries = (factor * x if j in joints else x for j, x in enumerate(values))
-        changed: dict[str, Any] = {name: tuple(entries)}
-        return replace(self, **changed)
+        entries: Any = tuple(factor * x if j in joints else x for j, x in enumerate(getattr(self, name)))
+        return replace(self, **{name: entries})
 
-    def with_swap(self, a: int, b: int, positions: bool, torques: bool) -> Repair:
-        """The channels that joints a and b take, exchanged."""
-        out = self
-        for name, asked in (("order", positions), ("tau_order", torques)):
-            if asked:
-                values = list(getattr(out, name))
-                values[a], values[b] = values[b], values[a]
-                changed: dict[str, Any] = {name: tuple(values)}
-                out = replace(out, **changed)
-        return out
+    def with_swap(self, a: int, b: int, *names: str) -> Repair:
+        """The channels that joints a and b take, exchanged: of ``order``, ``tau_order`` or both."""
+        places = [b if j == a else a if j == b else j for j in range(self.n)]
+        swapped: dict[str, Any] = {x: tuple(getattr(self, x)[k] for k in places) for x in names}
+        return replace(self, **swapped)
+
+    def changed(self, name: str, usual: float) -> list[tuple[tuple[int, ...], float]]:
+        """Joints whose entry of a tuple is not the usual one, and the entry: all where it is one."""
+        values = getattr(self, name)
+        if len(set(values)) == 1:
+            return [] if values[0] == usual else [(tuple(range(self.n)), values[0])]
+        return [((j,), x) for j, x in enumerate(values) if x != usual]
 
     @property
     def motion_key(self) -> tuple[Any, ...]:

@@ -6,28 +6,27 @@ model of this joint alone would leave. Friction, however odd, is in both.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations, Score, left_out_alone
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Scene
+from sdp_vs_penalty.checks.transformations.torque import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Parts of a log in stripes and, from a fifth on, in two.
-_STRIPES = 20
 #: A one-off event lasts at most so long [s].
 _WIDTH = 1.0
 _SURE = (
     "certain: by the best fit of this arm; signs, orders, gains, zeros, delays, units and gravity were "
-    "tried, and none of them explains it"
+    "tried, and none explains it"
 )
 
 
@@ -52,29 +51,26 @@ def find(scene: Scene, repair: Repair, score: Score, settled: bool) -> Iterator[
 
 
 def _unexplained(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
-    moving, shares, alone = scene.moving, score.shares, left_out_alone(score, repair)
-    usual = c.TYPICAL[scene.problem.torque_side]
-    total = float(np.sqrt(score.left[moving].sum() / score.whole[moving].sum()))
-    against = moving & (shares > c.CONTRADICTS[0] * alone) & (np.sqrt(shares) > c.CONTRADICTS[1])
-    poor = moving & (score.alone > 2.0 * c.UNRELATED) & ~against
-    percent = 100.0 * np.sqrt(shares)
-    told = [
-        (np.flatnonzero(against), "cannot belong to the same arm as the other joints' torques"),
-        (np.flatnonzero(poor), "has little to do with that joint's motion"),
-    ]
-    if total > 2.0 * usual and not (against | poor).any():
-        worst = np.array([np.argmax(np.where(moving, score.left, 0.0))])
-        told.append((worst, f"leaves more than such arms do ({100.0 * total:.2g} % of all torques)"))
-    for where, what in told:
-        if len(where):
-            left = ", ".join(f"{percent[j]:.2g} %" for j in where)
-            yield Issue(
-                "unexplained torque", "warning", joints_text(where),
-                f"the torque of {joints_text(where)} {what}: {left} of it stays unexplained.", _SURE,
-                "look at that channel: `diagnose` draws what is left; check its source, gain and zero, "
-                "and that robot, mounting and torque side are those of the problem", None,
-                {"percent": percent.round(2).tolist(), "joints": (where + 1).tolist()},
-            )  # fmt: skip
+    moving, percent = scene.moving, 100.0 * np.sqrt(score.shares)
+    total = 100.0 * float(np.sqrt(score.left[moving].sum() / score.whole[moving].sum()))
+    against = score.shares > np.maximum(
+        c.CONTRADICTS[0] * left_out_alone(score, repair), c.CONTRADICTS[1]
+    )
+    where = np.flatnonzero(moving & against)
+    what = "cannot belong to the same arm as the other joints' torques"
+    if not len(where):
+        where = np.array([np.argmax(np.where(moving, score.left, 0.0))])
+        what = f"leaves more than such arms do ({total:.2g} % of all torques)"
+        if total <= 200.0 * c.TYPICAL[scene.problem.torque_side]:
+            return
+    left = ", ".join(f"{percent[j]:.2g} %" for j in where)
+    yield Issue(
+        "unexplained torque", "warning", joints_text(where),
+        f"the torque of {joints_text(where)} {what}: {left} of it stays unexplained.", _SURE,
+        "look at that channel: `diagnose` draws what is left; check its source, gain and zero, "
+        "and that robot, mounting and torque side are those of the problem", None,
+        {"percent": percent.round(2).tolist(), "joints": (where + 1).tolist()},
+    )  # fmt: skip
 
 
 def _event(scene: Scene, score: Score) -> Iterator[Issue]:
@@ -86,21 +82,21 @@ def _event(scene: Scene, score: Score) -> Iterator[Issue]:
         elsewhere = error[np.abs(t - t[k]) > _WIDTH]
         # At its ends the arm starts or comes to rest: stiction.
         inside = min(t[k] - t[0], t[-1] - t[k]) > 3.0 * _WIDTH
-        if inside and len(elsewhere) and error[k] > c.EVENT * elsewhere.max():
+        if inside and len(elsewhere) and error[k] > c.TIMES * elsewhere.max():
             at, unit = float(t[k]), scene.problem.robot.torque_units[j]
             yield Issue(
                 "one-off event", "warning", f"t = {at:.3g} s, {joints_text([j])}",
                 f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error "
-                f"there is {error[k]:.3g} {unit} in joint {j + 1}, over {c.EVENT:g} times that at "
+                f"there is {error[k]:.3g} {unit} in joint {j + 1}, over {c.TIMES:g} times that at "
                 f"any other moment.",
                 "likely: an effect of the arm itself would recur", f"exclude {_WIDTH:g} s around it",
-                partial(_cut, at=at), {"t": at, "joints": [j + 1]},
+                _without(at), {"t": at, "joints": [j + 1]},
             )  # fmt: skip
             return
 
 
-def _cut(run: Measurements, at: float) -> Measurements:
-    return run.rows(np.abs(run.t - at) > 0.5 * _WIDTH)
+def _without(at: float) -> Callable[[Measurements], Measurements]:
+    return lambda run: run.rows(np.abs(run.t - at) > 0.5 * _WIDTH)
 
 
 def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
@@ -108,22 +104,21 @@ def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
 
     Two arms in stripes that take turns have as many parameters, and no reason to explain it better.
     """
-    asked = scene.moving.astype(float)
-    parts, k = scene.judged.parts(repair, _STRIPES)
+    parts, k = scene.judged.parts(repair, 2 * c.PARTS)
 
-    def two(first: Array, second: Array) -> Array:
-        one, other = (Equations.of(some.sum(axis=0), k).fitted(asked)[1] for some in (first, second))
-        return one + other
+    def two(first: NDArray[np.bool_]) -> Array:
+        """(n,) what two arms leave of these parts and of the others."""
+        logs = (parts[first].sum(axis=0), parts[~first].sum(axis=0))
+        return np.sum([Equations.of(x, k).fitted(scene.moving.astype(float))[1] for x in logs], axis=0)
 
-    stripes = two(parts[::2], parts[1::2])
-    cuts = range(_STRIPES // 5, _STRIPES - _STRIPES // 5 + 1)
-    halves = [two(parts[:cut], parts[cut:]) for cut in cuts]
+    number = np.arange(len(parts))
+    stripes, cuts = two(number % 2 == 0), number[3:-2]  # neither may be short
+    halves = [two(number < cut) for cut in cuts]
     gains = [float(np.median(np.log(stripes / h)[scene.moving])) for h in halves]
     best = int(np.argmax(gains))
     if gains[best] < c.TWO_ARMS or best in (0, len(gains) - 1) or repair.events:
         return
-    m = scene.judged.data.motion
-    t = float(m.t[len(m.t) * cuts[best] // _STRIPES])
+    t = float(np.quantile(scene.judged.data.motion.t, cuts[best] / len(parts)))
     one, apart = (100.0 * np.sqrt(np.mean(x / score.whole)) for x in (score.left, halves[best]))
     yield Issue(
         "two arms", "error" if one > 3.0 * apart else "warning", f"t = {t:.4g} s",
@@ -176,11 +171,9 @@ def size(scene: Scene, repair: Repair) -> Iterator[Issue]:
     figures = {"times_effort_limit": over, "times_nominal": ratio if scale else None}
     large, small = (False, False) if scale is None else (ratio > scale[1], ratio < scale[0])
     low, high = problem.total_mass
-    arm = f"an arm of {low:g} to {high:g} kg needs"
-    if not np.isfinite(high):
-        arm = f"an arm of {float(problem.nominal_links[:, 0].sum()):.3g} kg needs"
-    size = f"{ratio:.3g} times what {arm}" if large else f"{1.0 / ratio:.3g} times less than {arm}"
-    far = over > c.EFFORT[1]
+    masses = f"{low:g} to {high:g}" if high < np.inf else f"{problem.nominal_links[:, 0].sum():.3g}"
+    times = f"{ratio:.3g} times what" if large else f"{1.0 / ratio:.3g} times less than"
+    size, far = f"{times} an arm of {masses} kg needs", over > c.EFFORT[1]
     if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
         yield Issue(
             "masses of the problem", "error", "the problem",
@@ -190,11 +183,10 @@ def size(scene: Scene, repair: Repair) -> Iterator[Issue]:
         )  # fmt: skip
     elif large or (far and scale is None):
         within, measured = (scale, ratio) if scale is not None else ((1e-2, 1.0), over)
-        units = {"mN m": 1e-3, "N cm": 1e-2}
-        name = next((u for u, f in units.items() if within[0] <= measured * f <= within[1]), None)
-        factor = units[name] if name and far else None
+        fits = [u for u in UNITS if far and u < 0.1 and within[0] <= measured * u <= within[1]]
+        factor = fits[0] if fits else None
         told = f"{over:.3g} times what the joints are made for" if far else size
-        how = f"they are in {name}" if factor else "their unit is not N m"
+        how = f"they are in {UNITS[factor]}" if factor else "their unit is not N m"
         yield Issue(
             "torque unit", "error", "all torque channels", f"the torques are too large, {told}: {how}.",
             _BY_SIZE, f"multiply by {factor:g}" if factor else f"{_CONVERT}; {_RIGHT}",

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import LONG, SPIKE, STUCK_ROWS, STUCK_SECONDS, STUCK_TIMES, TORN
+from sdp_vs_penalty.checks.constants import LONG, RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
 from sdp_vs_penalty.checks.glance import Glance, constant_parts, evened, lattice_step, with_steps
-from sdp_vs_penalty.checks.issue import Finding, Issue, joints_text, rows_text, rule
+from sdp_vs_penalty.checks.issue import Finding, Issue, Rule, joints_text, rows_text, rule
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -23,29 +24,18 @@ Rows = NDArray[np.bool_]
 _UNITS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 #: Time steps [s] and speeds [rad/s or m/s] of a log that somebody would identify from.
 _STEPS, _SPEEDS = (2e-5, 0.5), (3e-3, 100.0)
-#: Fewest rows of a run that follows another in one file, or that come a second time.
-_RUN = 50
-#: Rows in a row that lie on straight lines in every channel are no chance.
-_STRAIGHT = 8
-#: The samples of the median that a spike is measured from; and the share of rows from which on it is a
-#: signal, and a row that repeats the one before no accident.
-_WIDTH, _FEW = 7, 0.02
-#: Rows over which a joint that comes to rest slows down.
-_SLOWING = 10
-#: More freezes than this are a coarse sensor.
-_FREEZES = 20
+#: Share of rows from which on an odd one is a signal, and a row that repeats the one before no accident.
+_FEW = 1 / RUN
+#: The samples of the median that a spike is measured from.
+_WIDTH = 7
 _READ = "certain: read from the file"
 
 
-def _listed(rows: NDArray[np.intp]) -> str:
-    return rows_text(int(rows[0]), len(rows))
-
-
-def _rows(rows: NDArray[np.intp]) -> dict[str, Any]:
+def _listed(rows: NDArray[np.intp]) -> dict[str, Any]:
     return {"count": len(rows), "rows": rows[:100].tolist()}
 
 
-def _mask(count: int, parts: Sequence[Any] | Array) -> Rows:
+def _mask(count: int, parts: Any) -> Rows:
     """(count,) which rows lie in parts, each from its first to before its second number."""
     out = np.zeros(count, bool)
     for a, b in parts:
@@ -53,17 +43,17 @@ def _mask(count: int, parts: Sequence[Any] | Array) -> Rows:
     return out
 
 
-def _deleted(g: Glance, gone: Rows, joints: Sequence[int] = ()) -> Iterator[Finding]:
-    """Rows that are no measurements, of these joints or of all."""
-    if not gone.any():
+def _deleted(g: Glance, bad: Mapping[str, Rows], **figures: Any) -> Iterator[Finding]:
+    """Rows that are no measurements of these channels ("": of any): they go."""
+    bad = {name: rows for name, rows in bad.items() if rows.any()}
+    if not bad:
         return
-    places, t = spans(gone), g.run.t
+    gone, t = np.any([*bad.values()], axis=0), g.run.t
+    places, named = spans(gone), ", ".join(filter(None, bad))
     seconds = float(max(t[min(b, len(t)) - 1] - t[max(a - 1, 0)] for a, b in places))
-    more = f" and {len(places) - 1} more parts" if len(places) > 1 else ""
-    named = joints_text(joints) if joints else ""
-    where = f"{named}{', ' if named else ''}rows {places[0][0] + 2} to {places[0][1] + 1}{more}"
-    figures: dict[str, Any] = {"seconds": seconds, "parts": len(places), "rows": int(gone.sum())}
-    figures |= {"named": named, "joints": [j + 1 for j in joints]}
+    figures |= {"seconds": seconds, "parts": len(places), "rows": int(gone.sum()), "named": named}
+    figures |= {"joints": sorted({int(name.lstrip("qtau")) for name in bad if name})}
+    where = ", ".join(filter(None, (named, rows_text(np.flatnonzero(gone) + 2))))
     yield where, lambda r: r.rows(~gone), figures
 
 
@@ -71,12 +61,11 @@ def _deleted(g: Glance, gone: Rows, joints: Sequence[int] = ()) -> Iterator[Find
 
 
 @rule(
-    "missing numbers", "error", "{count} rows with values that are not finite numbers, or that no "
-    "robot measures.", _READ, "delete those rows",
+    "missing numbers", "error", "{rows} rows with values that are not finite numbers, or that no robot "
+    "measures.", _READ, "delete those rows",
 )  # fmt: skip
 def missing(g: Glance) -> Iterator[Finding]:
-    if len(bad := np.flatnonzero(~g.finite)):
-        yield _listed(bad + 2), lambda r: r.rows(g.finite), _rows(bad + 2)
+    yield from _deleted(g, {"": ~g.finite})
 
 
 @rule(
@@ -85,29 +74,20 @@ def missing(g: Glance) -> Iterator[Finding]:
     "multiply t by {factor:g}",
 )  # fmt: skip
 def time_unit(g: Glance) -> Iterator[Finding]:
-    """A clock that does not count seconds, and in one other unit alone that of a robot's motion."""
-    if g.step <= 0.0 or not g.moving.any():
+    """A clock that does not count seconds, and in another unit is that of a robot's motion."""
+    q = g.run.q[:, g.moving]
+    if g.step <= 0.0 or not q.size or len(q) <= RUN:
         return
-    speed = float(np.median(_speeds(g.run)[g.moving]))
-    possible = {
-        name: abs(float(np.log(speed / unit)))
+    speed = float(np.median(np.quantile(np.abs(q[10:] - q[:-10]), 0.9, axis=0))) / (10.0 * g.step)
+    fits = {
+        name: unit
         for name, unit in _UNITS.items()
         if _STEPS[0] <= g.step * unit <= _STEPS[1] and _SPEEDS[0] <= speed / unit <= _SPEEDS[1]
     }
-    if possible and "seconds" not in possible:
-        name = min(possible, key=lambda k: possible[k])
-        figures = {"unit": name, "factor": _UNITS[name], "step": g.step, "speed": speed}
-        yield "column t", lambda r: replace(r, t=r.t * _UNITS[name]), figures
-
-
-def _speeds(run: Measurements, half: int = 5) -> Array:
-    """(n,) nearly the largest speed of each joint, from positions some rows apart."""
-    span = run.t[2 * half :] - run.t[: -2 * half]
-    rows = span > 0.0
-    if not rows.any():
-        return np.zeros(run.n)
-    travel = np.abs(run.q[2 * half :] - run.q[: -2 * half])[rows]
-    return np.asarray(np.quantile(travel / span[rows, None], 0.9, axis=0))
+    if fits and "seconds" not in fits:
+        name, factor = min(fits.items(), key=lambda fit: abs(np.log(speed / fit[1])))
+        figures = {"unit": name, "factor": factor, "step": g.step, "speed": speed}
+        yield "column t", lambda r: replace(r, t=r.t * factor), figures
 
 
 @rule(
@@ -119,39 +99,35 @@ def backwards(g: Glance) -> Iterator[Finding]:
     bad = np.flatnonzero(g.steps < 0.0)
     if not len(bad):
         return
-    step, seconds = 0.0, float(-g.steps[bad].min())
-    how = "the rows there do not continue the motion"
+    step, how = 0.0, "the rows there do not continue the motion"
     remedy = "delete the rows whose time lies before that of an earlier row"
-    if g.step > 0.0 and np.all(np.diff(bad, prepend=0, append=len(g.run.t) - 1) > _RUN):
+    if g.step > 0.0 and np.all(np.diff(bad, prepend=0, append=len(g.run.t) - 1) > RUN):
         travel = np.abs(np.diff(g.run.q, axis=0))
         usual = np.array([np.median(travel[max(k - 5, 0) : k + 6], axis=0) for k in bad])
+        step, how = max(1.0, 50.0 * g.step), "several runs are in the file"
+        remedy = "let each begin a second after the end of the one before (or write a file each)"
         if np.all(travel[bad] <= 5.0 * usual + 1e-3 * np.ptp(g.run.q, axis=0)):
-            how, step = "the motion continues without a break", g.step
+            step, how = g.step, "the motion continues without a break"
             remedy = "continue the time at the usual step there"
-        else:
-            how, step = "several runs are in the file", max(1.0, 50.0 * g.step)
-            remedy = "let each begin a second after the end of the one before (or write a file each)"
 
     def repair(r: Measurements) -> Measurements:
         if not step:
             return r.rows(np.concatenate([[True], r.t[1:] > np.maximum.accumulate(r.t)[:-1]]))
-        steps = np.diff(r.t)
-        return with_steps(r, np.where(steps < 0.0, step, steps))
+        return with_steps(r, np.where(np.diff(r.t) < 0.0, step, np.diff(r.t)))
 
-    yield _listed(bad + 3), repair, _rows(bad + 3) | {"seconds": seconds, "how": how, "remedy": remedy}
+    figures = {"seconds": float(-g.steps[bad].min()), "how": how, "remedy": remedy}
+    yield rows_text(bad + 3), repair, _listed(bad + 3) | figures
 
 
 @rule(
-    "repeated time", "error", "{count} rows with a repeated time; the values {how}.", _READ,
+    "repeated time", "error", "{rows} rows with a repeated time; the values {how}.", _READ,
     "keep the first of each",
 )  # fmt: skip
 def repeated_time(g: Glance) -> Iterator[Finding]:
-    bad = np.flatnonzero(g.steps == 0.0)
-    if len(bad):
-        same = bool(np.all(g.run.q[bad] == g.run.q[bad + 1]))
-        how = "are copies of the row before" if same else "differ from the row before"
-        repair = lambda r: r.rows(np.concatenate([[True], np.diff(r.t) != 0.0]))  # noqa: E731
-        yield _listed(bad + 3), repair, _rows(bad + 3) | {"how": how}
+    bad = np.concatenate([[False], g.steps == 0.0])
+    same = bool(np.all(np.diff(g.run.q, axis=0)[bad[1:]] == 0.0))
+    how = "are copies of the row before" if same else "differ from the row before"
+    yield from _deleted(g, {"": bad}, how=how)
 
 
 @rule(
@@ -164,22 +140,26 @@ def uneven(g: Glance) -> Iterator[Finding]:
     """Stamps that jitter, or come in bursts, although the samples were taken evenly: q is smoother over
     the row number."""
     steps, q = g.steps, g.run.q[:, g.moving]
-    if len(steps) < _RUN or not q.shape[1]:
+    if len(steps) < RUN or not q.shape[1]:
         return
     pause = LONG * max(g.step, float(np.quantile(steps, 0.97)))  # packets, too, may come in bursts
     even, usual = (steps[1:] < pause) & (steps[:-1] < pause), steps[steps < pause]
     spread = float(np.std(usual) / np.mean(usual))
-    if spread < 0.02 or np.count_nonzero(even) < _RUN:
+    if spread < _FEW or np.count_nonzero(even) < RUN:
         return
     share = (steps[:-1] / (g.run.t[2:] - g.run.t[:-2]))[:, None]
-    over_time = q[1:-1] - (q[:-2] * (1.0 - share) + q[2:] * share)
-    over_rows = q[1:-1] - 0.5 * (q[:-2] + q[2:])
-    rough_time, rough_rows = (np.sqrt(np.mean(x[even] ** 2, axis=0)) for x in (over_time, over_rows))
+    rough_time, rough_rows = (
+        np.sqrt(np.mean((q[1:-1] - (q[:-2] * (1.0 - s) + q[2:] * s))[even] ** 2, axis=0))
+        for s in (share, 0.5)
+    )
     ratio = float(np.median(rough_time / np.maximum(rough_rows, 1e-300)))
-    if ratio >= 3.0:
+    if ratio >= TIMES:
         grave = {"severity": "error"} if spread > 1.0 else {}
-        figures = {"percent": 100.0 * spread, "ratio": ratio, **grave}
-        yield "column t", lambda r: evened(r, pause), figures
+        yield (
+            "column t",
+            lambda r: evened(r, pause),
+            {"percent": 100.0 * spread, "ratio": ratio, **grave},
+        )
 
 
 def _long_steps(g: Glance) -> tuple[NDArray[np.intp], Rows]:
@@ -188,9 +168,10 @@ def _long_steps(g: Glance) -> tuple[NDArray[np.intp], Rows]:
     travel = np.linalg.norm(
         np.diff(g.run.q / np.maximum(np.ptp(g.run.q, axis=0), 1e-12), axis=0), axis=1
     )
-    near = np.array([np.median(travel[max(k - 10, 0) : k + 11]) for k in long])
-    moves = np.array([g.movement.moves[max(k - 10, 0) : k + 11].all() for k in long], bool)
-    return long, moves & (g.steps[long] > 10.0 * g.step) & (travel[long] < 3.0 * near)
+    near = [slice(max(k - 10, 0), k + 11) for k in long]
+    usual = np.array([np.median(travel[part]) for part in near])
+    moves = np.array([g.movement.moves[part].all() for part in near], bool)
+    return long, moves & (g.steps[long] > 2.0 * LONG * g.step) & (travel[long] < 3.0 * usual)
 
 
 @rule(
@@ -201,10 +182,10 @@ def _long_steps(g: Glance) -> tuple[NDArray[np.intp], Rows]:
 def clock_step(g: Glance) -> Iterator[Finding]:
     long, stays = _long_steps(g)
     if len(jumps := long[stays]):
-        wrong = _mask(len(g.steps), np.column_stack([jumps, jumps + 1]))
+        wrong = np.isin(np.arange(len(g.steps)), jumps)
         repair = lambda r: with_steps(r, np.where(wrong, g.step, np.diff(r.t)))  # noqa: E731
-        where = f"t = {g.run.t[jumps[0]]:.4g} s, {_listed(jumps + 3)}"
-        yield where, repair, _rows(jumps + 3) | {"seconds": float(g.steps[jumps].max())}
+        where = f"t = {g.run.t[jumps[0]]:.4g} s, {rows_text(jumps + 3)}"
+        yield where, repair, _listed(jumps + 3) | {"seconds": float(g.steps[jumps].max())}
 
 
 @rule(
@@ -217,8 +198,8 @@ def gap(g: Glance) -> Iterator[Finding]:
     if len(long):
         steps = g.steps[long]
         sizes = {"seconds": float(steps.max()), "step": g.step, "total": float(steps.sum())}
-        where = f"t = {g.run.t[long[0]]:.4g} s, {_listed(long + 3)}"
-        yield where, None, _rows(long + 3) | sizes
+        where = f"t = {g.run.t[long[0]]:.4g} s, {rows_text(long + 3)}"
+        yield where, None, _listed(long + 3) | sizes
 
 
 # -- rows and channels of a motion --------------------------------------------------------------------
@@ -233,13 +214,9 @@ def wrapped(g: Glance) -> Iterator[Finding]:
     steps = np.abs(np.diff(g.run.q, axis=0))
     turns = np.any(np.abs(steps - 2.0 * np.pi) < 0.3, axis=0) & (np.median(steps, axis=0) < 0.3)
     joints = [j for j in np.flatnonzero(turns).tolist() if g.robot.joints[j].kind == "revolute"]
-
-    def repair(r: Measurements) -> Measurements:
-        q = r.q.copy()
-        q[:, joints] = np.unwrap(q[:, joints], axis=0)
-        return replace(r, q=q)
-
+    whole = lambda r: np.where(np.isin(np.arange(r.n), joints), np.unwrap(r.q, axis=0), r.q)  # noqa: E731
     if joints:
+        repair = lambda r: replace(r, q=whole(r))  # noqa: E731
         yield joints_text(joints), repair, {"joints": [j + 1 for j in joints]}
 
 
@@ -254,18 +231,16 @@ def repeated_run(g: Glance) -> Iterator[Finding]:
     Where a motion repeats and its columns are coarse, single rows are equal by chance.
     """
     number = g.row_numbers
-    first = np.unique(number, return_index=True)[1]
-    lag = np.arange(len(number)) - first[number]
-    lags, counts = np.unique(lag[lag > _RUN], return_counts=True)
-    if not len(lags) or counts.max() < _RUN:
+    lag = np.arange(len(number)) - np.unique(number, return_index=True)[1][number]
+    lags, counts = np.unique(lag[lag > RUN], return_counts=True)
+    if not len(lags):
         return
     most = int(lags[np.argmax(counts)])
     same = np.concatenate([np.zeros(most, bool), number[most:] == number[:-most]])
-    again = _mask(len(same), [p for p in spans(same) if p[1] - p[0] >= _RUN])
+    again = _mask(len(same), [p for p in spans(same) if p[1] - p[0] >= RUN])
     # One pose, held by a simulator without noise, is no copy.
     if again.any() and np.ptp(g.run.q[again], axis=0).max() >= 0.05 * np.ptp(g.run.q, axis=0).max():
-        rows = np.flatnonzero(again)
-        yield _listed(rows + 2), lambda r: r.rows(~again), {"rows": len(rows), "lag": most}
+        yield from _deleted(g, {"": again}, lag=most)
 
 
 @rule(
@@ -277,13 +252,12 @@ def frozen_packets(g: Glance) -> Iterator[Finding]:
     usual step and by more than its encoder's."""
     parts = spans(g.held)
     lengths = np.diff(parts)[:, 0] if len(parts) else np.zeros(0)
-    usual = float(np.median(lengths)) if len(parts) > _FREEZES else 1.0
-    long = [p for p in parts[lengths >= max(STUCK_ROWS, STUCK_TIMES * usual)] if p[1] < len(g.run.t)]
-    if long:
-        steps = np.abs(np.diff(g.run.q, axis=0))
-        least = np.maximum(4.0 * np.median(steps, axis=0), [2.5 * lattice_step(x) for x in g.run.q.T])
-        long = [p for p in long if np.any(steps[p[1] - 1] > least)]
-    for where, repair, figures in _deleted(g, _mask(len(g.run.t), long)):
+    usual = float(np.median(lengths)) if len(parts) > 2 * STUCK else 1.0
+    steps = np.abs(np.diff(g.run.q, axis=0))
+    least = np.maximum(4.0 * np.median(steps, axis=0), [2.5 * lattice_step(x) for x in g.run.q.T])
+    long = parts[lengths >= max(STUCK, TIMES * usual)]
+    jumps = [p for p in long if p[1] < len(g.run.t) and np.any(steps[p[1] - 1] > least)]
+    for where, repair, figures in _deleted(g, {"": _mask(len(g.run.t), jumps)}):
         short = {"severity": "warning"} if figures["seconds"] < STUCK_SECONDS else {}
         yield where, repair, figures | short
 
@@ -296,31 +270,23 @@ def doubled(g: Glance) -> Iterator[Finding]:
     going on behind them, or skipping ahead."""
     if not g.step or np.ptp(g.steps) > 1e-3 * g.step:
         return  # own stamps: a logger a little faster than its source holds samples, too
-    same, span = g.held & g.movement.moves, 20
-    at = np.flatnonzero(same)
-    at = at[(at >= span) & (at < len(same) - span)]
+    same, span = g.held & g.movement.moves, 2 * STUCK
+    at = np.flatnonzero(same[span:-span]) + span
     at = at[~same[at - 1] & ~same[at + 1]]
-    if not 0.002 <= same.mean() <= 0.8 or not len(at):
+    if not 0.1 * _FEW <= same.mean() <= 0.8 or not len(at):
         return
-
-    def travel(reach: int) -> Array:
-        return np.asarray(np.linalg.norm(g.run.q[at + reach] - g.run.q[at - reach], axis=1)) / reach
-
-    skips = bool(np.median(travel(1) / np.maximum(travel(span), 1e-300)) > 0.75)
-    if (
-        skips and not _FEW < same.mean() < 0.5
-    ):  # from half of the rows on a log is faster than its source
+    near, far = (np.linalg.norm(g.run.q[at + k] - g.run.q[at - k], axis=1) / k for k in (1, span))
+    skips = bool(np.median(near / np.maximum(far, 1e-300)) > 0.75)
+    if skips and not _FEW < same.mean() < 0.5:  # from half of the rows on the source is slower
         return
-
-    def repair(r: Measurements) -> Measurements:
-        return (r if skips else with_steps(r, np.where(same[1:], 0.0, np.diff(r.t)))).rows(~same)
-
     how = "and the motion does not skip ahead after them: rows were doubled and the clock was made again"
     figures = {"rows": int(same.sum()), "how": how, "remedy": "delete the copies and their time"}
     if skips:
         how = "and the motion skips ahead after them: packets were lost, the last one was written again"
         figures |= {"how": how, "remedy": "delete the copies", "severity": "warning"}
-    yield _listed(np.flatnonzero(same) + 2), repair, figures
+    yield rows_text(np.flatnonzero(same) + 2), lambda r: (
+        r if skips else with_steps(r, np.where(same[1:], 0.0, np.diff(r.t)))
+    ).rows(~same), figures  # fmt: skip
 
 
 @rule(
@@ -331,29 +297,17 @@ def interpolated_rows(g: Glance) -> Iterator[Finding]:
     """Rows that lie on straight lines in every channel: a gap that was filled in."""
     if not g.run.torque_logged:
         return  # coarse positions alone lie on straight lines by themselves
-    x = np.column_stack([g.run.q, g.run.tau])
+    x, steps = np.column_stack([g.run.q, g.run.tau]), g.steps[:, None]
     x = x[:, np.ptp(x, axis=0) > 0.0]
-    steps = g.steps[:, None]
     slope = np.diff(x, axis=0) / np.maximum(steps, 1e-300)
     size = np.maximum(np.abs(slope[1:]), np.abs(slope[:-1]))
     bends = np.abs(np.diff(slope, axis=0)) > 1e-6 * size + 1e-9 * np.ptp(x, axis=0) / steps[1:]
     inside = np.concatenate([[False], ~np.any(bends, axis=1) & np.any(size > 0.0, axis=1), [False]])
     edges, moves = spans(inside), g.movement.moves
     # A converter that interpolates every row makes lines everywhere; a gap is far longer than those.
-    usual = float(np.median(np.diff(edges))) if inside.mean() > 0.3 else 0.0
-    least = max(_STRAIGHT, 5.0 * usual)
+    least = max(STUCK, LONG * float(np.median(np.diff(edges))) if inside.mean() > 0.3 else 0.0)
     parts = [p for p in edges if p[1] - p[0] >= least and moves[p[0] : p[1]].mean() > 0.5]
-    yield from _deleted(g, _mask(len(inside), parts))
-
-
-def _samples(found: dict[str, Rows]) -> Iterator[Finding]:
-    """Samples of channels that are no measurements: their rows go."""
-    if found:
-        bad = np.any(list(found.values()), axis=0)
-        rows, named = np.flatnonzero(bad), ", ".join(found)
-        joints = sorted({int(name.lstrip("qtau")) for name in found})
-        figures = {"named": named, "joints": joints, "rows": len(rows)}
-        yield f"{named}, {_listed(rows + 2)}", lambda r: r.rows(~bad), figures
+    yield from _deleted(g, {"": _mask(len(inside), parts)})
 
 
 @rule(
@@ -364,7 +318,7 @@ def zeros(g: Glance) -> Iterator[Finding]:
     """Exact zeros in channels of fine steps: rows that a logger filled in because it had no sample."""
     bad = {name: _filled(x) & g.inside for name, j, x in g.channels if g.moving[j]}
     # One torque at zero is an outlier as any other, and harms no fit; one position does.
-    yield from _samples({name: x for name, x in bad.items() if x.sum() > (name[0] == "t")})
+    yield from _deleted(g, {name: x for name, x in bad.items() if x.sum() > (name[0] == "t")})
 
 
 def _filled(x: Array) -> Rows:
@@ -374,15 +328,14 @@ def _filled(x: Array) -> Rows:
     one side and comes back to it, by far more than the channel's usual step.
     """
     zero, bad = np.abs(x) < 1e-300, np.zeros(len(x), bool)
-    parts, other = spans(zero), np.flatnonzero(~zero)
-    changes = np.abs(np.diff(x))
-    if not len(parts) or len(other) < 40 or not changes.any():
+    parts, other, changes = spans(zero), np.flatnonzero(~zero), np.abs(np.diff(x))
+    if not len(parts) or len(other) < RUN or not changes.any():
         return bad
-    usual, step = float(np.median(changes[changes > 0.0])), lattice_step(x[other])
+    least = max(6.0 * float(np.median(changes[changes > 0.0])), 3.0 * lattice_step(x[other]))
     for a, b in parts:
         if a > 0 and b < len(x):
-            least = max(6.0 * usual, 3.0 * step) * (1.0 if x[a - 1] * x[b] > 0.0 else 3.0)
-            bad[a:b] = min(abs(x[a - 1]), abs(x[b])) > least
+            returns = x[a - 1] * x[b] > 0.0
+            bad[a:b] = min(abs(x[a - 1]), abs(x[b])) > least * (1.0 if returns else 3.0)
     return bad
 
 
@@ -391,19 +344,19 @@ def _filled(x: Array) -> Rows:
     "certain: no joint moves like that", "delete these rows",
 )  # fmt: skip
 def spikes(g: Glance) -> Iterator[Finding]:
-    """Single samples far from their neighbours on both sides: bits turned, packets torn."""
+    """Single samples far from the median around them: bits turned, packets torn."""
     found = {}
     for name, j, x in g.channels:
-        low, high = np.quantile(x, [0.02, 0.98])
-        least = SPIKE[1] * (high - low) + 1e-9
-        if not g.moving[j] or np.abs(np.diff(x)).max() <= least / (_WIDTH // 2):
-            continue  # the median of the window cannot be that far
-        around = sliding_window_view(np.pad(x, _WIDTH // 2, "edge"), _WIDTH)
-        off = np.abs(x - np.median(around, axis=1))
-        bad = (off > max(SPIKE[0] * np.quantile(off, 0.9), least)) & g.inside
-        if 0 < bad.sum() <= _FEW * len(x):
-            found[name] = bad
-    yield from _samples(found)
+        least = SPIKE[1] * float(np.ptp(np.quantile(x, [_FEW, 1.0 - _FEW]))) + 1e-9
+        if g.moving[j] and np.abs(np.diff(x)).max() > least / (
+            _WIDTH // 2
+        ):  # else the median cannot be that far
+            off = np.abs(
+                x - np.median(sliding_window_view(np.pad(x, _WIDTH // 2, "edge"), _WIDTH), axis=1)
+            )
+            bad = (off > max(SPIKE[0] * np.quantile(off, 0.9), least)) & g.inside
+            found[name] = bad & (bad.mean() <= _FEW)
+    yield from _deleted(g, found)
 
 
 @rule(
@@ -422,80 +375,64 @@ def lost_rows(g: Glance) -> Iterator[Finding]:
     q = g.run.q[:, g.moving]
     fresh = np.flatnonzero(np.concatenate([[True], np.any(np.diff(q, axis=0) != 0.0, axis=1)]))
     steps = np.diff(g.run.t[fresh])
-    if len(fresh) < _RUN or q.shape[1] < 2:
+    if len(fresh) < RUN or q.shape[1] < 2:
         return
     speed = np.abs(np.diff(q[fresh], axis=0)) / np.maximum(steps, 1e-300)[:, None]
     usual = median_filter(speed, (11, 1), mode="nearest")
     # Only joints that move well above their own scatter there can tell, and three in four have to.
     tells = usual > 3.0 * np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
     ratio = np.where(tells, speed / np.maximum(usual, 1e-300), np.nan)
-    skips, told = np.sum(ratio > TORN, axis=1), tells.sum(axis=1)
-    rows = np.flatnonzero(
-        (told >= max(2, (q.shape[1] + 1) // 2))
-        & (skips > 0.74 * told)
-        & (steps < 3.0 * np.median(steps))
-    )
-    if not 0 < len(rows) <= _FEW * len(steps):
-        return
-    lost = np.round(np.nanmedian(ratio[rows], axis=1) - 1.0)
-    rows = fresh[rows + 1] - 1
-    added = np.zeros(len(g.steps))
-    added[rows] = lost * np.median(steps)
-    figures = {"lost": lost.sum(), "missing": lost.tolist()[:100], **_rows(rows + 3)}
-    yield _listed(rows + 3), lambda r: with_steps(r, np.diff(r.t) + added), figures
+    skips, told = np.sum(np.round(ratio) > 2.0, axis=1), tells.sum(axis=1)  # one row could be noise
+    enough = (told >= max(2, (q.shape[1] + 1) // 2)) & (skips > 0.74 * told)
+    rows = np.flatnonzero(enough & (steps < 3.0 * np.median(steps)))
+    if 0 < len(rows) <= _FEW * len(steps):
+        lost = np.round(np.nanmedian(ratio[rows], axis=1) - 1.0)
+        added, rows = np.zeros(len(g.steps)), fresh[rows + 1] - 1
+        added[rows] = lost * np.median(steps)
+        figures = {"lost": lost.sum(), "missing": lost.tolist()[:100], **_listed(rows + 3)}
+        yield rows_text(rows + 3), lambda r: with_steps(r, np.diff(r.t) + added), figures
 
 
 def _frozen(g: Glance, letter: str) -> Iterator[Finding]:
     """Channels that repeat a value bit by bit while the arm moves, and did not slow down before."""
-    asked = [(j, x) for name, j, x in g.channels if name[0] == letter and np.ptp(x) > 0.0]
-    stuck = {j: _stuck(g, j, x, letter == "q") for j, x in asked if g.moving[j] or letter == "t"}
-    joints = [j for j, parts in stuck.items() if parts]
-    yield from _deleted(g, _mask(len(g.run.t), [p for j in joints for p in stuck[j]]), joints)
+    asked = [(name, j, x) for name, j, x in g.channels if name[0] == letter and np.ptp(x) > 0.0]
+    found = {n: _stuck(g, j, x, letter == "q") for n, j, x in asked if g.moving[j] or letter == "t"}
+    yield from _deleted(g, {n: _mask(len(g.run.t), parts) for n, parts in found.items()})
 
 
-_ELSEWHERE = "certain: elsewhere it never repeats for nearly as long"
-
-
-@rule(
-    "frozen position", "error", "the position of {named} repeats one value for {seconds:.3g} s, {parts} "
-    "times, while the arm moves: the channel was frozen.", _ELSEWHERE, "delete these rows",
-)  # fmt: skip
-def frozen_position(g: Glance) -> Iterator[Finding]:
-    yield from _frozen(g, "q")
-
-
-@rule(
-    "frozen torque", "error", "the torque of {named} repeats one value for {seconds:.3g} s, {parts} "
-    "times, while the arm moves: the channel was frozen.", _ELSEWHERE, "delete these rows",
-)  # fmt: skip
-def frozen_torque(g: Glance) -> Iterator[Finding]:
-    yield from _frozen(g, "t")
-
-
-def _stuck(g: Glance, j: int, x: Array, position: bool) -> list[Array]:
+def _stuck(g: Glance, j: int, x: Array, position: bool) -> list[tuple[int, int]]:
     """First row and the one after the last of parts in which a channel of joint j is frozen: the same
     number for long, and then not the next one."""
     moved, parts = np.concatenate([[0], np.cumsum(g.movement.moves)]), constant_parts(x)
     parts = parts[np.diff(moved[parts])[:, 0] > 0.9 * np.diff(parts)[:, 0]] if len(parts) else parts
     lengths = np.diff(parts)[:, 0] if len(parts) else np.zeros(0)
-    alike = parts[lengths * STUCK_TIMES > lengths.max(initial=0)]  # freezes must not hide each other
-    if len(alike) > _FREEZES or lengths.max(initial=0) < STUCK_ROWS:
+    alike = parts[lengths * TIMES > lengths.max(initial=0)]  # freezes must not hide each other
+    if len(alike) > 2 * STUCK or lengths.max(initial=0) < STUCK:
         return []
     step, q, bad = np.abs(np.diff(x)), g.run.q[:, j], []
     usual, level = float(np.median(step[step > 0.0])), 3.0 * lattice_step(x)
-    for a, b in alike:
-        jump, slows = step[min(b, len(step) - 1)], abs(x[a] - x[max(a - _SLOWING, 0)])
+    for a, b in alike.tolist():
+        jump, slows = step[min(b, len(step) - 1)], abs(x[a] - x[max(a - STUCK, 0)])
         if position:  # comes to rest, and starts again
-            by_itself = jump < 4.0 * usual and slows < 0.5 * _SLOWING * usual
+            by_itself = jump < 4.0 * usual and slows < 0.5 * STUCK * usual
         else:  # dry friction is constant until its joint turns, and hides in a coarse channel's step
-            after = q[min(b + _SLOWING, len(q) - 1)] - q[b]
-            by_itself = usual < level and after * (q[b] - q[max(b - _SLOWING, 0)]) <= 0.0
+            after = q[min(b + STUCK, len(q) - 1)] - q[b]
+            by_itself = usual < level and after * (q[b] - q[max(b - STUCK, 0)]) <= 0.0
         long = g.run.t[b] - g.run.t[a] >= 2.0 * STUCK_SECONDS
         clipped = x[a] in (x.min(), x.max())  # stays at its end
         if long and not clipped and not by_itself and jump >= level:
-            bad.append(np.array([a, b + 1]))
+            bad.append((a, b + 1))
     return bad
 
+
+frozen_position, frozen_torque = (
+    Rule(
+        f"frozen {word}", "error", "{named} repeats one value for {seconds:.3g} s, {parts} times, while "
+        "the arm moves: the channel was frozen.", "certain: elsewhere it never repeats for nearly as "
+        "long", "delete these rows", partial(_frozen, letter=letter),
+    )
+    for word, letter in (("position", "q"), ("torque", "t"))
+)  # fmt: skip
 
 #: In the order of mending; those of MOTION are about a motion.
 CLOCK = (missing, time_unit, backwards, repeated_time, uneven, clock_step, gap)
@@ -503,8 +440,6 @@ MOTION = (
     wrapped, repeated_run, frozen_packets, doubled, interpolated_rows, zeros, spikes, lost_rows,
     frozen_position, frozen_torque,
 )  # fmt: skip
-#: Rows below which nothing but missing numbers is looked for, and those for rules about a motion.
-_FEWEST, _MOTION = 3, 30
 
 
 def mended(
@@ -516,7 +451,7 @@ def mended(
     fixed, glance = run, Glance(run, robot, standstill)
     for k, asked in enumerate((*CLOCK, *MOTION)):
         rows, motion = len(glance.run.t), k >= len(CLOCK)
-        if k and (rows < _FEWEST or (motion and (rows < _MOTION or not glance.moving.any()))):
+        if k and (rows < 3 or (motion and (rows < RUN or not glance.moving.any()))):
             break
         for issue in asked(glance):
             issues.append(issue)

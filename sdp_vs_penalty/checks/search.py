@@ -7,7 +7,7 @@ to lie beyond what arms and loggers differ by themselves, with its interval.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,29 +16,6 @@ from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Scene
 from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS
-
-
-@dataclass(frozen=True)
-class Told:
-    """What a net repair does: an element, its number's deviation, its log-odds, the fit without it."""
-
-    element: Element
-    deviation: float
-    gain: float
-    without: Score
-
-
-@dataclass(frozen=True)
-class Found:
-    """repair : the net one; told : what it does; after : the fit with all of it."""
-
-    repair: Repair
-    told: tuple[Told, ...]
-    after: Score
-
-    @property
-    def elements(self) -> list[Element]:
-        return [t.element for t in self.told]
 
 
 class Search:
@@ -64,14 +41,15 @@ class Search:
             self._posteriors[repair] = value
         return self._posteriors[repair]
 
-    def run(self) -> Found:
+    def run(self) -> Repair:
+        """The net repair."""
         now = self.scene.none
-        for _ in range(c.MOST_FAULTS):
+        for _ in range(c.MOST):
             better = self.added(now)
             if better is None:
                 break
             now = better
-        return self.found(now)
+        return now
 
     def proposals(self, now: Repair) -> list[Repair]:
         """One more thing, the best first; those that only physics can tell are always looked at."""
@@ -86,7 +64,7 @@ class Search:
         value = {i: self.likelihood(scores[i], asked[i]) for i in near}
         order = sorted((i for i in near if value[i] > far), key=lambda i: -value[i])
         tied = [i for i in order if _same_fit(asked[i], now)]
-        return [asked[i] for i in dict.fromkeys(order[: c.CLOSELY] + tied[: c.CLOSELY + 2])]
+        return [asked[i] for i in dict.fromkeys(order[: c.MOST] + tied[: c.MOST])]
 
     def added(self, now: Repair) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
@@ -95,9 +73,9 @@ class Search:
         best: dict[frozenset[object], Repair] = {}
         for r in sorted(self.proposals(now), key=self.posterior, reverse=True):
             best.setdefault(frozenset(e.name for e in self.elements(r)), r)
-        refined = [self.refined(r, now) for r in list(best.values())[: c.CLOSELY]]
+        refined = [self.refined(r, now) for r in list(best.values())[: c.MOST]]
         for repair in sorted(refined, key=self.posterior, reverse=True):
-            if self.posterior(repair) < level + c.MIN_GAIN:
+            if self.posterior(repair) < level + c.ODDS:
                 break
             if self.believed(repair, now):
                 return repair
@@ -114,16 +92,20 @@ class Search:
         error = float(np.std(change)) / np.sqrt(c.PARTS)
         if _same_fit(repair, now):  # physics alone may tell
             return not self.scene.coarse and bool(np.mean(change) >= -c.SIGNIFICANT * error)
-        return bool(np.mean(change) > c.SIGNIFICANT * error and np.median(change) > 0.0)
+        return bool(np.mean(change) > c.SIGNIFICANT * error)
 
     def _determined(self, number: Number) -> bool:
         """Beyond what is usual, and its interval is closed: far to either side it explains less."""
         far = number.apart if number.value in number.snaps else number.reach
         values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
         here, *sides = self.scene.judged.scores([number.at(x) for x in values])
-        if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < c.CLOSED:
+        if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < 0.5 * c.SIGNIFICANT**2:
             return False
-        return abs(number.value) > number.tolerance + c.SIGMAS * self.scene.deviation(number)
+        return abs(number.value) > number.tolerance + c.SIGMAS * self.deviation(number)
+
+    def deviation(self, number: Number) -> float:
+        """A number's standard deviation."""
+        return self.scene.judged.change(number.at, number.value, 0.3 * number.tolerance)[1]
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
         """With the best values of the numbers that ``now`` does not have; round ones where as likely."""
@@ -142,16 +124,6 @@ class Search:
             tried = [number.at(x) for x in near] or [number.at(best), repair]
             repair = max(tried, key=self.posterior)
         return repair
-
-    def found(self, repair: Repair) -> Found:
-        told = tuple(
-            Told(
-                e, np.nan if e.number is None else self.scene.deviation(e.number),
-                self.posterior(repair) - self.posterior(e.without), self.scene.judged.score(e.without),
-            )
-            for e in self.elements(repair)
-        )  # fmt: skip
-        return Found(repair, told, self.scene.judged.score(repair))
 
 
 def _same_fit(a: Repair, b: Repair) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import ODDS, UNEXPLAINED
+from sdp_vs_penalty.checks.constants import ODD_NUMBER, ODDS, UNEXPLAINED
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score, independent_samples
 from sdp_vs_penalty.checks.repair import Repair
@@ -36,6 +36,11 @@ class Number:
     snaps: tuple[float, ...] = ()
     apart: float = 1.0
 
+    @property
+    def odd(self) -> bool:
+        """Whether it is none of the round values."""
+        return all(abs(self.value - x) > 1e-9 for x in self.snaps)
+
     @classmethod
     def factor(
         cls, x: float, at: Callable[[float], Repair], tolerance: float, reach: float,
@@ -49,10 +54,11 @@ class Number:
 
 @dataclass(frozen=True)
 class Element:
-    """One thing that a repair does: what is said of it, and the repair ``without`` it.
+    """One thing that a repair does: what is said of it, and the repair without it (``plain``;
+    default: its number at 0).
 
-    cost : natural logarithm of the odds against it; where : default: the joints; mends : whether a
-    repaired log can be written.
+    prior : natural logarithm of the odds against it, its number apart; place : default: the joints;
+    mends : whether a repaired log can be written.
     """
 
     kind: str
@@ -60,9 +66,9 @@ class Element:
     joints: tuple[int, ...]
     what: str
     remedy: str
-    without: Repair
-    cost: float
+    prior: float
     number: Number | None = None
+    plain: Repair | None = None
     mends: bool = True
     place: str = ""
     figures: Mapping[str, Any] = field(default_factory=dict)
@@ -70,6 +76,17 @@ class Element:
     @property
     def name(self) -> tuple[str, tuple[int, ...]]:
         return self.kind, self.joints
+
+    @property
+    def cost(self) -> float:
+        return self.prior + (ODD_NUMBER if self.number and self.number.odd else 0.0)
+
+    @property
+    def without(self) -> Repair:
+        if self.plain is None and self.number is not None:
+            return self.number.at(0.0)
+        assert self.plain is not None
+        return self.plain
 
     @property
     def where(self) -> str:
@@ -125,17 +142,6 @@ class Scene:
         """(n,) joints of whose torque so much is unexplained that their motion may be another one."""
         return np.asarray(self.moving & (score.shares > UNEXPLAINED))
 
-    def newton(self, at: Callable[[float], Repair], value: float, step: float, score: Score) -> float:
-        """By how much a number has to change from a value, to first order."""
-        slope = self.tried.slope(at, value, step, score.theta)
-        return self.tried.step(at(value), score.weights, slope)
-
-    def deviation(self, number: Number) -> float:
-        """A number's standard deviation."""
-        score = self.judged.score(number.at(number.value))
-        slope = self.judged.slope(number.at, number.value, 0.3 * number.tolerance, score.theta)
-        return self.judged.deviation(number.at(number.value), score.weights, slope)
-
     def reach(self, repair: Repair) -> Array:
         """(2, n) positions between which each joint moves, in no order."""
         q = self.judged.data.motion.q
@@ -143,7 +149,7 @@ class Scene:
 
 
 class Transformation(ABC):
-    """One kind of change of a log; a file in this folder."""
+    """One kind of change of a log."""
 
     @abstractmethod
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:

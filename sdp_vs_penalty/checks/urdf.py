@@ -76,15 +76,19 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
 
     Raises InputError for a file that is not a URDF of a tree of joints.
     """
-    reach = _reaches(path)  # says in a sentence whatever else is wrong with the file
-    checks = []
-    for element in Document.read(path).root.findall("link"):
-        if element.find("inertial") is None:
-            continue
-        name = str(element.get("name"))
-        made = _check(name, read_inertial(path, element))
-        checks.append(replace(made, reach=reach.get(name, _FAR)))
-    return checks
+    robot, given = load_urdf(path)  # says in a sentence whatever else is wrong with the file
+    open_box = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
+    bodies = link_bodies(robot, open_box, np.zeros_like(given), link_geometry(path))
+    moving = zip(placed_links(path), bodies, strict=True)
+    reach = {link.get("name"): body.reach for parts, body in moving for link, _ in parts}
+    return [
+        replace(
+            _check(str(link.get("name")), read_inertial(path, link)),
+            reach=reach.get(link.get("name"), _FAR),
+        )
+        for link in Document.read(path).root.findall("link")
+        if link.find("inertial") is not None
+    ]
 
 
 #: What :func:`table` writes of each link; margins that are negative are violated.
@@ -122,18 +126,6 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
     return said
 
 
-def _reaches(path: str | Path) -> dict[str, float]:
-    """How far the body of each moving <link> reaches [m], whatever its inertial says."""
-    robot, given = load_urdf(path)
-    open_box = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
-    bodies = link_bodies(robot, open_box, np.zeros_like(given), link_geometry(path))
-    return {
-        str(link.get("name")): body.reach
-        for parts, body in zip(placed_links(path), bodies, strict=True)
-        for link, _ in parts
-    }
-
-
 def massless_links(path: str | Path) -> list[str]:
     """Names of the links that a joint moves and that have no inertial, nor anything fixed to them has.
 
@@ -149,24 +141,24 @@ def massless_links(path: str | Path) -> list[str]:
 
 
 def _check(name: str, theta: Array) -> LinkCheck:
-    mass, margin = float(theta[0]), float(np.linalg.eigvalsh(inertia.pseudo_inertia(theta))[0])
-    if mass <= 0.0:
-        if mass < 0.0 or not theta.any():
-            verdict, triangle = ("negative mass", np.nan) if mass < 0.0 else ("consistent", 0.0)
-            return LinkCheck(name, mass, triangle, margin, verdict)
-        return LinkCheck(name, mass, np.nan, margin, "moment of inertia without mass")
-    about_com = inertia.inertia_matrix(inertia.barycentric_from_standard(theta)[4:])
-    triangle, least = float(inertia.triangle_margin(theta)), np.linalg.eigvalsh(about_com)[0]
-    trace, com = float(np.trace(about_com)), theta[1:4] / mass
+    given, margin = Inertial.of(theta), float(inertia.consistency_margin(theta))
+    if given.mass <= 0.0:
+        empty = given.mass == 0.0 and not theta.any()
+        verdict = "moment of inertia without mass" if given.mass == 0.0 else "negative mass"
+        return LinkCheck(
+            name, given.mass, 0.0 if empty else np.nan, margin, "consistent" if empty else verdict
+        )
+    triangle, least = float(inertia.triangle_margin(theta)), np.linalg.eigvalsh(given.about_com)[0]
+    trace = float(np.trace(given.about_com))
     # What rounding leaves of a moment is relative to the moments about the link's origin.
-    zero = -ROUNDING * (abs(trace) + 2.0 * mass * float(np.sum(com**2)))
+    zero = -ROUNDING * (abs(trace) + 2.0 * given.mass * float(np.sum(given.com**2)))
     if triangle >= zero and least >= zero:
-        gyration = float(np.sqrt(max(trace, 0.0) / (2.0 * mass)))
-        return LinkCheck(name, mass, triangle, margin, "consistent", gyration=gyration)
-    nearest = nearest_inertia(about_com)
+        gyration = float(np.sqrt(max(trace, 0.0) / (2.0 * given.mass)))
+        return LinkCheck(name, given.mass, triangle, margin, "consistent", gyration=gyration)
+    nearest = replace(given, about_com=nearest_inertia(given.about_com))
     verdict = "negative moment of inertia" if least < zero else "triangle inequality violated"
-    distance = float(np.linalg.norm(about_com - nearest))
-    return LinkCheck(name, mass, triangle, margin, verdict, Inertial(mass, com, nearest), distance)
+    distance = float(np.linalg.norm(given.about_com - nearest.about_com))
+    return LinkCheck(name, given.mass, triangle, margin, verdict, nearest, distance)
 
 
 def nearest_inertia(about_com: Array) -> Array:

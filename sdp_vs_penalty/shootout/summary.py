@@ -19,7 +19,6 @@ from sdp_vs_penalty.shootout.judge import CLASSES
 from sdp_vs_penalty.shootout.profile import accuracies, at_accuracy, plot_profile, reached
 from sdp_vs_penalty.shootout.results import Row, table_text
 
-_SHIFT = 0.01  # s
 #: What most readers want: an arm of seven links, to six digits.
 LINKS, ACCURACY = 7, 1e-6
 _KNOWN_LINKS = {"emps": 1, "two_link": 2, "tx40": 6, "ur10e": 6, "panda": 7}
@@ -70,9 +69,9 @@ def _order(pair: tuple[str, str]) -> tuple[str, float]:
     return solver, 0.0 if settings == "default" else -float(settings)
 
 
-def shifted_geometric_mean(seconds: Sequence[float]) -> float:
-    """exp(mean log(t + s)) - s [s]."""
-    return float(np.exp(np.mean(np.log(np.asarray(seconds) + _SHIFT))) - _SHIFT)
+def shifted_geometric_mean(seconds: Sequence[float], shift: float = 0.01) -> float:
+    """exp(mean log(t + s)) - s [s], s the shift [s]."""
+    return float(np.exp(np.mean(np.log(np.asarray(seconds) + shift))) - shift)
 
 
 def milliseconds(seconds: float) -> str:

@@ -33,13 +33,13 @@ from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
 from sdp_vs_penalty.simulation.worlds.hidden_friction import FRICTION
 from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN, MACHINE, NUISANCE
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
+from sdp_vs_penalty.simulation.worlds.runs import PAUSE
 from sdp_vs_penalty.simulation.worlds.world import DryFriction, World
 
 DURATION = 20.0  # s of each run
-PERIOD = 2.0 / 0.15  # s: 1.5 periods in a run
-PAUSE = 30.0  # s between runs
 #: The blends into and out of the motion, which the log leaves out.
 _BLEND = 0.7
+PERIOD = 2.0 / 0.15  # s: 1.5 periods in a run
 #: Rate [Hz] at which effects are sized.
 _SIZING = 200.0
 #: Seconds in which the gears warm up.

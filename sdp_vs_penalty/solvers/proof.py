@@ -31,8 +31,8 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.certificate import DualEvidence, dual_evidence
-from sdp_vs_penalty.solvers.enclosure import factor
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
+from sdp_vs_penalty.solvers.verified import factor
 
 Proof = dict[str, Any]
 

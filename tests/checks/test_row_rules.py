@@ -63,7 +63,7 @@ def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity: bool)
     )
     issue = found("repeated run", copied)
     assert issue is not None
-    assert issue.figures == {"rows": 1000, "lag": 1500}
+    assert (issue.figures["rows"], issue.figures["lag"]) == (1000, 1500)
     # The same positions and torques with other velocities are no copies.
     other = only(copied, dq=motion(4).dq[: len(rows)])  # type: ignore[index]
     assert found("repeated run", other) is None

@@ -17,13 +17,9 @@ from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation, choices
 from sdp_vs_penalty.robot.arrays import Array
 
-_DEGREE, _QUARTER = float(np.pi / 180.0), 0.5 * np.pi
-#: Numbers that stay below this are no degrees of a motion.
-_LEAST = 6.0
+_QUARTER = 0.5 * np.pi
 #: True time over the file's that is tried; those of doubled and halved rates come first.
 _RATES, _ROUND = (0.5, 0.75, 1.4, 2.0), (0.5, 2.0)
-#: Nearer to 1 (natural logarithm) no rate is named: the weight tells inertia's size to so much.
-_KNOWN = 0.07
 #: All sets of signs are tried of arms with at most so many joints; of larger ones joint by joint.
 _MANY = 8
 #: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
@@ -34,22 +30,23 @@ class Degrees(Transformation):
     """Positions in degrees: of all revolute joints, or of one of them."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        far = [j for j in scene.revolute if np.abs(scene.reach(now)[:, j]).max() > _LEAST]
+        far = [j for j in scene.revolute if np.abs(scene.reach(now)[:, j]).max() > 4.0 * _QUARTER]
         for joints in [scene.revolute, *([j] for j in far if scene.n > 1)] if far else ():
-            yield now.times("scale", joints, _DEGREE)
+            yield now.times("scale", joints, float(np.radians(1.0)))
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
-        joints = tuple(j for j, s in enumerate(repair.scale) if abs(abs(s) - _DEGREE) < 1e-9)
+        joints = tuple(np.flatnonzero(np.abs(repair.scale) < 0.1).tolist())
         if not joints:
             return
-        without = repair.times("scale", joints, 1.0 / _DEGREE)
+        without = repair.times("scale", joints, float(np.degrees(1.0)))
         reach = float(np.abs(scene.reach(without))[:, joints].max())
         every, named = joints == tuple(scene.revolute), ", ".join(f"q{j + 1}" for j in joints)
         what = f"the position of {joints_text(joints)} is in degrees, not in radians"
         yield Element(
             "positions in degrees" if every else "position unit", "error", joints,
-            f"{what} (reaching {reach:.4g}).", f"multiply {named} (and dq) by pi / 180", without,
-            c.ODDS if every else len(joints) * choices(scene.n), place=named, figures={"largest": reach},
+            f"{what} (reaching {reach:.4g}).", f"multiply {named} (and dq) by pi / 180",
+            c.ODDS if every else len(joints) * choices(scene.n), plain=without, place=named,
+            figures={"largest": reach},
         )  # fmt: skip
 
 
@@ -67,19 +64,18 @@ class Clock(Transformation):
             yield Element(
                 "time reversed", "error", (),
                 "the rows are in reverse order: friction would drive the motion.",
-                "reverse q and tau in time", replace(repair, reversed=False), c.ODDS, place="all rows",
+                "reverse q and tau in time", c.ODDS, plain=replace(repair, reversed=False),
+                place="all rows",
             )  # fmt: skip
         if (factor := repair.rate) == 1.0:
             return
         word = "fast" if factor < 1.0 else "slow"
-        odd = 0.0 if min(abs(factor - x) for x in _ROUND) < 1e-9 else c.ODD_NUMBER
         yield Element(
             "clock rate", "error", (),
             f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
             "torques does not fit the weight.",
-            f"multiply t by {factor:.3g} (find out the log's true rate)",
-            replace(repair, rate=1.0), c.ODDS + odd,
-            Number.factor(factor, lambda x: replace(repair, rate=x), _KNOWN, 0.4, _ROUND),
+            f"multiply t by {factor:.3g} (find out the log's true rate)", c.ODDS,
+            Number.factor(factor, lambda x: replace(repair, rate=x), c.CALIBRATED_GAIN, 0.4, _ROUND),
             place="column t", figures={"factor": factor},
         )  # fmt: skip
 
@@ -89,9 +85,7 @@ class Sign(Transformation):
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         n = scene.n
-        # One arm and its joints by themselves agree: signs could make it no better.
-        coupled = float(np.log(score.shares / score.alone)[scene.moving].sum())
-        many = n <= _MANY and coupled > 1.0
+        many = n <= _MANY and scene.poor(score).any()
         sets = product((False, True), repeat=n) if many else [*np.eye(n, dtype=bool), (True,) * n]
         for turned in sets:
             yield now.times("gain", np.flatnonzero(turned).tolist(), -1.0)
@@ -109,14 +103,14 @@ class Sign(Transformation):
                 without = without.times("gain", (j,), -1.0)
                 kind, what = "joint sign", f"joint {k} counts the other way, position and torque alike."
                 remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
-            yield Element(kind, "error", (j,), what, remedy, without, choices(scene.n))
+            yield Element(kind, "error", (j,), what, remedy, choices(scene.n), plain=without)
         if alone := tuple(np.flatnonzero(tau & ~q).tolist()):
             every = len(alone) == scene.n
             cost = choices(1) if every else len(alone) * choices(scene.n)
             what = f"the torque of {'every joint' if every else joints_text(alone)} has the wrong sign."
             remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
             without = repair.times("gain", alone, -1.0)
-            yield Element("torque sign", "error", alone, what, remedy, without, cost)
+            yield Element("torque sign", "error", alone, what, remedy, cost, plain=without)
 
 
 class Exchange(Transformation):
@@ -125,10 +119,10 @@ class Exchange(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         poor = scene.poor(score)
         for a, b in combinations(scene.joints, 2):
-            yield now.with_swap(a, b, positions=False, torques=True)
+            yield now.with_swap(a, b, "tau_order")
             if poor[a] or poor[b]:
-                yield now.with_swap(a, b, positions=True, torques=False)
-                yield now.with_swap(a, b, positions=True, torques=True)
+                yield now.with_swap(a, b, "order")
+                yield now.with_swap(a, b, "order", "tau_order")
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         none, p, s = tuple(range(scene.n)), repair.order, repair.tau_order
@@ -145,8 +139,8 @@ class Exchange(Transformation):
                 what = f"{word} of {joints_text(changed)} are swapped"
                 yield Element(
                     kind, "error", changed, f"{what}{'' if len(changed) == 2 else f': {how}'}.",
-                    f"rename the columns of {names}", without,
-                    (len(changed) - 1) * choices(scene.n * (scene.n - 1) // 2),
+                    f"rename the columns of {names}",
+                    (len(changed) - 1) * choices(scene.n * (scene.n - 1) // 2), plain=without,
                     figures={"order": [k + 1 for k in order]},
                 )  # fmt: skip
 
@@ -159,7 +153,7 @@ class Zero(Transformation):
         poor = scene.poor(score).any()
         for j in scene.joints:
             at, unit = partial(_at, scene, now, j), _unit(scene, j)
-            step = scene.newton(at, now.zero[j], 0.01 * unit, score)
+            step, _ = scene.tried.change(at, now.zero[j], 0.01 * unit)
             steps = [float(np.clip(step, -0.7 * unit, 0.7 * unit))]
             steps += [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and poor else []
             yield from (at(now.zero[j] + x) for x in steps if x)
@@ -167,15 +161,13 @@ class Zero(Transformation):
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(repair.zero).tolist():
             x, turns, unit = repair.zero[j], j in scene.revolute, _unit(scene, j)
-            quarter = turns and abs(x / _QUARTER - round(x / _QUARTER)) < 1e-9
-            tolerance = c.CALIBRATED_ZERO * unit * (1.0 if turns else 0.25)
+            tolerance, gross = (x * unit * (1.0 if turns else 0.25) for x in (c.CALIBRATED, c.GROSS))
             text = _degrees if turns else "{:.4g} m".format
             snaps = tuple(_QUARTER * k for k in (-1, 1, 2)) if turns else ()
             yield Element(
-                "encoder offset", "error" if abs(x) > c.GROSS_ZERO * tolerance else "warning", (j,),
+                "encoder offset", "error" if abs(x) > gross else "warning", (j,),
                 f"the zero of {joints_text([j])} is {text(-x)} away from the robot's kinematics.",
-                f"add {x:+.5g} {scene.problem.robot.position_units[j]} to q{j + 1}",
-                _at(scene, repair, j, 0.0), choices(scene.n) + (0.0 if quarter else c.ODD_NUMBER),
+                f"add {x:+.5g} {scene.problem.robot.position_units[j]} to q{j + 1}", choices(scene.n),
                 Number(x, partial(_at, scene, repair, j), tolerance, 0.35 * unit, text, snaps, _QUARTER),
                 figures={"shifts": [x]},
             )  # fmt: skip
@@ -201,21 +193,17 @@ class Mounting(Transformation):
         if any(w != 1.0 for w in now.weight) or 0.0 < size < 1.0:
             return
         for axis in (*np.eye(3), *-np.eye(3)):
-            if not known or axis @ given < 0.99 * size:
-                yield replace(now, gravity=_vector((size if known else _EARTH) * axis))
-        if not known:
-            return
-        turned = given
-        for across in np.linalg.svd(given[None, :])[2][1:]:
-            at = _turned(now, given, given + size * across)
-            turned = turned + size * np.clip(scene.newton(at, 0.0, 0.02, score), -0.5, 0.5) * across
-            yield from (at(angle) for angle in (-0.3, 0.3))
-        if np.linalg.norm(turned) > size * (1.0 + 1e-6):
+            yield replace(now, gravity=_vector((size if known else _EARTH) * axis))
+        if known:
+            turned = given
+            for across in np.linalg.svd(given[None, :])[2][1:]:
+                step, _ = scene.tried.change(_turned(now, given, given + size * across), 0.0, 0.02)
+                turned = turned + size * np.clip(step, -0.5, 0.5) * across
             yield replace(now, gravity=_vector(size * turned / np.linalg.norm(turned)))
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         assumed, g = np.array(scene.problem.robot.gravity), np.array(repair.gravity)
-        if np.array_equal(assumed, g):
+        if np.allclose(assumed, g, rtol=0.0, atol=1e-6):
             return
         given = float(np.linalg.norm(assumed))
         cosine = assumed @ g / max(given * float(np.linalg.norm(g)), 1e-300)
@@ -223,21 +211,15 @@ class Mounting(Transformation):
         straight, earthly = np.count_nonzero(np.abs(g) > 1e-9) == 1, abs(given - _EARTH) < _ABOUT
         x, y, z = (float(round(v, 2)) + 0.0 for v in g)
         kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
-        what = (
-            f"gravity is {np.degrees(angle):.0f} degrees away from the assumed {_text(assumed)}, along "
-            f"{_text(g)} m/s^2."
-        )
         if not earthly:
             kind, remedy = "gravity of the problem", f"{remedy}, or correct the problem's gravity"
-            what = (
-                f"the problem assumes gravity {_text(assumed)} m/s^2, but the weight in the torques "
-                f"points along {_text(g)} m/s^2."
-            )
+        number = Number(angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees)
         yield Element(
-            kind, "warning" if earthly and angle < c.MISMOUNTED else "error", (), what, remedy,
-            replace(repair, gravity=_vector(assumed)), c.ODDS + (1.0 if straight else c.ODD_NUMBER),
-            Number(angle, _turned(repair, assumed, g), c.LEVEL, 0.5, _degrees)
-            if earthly and not straight else None, mends=False, place="the base",
+            kind, "warning" if earthly and angle < c.GROSS else "error", (),
+            f"the weight in the torques points along {_text(g)} m/s^2, {np.degrees(angle):.0f} degrees "
+            f"away from the assumed {_text(assumed)}.", remedy, c.ODDS,
+            number if earthly and not straight else None, replace(repair, gravity=_vector(assumed)),
+            mends=False, place="the base",
             figures={"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]},
         )  # fmt: skip
 

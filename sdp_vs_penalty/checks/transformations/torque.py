@@ -6,29 +6,21 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Event, Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation, choices
-from sdp_vs_penalty.robot.arrays import Array
 
-#: Factors that are tried: units, and a grid whose steps the refinement bridges.
-_GAINS = (1e-3, 1e-2, 0.1, 0.3, 0.6, 0.85, 1.17, 1.7, 3, 10, 100, 1e3)
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
-_UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
+UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
+#: Factors that are tried: units, and a grid whose steps the refinement bridges.
+_GAINS = (*UNITS, 0.1, 0.3, 0.6, 0.85, 1.17, 1.7, 3, 100, 1e3)
 #: Delays (``lead`` of a repair) and time constants (``lag``) that are tried [s].
 _LATE = {"lead": (-0.12, -0.06, -0.025, -0.01, 0.01, 0.025, 0.06, 0.12), "lag": (0.01, 0.04, 0.1, 0.2)}
-#: Shares of the weight that are tried to be left in a channel.
-_LEFT = (0.0, 0.15)
-#: Bends that are tried: the largest logged torque over the limit, which it never reaches.
-_BENDS = (0.7, 0.9, 0.98)
-#: Below this bend a channel is as straight as sensors are.
+#: Below this bend, the largest logged torque over the limit, a channel is as straight as sensors are.
 _STRAIGHT = 0.2
-#: Instants, as shares of the log, at which a step is tried.
-_STEPS = np.linspace(0.12, 0.88, 39)
 #: Share of the time on either side of a step that the joint has to move each way: else it is friction's.
 _WAYS = 0.15
 
@@ -44,7 +36,7 @@ class Gain(Transformation):
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
             g, sign = abs(repair.gain[j]), float(np.sign(repair.gain[j]))
-            unit = next((name for u, name in _UNITS.items() if abs(g / u - 1.0) < 1e-9), None)
+            unit = next((name for u, name in UNITS.items() if abs(g / u - 1.0) < 1e-9), None)
             size = f"{1.0 / g:.3g} times too large" if g < 1.0 else f"{g:.3g} times too small"
             what = f"the torque of {joints_text([j])} is {size} beside those of its neighbours"
             at = lambda x, j=j, s=sign: repair.with_entries("gain", (j,), s * x)  # noqa: E731
@@ -52,9 +44,8 @@ class Gain(Transformation):
                 "torque gain" if unit is None else "torque unit",
                 "error" if abs(np.log(g)) > c.WRONG_GAIN else "warning", (j,),
                 f"{what}." if unit is None else f"{what}: it is in {unit}.",
-                f"multiply tau{j + 1} by {g:.3g}", at(1.0),
-                choices(scene.n) + (c.ODD_NUMBER if unit is None else 0.0),
-                Number.factor(g, at, c.CALIBRATED_GAIN, 0.5, tuple(_UNITS)), figures={"factor": g},
+                f"multiply tau{j + 1} by {g:.3g}", choices(scene.n),
+                Number.factor(g, at, c.CALIBRATED_GAIN, 0.5, tuple(UNITS)), figures={"factor": g},
             )  # fmt: skip
 
 
@@ -69,13 +60,13 @@ class Delay(Transformation):
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for name in _LATE:
-            values = getattr(repair, name)
-            every = any(values) and len(set(values)) == 1
-            parts = [tuple(range(scene.n))] if every else [(j,) for j in np.flatnonzero(values).tolist()]
-            yield from (self._element(scene, repair, name, joints) for joints in parts)
+            for joints, x in repair.changed(name, 0.0):
+                yield self._element(scene, repair, name, joints, x)
 
-    def _element(self, scene: Scene, repair: Repair, name: str, joints: tuple[int, ...]) -> Element:
-        every, x = len(joints) == scene.n, getattr(repair, name)[joints[0]]
+    def _element(
+        self, scene: Scene, repair: Repair, name: str, joints: tuple[int, ...], x: float
+    ) -> Element:
+        every = len(joints) == scene.n
         channel = "the torques" if every else f"tau{joints[0] + 1}"
         beside = "the positions have not" if every else "the other torques have not"
         if name == "lead":
@@ -89,11 +80,9 @@ class Delay(Transformation):
         at = lambda v: repair.with_entries(name, joints, v)  # noqa: E731
         return Element(
             f"{'channel ' if not every else 'torque ' * (name == 'lag')}{kind}", "warning", joints,
-            what, remedy, at(0.0),
-            (c.ODDS if every else choices(scene.n)) + c.ODD_NUMBER + (name == "lag"),
+            what, remedy, choices(1 if every else scene.n),
             Number(x, at, c.USUAL_DELAY, 0.06, lambda v: f"{1e3 * v:.0f} ms"), mends=name == "lead",
-            place="all torque channels" if every and scene.n > 1 else joints_text(joints),
-            figures={"seconds": x},
+            place="all torque channels" if every and scene.n > 1 else "", figures={"seconds": x},
         )  # fmt: skip
 
 
@@ -101,32 +90,26 @@ class Weight(Transformation):
     """The arm's weight taken out of one channel, or of all, by the controller."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        if not any(now.gravity):
-            return
         # The weight that a wrist's last link holds is within the error of its friction's law: of one
         # channel alone it has to be half.
         held = np.sqrt(np.mean(scene.tried.nominal(now, still=True) ** 2, axis=0))
-        logged = np.sqrt(np.mean(scene.tried.data.torque**2, axis=(0, 1)))
-        for share in _LEFT:
-            yield replace(now, weight=(share,) * scene.n)
-            for j in np.flatnonzero(held > 0.5 * logged).tolist():
-                yield now.with_entries("weight", (j,), share)
+        logged = np.sqrt(np.mean(scene.tried.data.torque(scene.tried.data.motion.t) ** 2, axis=0))
+        each = [(j,) for j in np.flatnonzero(held > 0.5 * logged).tolist()]
+        for joints in (range(scene.n), *each) if any(now.gravity) else ():
+            yield now.with_entries("weight", joints, 0.0)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
-        every = tuple(range(scene.n))
-        changed = [(j,) for j in every if repair.weight[j] != 1.0]
-        common = len(set(repair.weight)) == 1
-        for joints in [every] if changed and common else changed:
+        for joints, left in repair.changed("weight", 1.0):
             at = lambda x, some=joints: repair.with_entries("weight", some, 1.0 + x)  # noqa: E731
-            left = repair.weight[joints[0]]
+            common = len(joints) == scene.n
             gx, gy, gz = (float(round(left * v, 3)) + 0.0 for v in repair.gravity)
             of = "the torques" if common else f"the torque of {joints_text(joints)}"
             how = f", or identify with --gravity {gx:g},{gy:g},{gz:g}" if common else ""
             yield Element(
                 "gravity removed", "error", joints,
                 f"{100.0 * (1.0 - left):.0f} % of the weight is missing from {of}.",
-                f"log the torques before gravity compensation{how}", at(0.0),
-                (c.ODDS if common else choices(scene.n)) + (0.0 if left == 0.0 else c.ODD_NUMBER),
+                f"log the torques before gravity compensation{how}",
+                choices(1 if common else scene.n),
                 Number(left - 1.0, at, 0.2, 0.4, lambda v: f"{-100.0 * v:.0f} %", (-1.0,)),
                 mends=False, figures={"share_left": left},
             )  # fmt: skip
@@ -137,7 +120,7 @@ class Saturation(Transformation):
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         for j in scene.joints:
-            yield from (now.with_entries("bend", (j,), x) for x in _BENDS)
+            yield now.with_entries("bend", (j,), 1.0 - 0.5 * _STRAIGHT)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(repair.bend).tolist():
@@ -147,7 +130,7 @@ class Saturation(Transformation):
             what = f"the torque of {joints_text([j])} bends towards a limit of {limit:.3g} {unit}"
             yield Element(
                 "saturation", "warning", (j,), f"{what}: its sensor or amplifier is near its end.",
-                "record again with a larger range, or slower", at(0.0), choices(scene.n) + c.ODD_NUMBER,
+                "record again with a larger range, or slower", choices(scene.n),
                 Number(x, at, _STRAIGHT, 0.25, lambda v: f"{100.0 * v:.0f} % of the limit is reached"),
                 mends=False, figures={"limit": limit},
             )  # fmt: skip
@@ -160,15 +143,18 @@ class Change(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         motion = scene.tried.data.motion
         t, span = motion.t, float(np.ptp(motion.t))
-        events = [None, *(float(t[0] + s * span) for s in _STEPS)]
+        steps = np.linspace(0.12, 0.88, c.STEPS)
+        events = [None, *(float(t[0] + s * span) for s in steps)]
         shapes = np.column_stack([Event(0, at).shape(t) for at in events])
         heard = scene.tried.data.heard.T[list(now.order)]
         x = score.rows.rest(heard[:, :, None] * shapes)
         pull = np.einsum("jm,jmk->jk", score.residual, x) ** 2
         found = np.log1p(pull / np.maximum(np.sum(x**2, axis=1) * score.left[:, None], 1e-280))
+        forth = (motion.dq[:, list(now.order)].T > 0.0) * 1.0
+        for side in (shapes[:, 1:] > 0.0, shapes[:, 1:] <= 0.0):
+            share = forth @ side / np.maximum(side.sum(axis=0), 1)
+            found[:, 1:] *= np.minimum(share, 1.0 - share) > _WAYS
         found[~scene.moving] = 0.0
-        for j in scene.joints:
-            found[j, 1:] *= _both_ways(motion.dq[:, now.order[j]], (t - t[0]) / max(span, 1e-300))
         for drift in (True, False):
             some = found[:, :1] if drift else found * (np.arange(len(events)) > 0)
             j, k = divmod(int(np.argmax(some)), some.shape[1])
@@ -182,16 +168,16 @@ class Change(Transformation):
             name, unit = joints_text([j]), scene.problem.robot.torque_units[j]
             without = replace(repair, events=tuple(e for e in repair.events if e != event))
             size = _size(scene, repair, without, event)
-            kind, many, place = "torque drift", scene.n, name
+            kind, many, place = "torque drift", scene.n, ""
             how = f"drifts by {size:+.3g} {unit} from the first row to the last"
             remedy = "let the sensor warm up and set its zero before the run"
             if t is not None:
-                kind, many, place = "torque step", scene.n * len(_STEPS), f"{name}, t = {t:.4g} s"
+                kind, many, place = "torque step", scene.n * c.STEPS, f"{name}, t = {t:.4g} s"
                 how = f"steps by {size:+.3g} {unit} at t = {t:.4g} s and stays there"
                 remedy = "cut the run there, or find out what touched the arm"
             yield Element(
-                kind, "warning", (j,), f"the torque of {name} {how}.", remedy, without,
-                choices(many) + c.SLOW_ODDS, mends=False, place=place,
+                kind, "warning", (j,), f"the torque of {name} {how}.", remedy,
+                choices(many) + c.SLOW_ODDS, plain=without, mends=False, place=place,
                 figures={"size": size} | ({} if t is None else {"t": t}),
             )  # fmt: skip
 
@@ -204,12 +190,3 @@ def _size(scene: Scene, repair: Repair, without: Repair, event: Event) -> float:
     x = lacking.rest(np.repeat((heard * shape)[None, :, None], scene.n, axis=0))[j, :, 0]
     away = score.channels[j] - lacking.raw[j] @ score.theta
     return float(x @ away / max(x @ x, 1e-300))
-
-
-def _both_ways(dq: Array, u: Array) -> NDArray[np.bool_]:
-    """Per instant whether the joint moves both ways on either side."""
-    rows = np.searchsorted(u, _STEPS, "right")
-    before = np.append(0, np.cumsum(dq > 0.0))[rows]
-    after = np.sum(dq > 0.0) - before
-    forth = np.array([before / np.maximum(rows, 1), after / np.maximum(len(u) - rows, 1)])
-    return np.asarray(np.min(np.minimum(forth, 1.0 - forth), axis=0) > _WAYS)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.robot._pinocchio import pin
 
 Array = NDArray[np.float64]
-
 ARMS = ("panda", "elbow", "desk", "scara")
 #: Torque noise of an arm over the Coulomb friction in its URDF.
 NOISE_SHARE = 0.1
