@@ -59,14 +59,18 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
     for row, name in enumerate(shown):
         for j in range(len(units)):
             line = {"color": COLOURS[j % len(COLOURS)], "width": 1.2}
-            named = {"name": f"joint {j + 1}", "legendgroup": f"{j}", "showlegend": row == 0}
+            named: dict[str, Any] = {
+                "name": f"joint {j + 1}",
+                "legendgroup": f"{j}",
+                "showlegend": row == 0,
+            }
             plot.add(trace("scatter", x=t, y=read[name][:, j], line=line, **named), row)
             there = read.get(f"repaired_{name}")
             if there is None or not (rows := np.isfinite(there[:, j])).any():
                 continue
-            cross: dict[str, Any] = {"mode": "markers", "name": f"joint {j + 1}, repaired"}
-            cross["marker"] = {"symbol": "x", "size": 5, "color": COLOURS[j % len(COLOURS)]}
-            plot.add(trace("scatter", x=t[rows], y=there[rows, j], legendgroup=f"{j}", **cross), row)
+            named |= {"mode": "markers", "name": f"joint {j + 1}, repaired", "showlegend": False}
+            cross = {"symbol": "x", "size": 5, "color": line["color"]}
+            plot.add(trace("scatter", x=t[rows], y=there[rows, j], marker=cross, **named), row)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
     torques = "/".join(dict.fromkeys(units))
     titles = (f"q [{kinds}]", f"dq [{kinds}/s]", f"tau [{torques}]")

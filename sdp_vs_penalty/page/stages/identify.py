@@ -373,7 +373,6 @@ FIT = after_model(
 
 def _draw_parameters(view: View) -> None:
     about = view.session.current.about
-    tag("p", _determined(view.session.current), "words")
     for said in about["words"]:
         tag("p", said, "words")
     with details("Links, friction and every parameter", "parameters"):
@@ -404,16 +403,6 @@ def _tables(view: View) -> None:
     with tag("div", style="tall"):
         table(HEADS, rows, "Parameters with intervals", "numbers parameters", mark=2)
     button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
-
-
-def _determined(model: ModelStep) -> str:
-    """What decides the parameters."""
-    rows = model.about["rows"]
-    seen = sum(row["source"] == "data" for row in rows)
-    said = f"Constraints: {model.constraints}; the data determine {seen} of {len(rows)} parameters"
-    if model.on_bounds:
-        return f"{said}; {len(model.on_bounds)} lie on their bounds."
-    return f"{said}, the prior the others; torques need no more."
 
 
 PARAMETERS = after_model("parameters", "Parameters", _draw_parameters)
