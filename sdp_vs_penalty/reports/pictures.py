@@ -57,7 +57,7 @@ def bars(
         sizes = {"alone": new} if after is None else {"before": old, "after": new}
         sizes |= {"noise": 1.0} if known else {}
         shapes = "".join(
-            f'<i class="{k}" style="width:{x / largest:.2%}"></i>' for k, x in sizes.items()
+            f'<i class="{k}" style="--wide:{x / largest:.4f}"></i>' for k, x in sizes.items()
         )
         name = f"joint {joints[j] if joints else j + 1}"
         rows.append(

@@ -29,15 +29,14 @@ def verb(
     --folds >=2: Stretches that each motion is cut into.
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.data.cli_parsing import numbers
+    from sdp_vs_penalty.cli.runs import as_told
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.estimation.cross_validation import cross_validate
     from sdp_vs_penalty.estimation.known_load import parsed_known
     from sdp_vs_penalty.formatting import number, plain_unit
     from sdp_vs_penalty.parallel import Workers
-    from sdp_vs_penalty.problem.load import load_problem
 
-    robot = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
+    robot = as_told(problem, gravity)
     with console.progress("reading the measurements") as progress:
         runs = load_measurements(*data, joints=robot.robot.n, names=robot.robot.joint_names)
         result = cross_validate(

@@ -23,7 +23,8 @@ def _draw_check(view: View) -> None:
     session = view.session
     _findings(session)
     names = [run["name"] for run in session.runs]
-    shown, parts = {"run": names[0]}, dict[str, Any]()
+    first = next((run["name"] for run in session.runs if run["findings"]), names[0])
+    shown, parts = {"run": first}, dict[str, Any]()
 
     def read() -> dict[str, Any]:
         (file,) = [run["view"] for run in session.runs if run["name"] == shown["run"]][:1]
@@ -41,7 +42,7 @@ def _draw_check(view: View) -> None:
 
     if len(names) > 1:
         with tag("div", style="pick"):
-            choice("Run", [(n, n) for n in names], names[0], look, "checked-run")
+            choice("Run", [(n, n) for n in names], first, look, "checked-run")
     with tag("div", style="pair"):
         drawn = data_chart(read(), session.arm["units"])
         parts["chart"] = chart(drawn, "Positions, velocities and torques of all joints over time")
@@ -56,11 +57,11 @@ def _draw_check(view: View) -> None:
 def _findings(session: Session) -> None:
     """What the check says, each with its repair; a tick where it says nothing."""
     with tag("p", style="row"):
-        for run, findings in session.checked:
-            if not findings:
+        for run in session.runs:
+            if not run["findings"]:
                 tag("span", f"✓ {run['name']}", "tick")
-    for run, findings in session.checked:
-        for found in findings:
+    for run in session.runs:
+        for found in run["findings"]:
             with tag("p", style=f"finding {found['severity']}"):
                 tag("strong", f"{run['name']}: {found['kind']}. ")
                 tag("span", f"{found['what']} What to do: {found['remedy']}.")
