@@ -40,9 +40,10 @@ class Gain(Transformation):
             size = f"{1.0 / g:.3g} times too large" if g < 1.0 else f"{g:.3g} times too small"
             what = f"the torque of {joints_text([j])} is {size} beside those of its neighbours"
             at = lambda x, j=j, s=sign: repair.with_entries("gain", (j,), s * x)  # noqa: E731
+            gross = c.GROSS / c.CALIBRATED * c.CALIBRATED_GAIN
             yield Element(
                 "torque gain" if unit is None else "torque unit",
-                "error" if abs(np.log(g)) > c.WRONG_GAIN else "warning", (j,),
+                "error" if abs(np.log(g)) > gross else "warning", (j,),
                 f"{what}." if unit is None else f"{what}: it is in {unit}.",
                 f"multiply tau{j + 1} by {g:.3g}", choices(scene.n),
                 Number.factor(g, at, c.CALIBRATED_GAIN, 0.5, tuple(UNITS)), figures={"factor": g},
