@@ -77,14 +77,9 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
     bodies = link_bodies(robot, open_box, np.zeros_like(given), link_geometry(path))
     moving = zip(placed_links(path), bodies, strict=True)
     reach = {link.get("name"): body.reach for parts, body in moving for link, _ in parts}
-    return [
-        replace(
-            _check(str(link.get("name")), read_inertial(path, link)),
-            reach=reach.get(link.get("name"), check.reach),
-        )
-        for link in Document.read(path).root.findall("link")
-        if link.find("inertial") is not None
-    ]
+    links = [x for x in Document.read(path).root.findall("link") if x.find("inertial") is not None]
+    made = [_check(str(link.get("name")), read_inertial(path, link)) for link in links]
+    return [replace(c, reach=reach.get(c.link, c.reach)) for c in made]
 
 
 #: What :func:`table` writes of each link; margins that are negative are violated.
