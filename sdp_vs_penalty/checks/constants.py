@@ -64,7 +64,8 @@ UNEXPLAINED = 1e-3
 #: and with torques from motor currents, whose friction is part of them. Twice as much is a warning, and
 #: so is quantisation that adds as much noise.
 TYPICAL = {"link": 0.05, "unknown": 0.05, "motor": 0.1}
-#: Above this share of the energy, half of the torque, the arm's dynamics do not make it.
+#: Above this share of the energy, half of the torque, the arm's dynamics do not make it; and up to this
+#: share of the base parameters, rotors included, an ordinary motion of a good arm leaves unseen.
 UNRELATED = 0.25
 #: A joint contradicts its neighbours where one arm leaves so many times the energy that the joint's own
 #: model leaves of it, and at least this share of the torque's energy.
