@@ -11,6 +11,7 @@ import numpy as np
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.constants import FAR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.held_out import (
     estimator_beside,
@@ -25,7 +26,7 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
+from sdp_vs_penalty.estimation.constants import LEVEL, SHAPE_FOLDS
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.identify import (
@@ -46,11 +47,6 @@ from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-
-#: Chance of folds that agree by luck, below which other shape constants are confirmed.
-_CHANCE = 0.025
-#: Standard deviations by which a constant of the model's own has to move beside what is new.
-_MOVES = 2.0
 
 
 def add(
@@ -365,7 +361,7 @@ def found_together(
     best = settled(found.model, wanted, lambda model: compress(measurements, model, settings), weighting)
     effects, std = best.model.effects, best.std
     values = {(e.name, j, k): v for e in effects for k, v in e.shape.items() for j in e.joints}
-    if not any(abs(np.log(values[k] / s.after)) > _MOVES * std[k] for k, s in own.items()):
+    if not any(abs(np.log(values[k] / s.after)) > FAR * std[k] for k, s in own.items()):
         return None
     out = [
         replace(s, after=values[k], std=values[k] * std[k])
@@ -401,4 +397,4 @@ def confirmed(other: Estimate, found: Estimate, measurements: Measurements) -> b
         float(np.sum((a.losses - b.losses) / level))
         for a, b in zip(before.folds, after.folds, strict=True)
     ]
-    return bool(wilcoxon(gains, alternative="greater").pvalue < _CHANCE)
+    return bool(wilcoxon(gains, alternative="greater").pvalue < 0.5 * (1.0 - LEVEL))

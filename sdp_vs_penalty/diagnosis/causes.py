@@ -31,13 +31,13 @@ UNNAMED = "no cause seen"
 NEAR, FOLLOWS = 0.15, 0.4
 #: Share of the largest speed from which on a joint is fast.
 _FAST = 0.75
-#: Hat functions of one quantity, of another joint's, of the time from a reversal.
-_HATS, _OTHER_HATS, _TURN_HATS = 10, 5, 9
-#: A stretch fails where the error's RMS over so many seconds is so many noise floors, or of its own RMS
-#: where the floor is not known; shorter ones are not shown.
-_OVER, _TIMES, _OWN, _SHORTEST = 0.25, 2.0, 1.5, 0.1
-#: A quantity names the rest of a joint's failing stretches from this held-out share on.
-_NAMES = 0.05
+#: Hat functions of a quantity; an odd number, so that one of them sits at the reversal itself.
+_HATS = 9
+#: A stretch fails where the error's RMS over 2 NEAR is so many noise floors, or times its own RMS where
+#: the floor is not known; shorter ones than NEAR are not shown.
+_TIMES = 2.0
+#: Held-out share from which the error is said to depend on a quantity.
+NAMED_SHARE = 0.05
 
 
 class Stretch(NamedTuple):
@@ -73,12 +73,7 @@ def cause_columns(
     direction = smooth_sign(x[VELOCITY])
     fast = np.maximum(np.abs(x[VELOCITY]) - _FAST * np.abs(x[VELOCITY]).max(), 0.0)
     still = np.asarray(rows.still[:, j] > STILL, float)
-    others = [
-        hats(known[name][:, i], _OTHER_HATS)
-        for i in range(rows.n)
-        if i != j
-        for name in (VELOCITY, POSITION)
-    ]
+    others = [hats(known[name][:, i]) for i in range(rows.n) if i != j for name in (VELOCITY, POSITION)]
     return {
         REVERSAL: _after_reversals(x[VELOCITY], rows),
         STANDSTILL: np.column_stack([still, still * direction]),
@@ -88,14 +83,14 @@ def cause_columns(
         WAVES: _waves(rows, j, orders),
         ACCELERATION: hats(x[ACCELERATION]),
         LOAD: np.hstack([hats(x["torque"]), hats(np.abs(x["torque"]) * direction)]),
-        TIME: hats(x[TIME], 6),
+        TIME: hats(x[TIME]),
         OTHER_JOINTS: np.hstack(others) if others else np.zeros((len(rows.t), 0)),
     }
 
 
-def hats(x: Array, count: int = _HATS) -> Array:
+def hats(x: Array) -> Array:
     """(N, count) piecewise linear functions that add up to one, knots at quantiles."""
-    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
+    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _HATS)))
     if len(knots) < 2:
         return np.ones((len(x), 1))
     return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
@@ -125,7 +120,7 @@ def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
 def _after_reversals(velocity: Array, rows: SegmentedRuns) -> Array:
     """Any function of the time from a reversal, and that times the direction after it."""
     away, direction = from_reversal(velocity, rows)
-    knots = np.linspace(-FOLLOWS, FOLLOWS, _TURN_HATS)
+    knots = np.linspace(-FOLLOWS, FOLLOWS, _HATS)
     near = np.isfinite(away) & (np.abs(away) < FOLLOWS)
     shape = np.column_stack(
         [np.where(near, np.interp(away, knots, unit), 0.0) for unit in np.eye(len(knots))]
@@ -165,12 +160,12 @@ def failing_stretches(
     shares: dict[str, float],
 ) -> tuple[Stretch, ...]:  # fmt: skip
     """Where a joint's error (M,) is large, with the cause that is seen there."""
-    width = max(1, round(_OVER * rows.rate))
+    width = max(1, round(2.0 * NEAR * rows.rate))
     size = np.sqrt(np.convolve(error**2, np.ones(width) / width, mode="same"))
-    limit = _TIMES * floor if floor else _OWN * float(np.sqrt(np.mean(error**2)))
+    limit = _TIMES * (floor or float(np.sqrt(np.mean(error**2))))
     rest = {name: x for name, x in shares.items() if name not in (REVERSAL, STANDSTILL, HIGH_SPEED)}
     best = max(rest, key=lambda name: rest[name], default=UNNAMED)
-    names = np.array([best if rest.get(best, 0.0) >= _NAMES else UNNAMED], dtype=object).repeat(
+    names = np.array([best if rest.get(best, 0.0) >= NAMED_SHARE else UNNAMED], dtype=object).repeat(
         len(error)
     )
     names[np.abs(velocity) > _FAST * np.abs(velocity).max()] = HIGH_SPEED
@@ -184,4 +179,4 @@ def failing_stretches(
         for a, b in pairwise(edges)
         if names[a]
     ]
-    return tuple(s for s in found if s.stop - s.start >= _SHORTEST)
+    return tuple(s for s in found if s.stop - s.start >= NEAR)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import (
+    ABSORBED,
     APART,
     FAR,
     HARMONIC,
-    INVISIBLE,
     MATTERS,
     SHARED,
     UNCERTAIN,
@@ -225,7 +225,7 @@ def _reasons(
         "not_held_out": not lowers(errors[0, on], errors[1, on]),
         "more_left": explained < beyond,
         "shared": shared > SHARED,
-        "absorbed": absorbed > INVISIBLE,
+        "absorbed": absorbed > 1.0 - ABSORBED,
         "implausible": bool(np.any(torque > np.mean(rows.torque**2, axis=0)))
         or (plausible is not None and np.sqrt(np.mean((known.beta / plausible) ** 2)) > FAR),
         "pieces": in_pieces(term, search),
@@ -267,5 +267,5 @@ def invisible_effects(search: Search) -> tuple[Invisible, ...]:
     return tuple(
         Invisible(name, () if joint is None else (joint + 1,), share)
         for (name, joint), share in shares.items()
-        if share > INVISIBLE
+        if share > 1.0 - ABSORBED
     )

@@ -29,9 +29,11 @@ APART = 10.0
 EQUIVALENT = 6.0
 #: A law is right to this share of what it explains: so much of it looks like something else.
 FORM = 0.04
-#: Candidates that are looked at closely; and of a candidate's laws those that take at least this share
-#: of what its best one takes.
-LOOKED_AT, LIKELY = 10, 0.9
+#: Candidates that are looked at closely, and of what may stand in the place of something else.
+LOOKED_AT, CLOSELY = 10, 4
+#: Steps at most until nothing changes; and those in which a model and what refers to it are made to
+#: agree.
+STEPS, TURNS = 30, 2
 #: Share of a joint's rows at standstill from which the law of what holds it is looked for.
 STANDS = 0.02
 
@@ -55,11 +57,10 @@ OUTSIDE = 0.5
 #: left, and the chance that repetitions as few as these show the noise as too low as that makes it: with
 #: 1000 degrees of freedom together 1.5.
 MISFIT, CHANCE = 1.3, 1e-3
-#: The same where the noise comes from a spectrum, which is right within a factor of two (.52 to 1.3 of
-#: the truth on 38 logs of two simulators, most of them too low): 2^2 times as much.
-MISFIT_SPECTRUM = 6.0
-#: Times by which it has to stand out of that of half of the joints there, where that is less.
-BESIDE_OTHERS = 2.0
+#: Factor within which a spectrum tells the noise (.52 to 1.3 of the truth on 38
+#: logs of two simulators, most too low): its square times MISFIT are asked, or that it stands out
+#: of that of half of the joints by the factor, where that is less.
+WITHIN = 2.0
 #: Share by which it has to raise a joint's error above its noise to matter; and by which findings that
 #: are confident may raise a held-out one without the weak ones (UR10's filter: 20 %, on unseen motion
 #: 100 %).
@@ -72,15 +73,12 @@ HARMONIC = 0.02
 
 #: Relative standard deviation of a size from which it is uncertain.
 UNCERTAIN = 0.2
-#: Share of an effect's energy that the model makes, from which nobody sees it beside the model; and that
-#: other findings make, from which its size is not its own: standard deviations are then 32 and 2.2 times
-#: as large as alone, 1 / sqrt(1 - share).
-INVISIBLE, SHARED = 1.0 - ABSORBED, 0.8
+#: Share of an effect's energy that other findings make, from which its size is not its own: its standard
+#: deviation is then 2.2 times as large as alone, 1 / sqrt(1 - share).
+SHARED = 0.8
 #: Standard deviations from which a size is not what its effect says is plausible, and a constant another
 #: one ("three sigma").
 FAR = 3.0
-#: Share by which a shape constant has to move: less makes no other torque.
-MOVES = 0.05
 
 # Events.
 

@@ -12,16 +12,16 @@ import numpy as np
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.conclude import Found, conclude, what_is_left
-from sdp_vs_penalty.diagnosis.constants import OUTSIDE, RAISES
+from sdp_vs_penalty.diagnosis.constants import OUTSIDE, RAISES, TURNS
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.held_out import HeldOut, folds_of, lowers, on_folds, on_test, raises
+from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers, on_folds, on_test, raises
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.retunes import shape_estimate, told
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import size_of_term
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare, with_estimate
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
@@ -34,9 +34,6 @@ from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
 from sdp_vs_penalty.signals.window_subsample import subsample_sentence, window_subsample
-
-#: Steps in which a model and the columns that refer to it are made to agree.
-_TURNS = 2
 
 
 def quiet(_: str) -> None:
@@ -190,7 +187,7 @@ def _offered(search: Search, judge: _Judge) -> Found:
     parts = in_parts(final)
     if not left.matters and not parts:
         return found
-    curves = measured_curves(final, left.matters, parts, folds_of(final.data))
+    curves = measured_curves(final, left.matters, parts, folds_of(final.data.rows))
     return _with_curves(found, curves, judge)
 
 
@@ -241,7 +238,7 @@ def referred(search: Search, estimate: Estimate) -> tuple[Estimate, Search]:
     """Where columns refer to the model: that with the parameters that it has beside the findings, and
     these carried on (steps of Gauss and Newton). Fitted without them it has taken a part of their
     torque; of play in a gear 14 % of the size were left out."""
-    for _ in range(_TURNS):
+    for _ in range(TURNS):
         effects = [t.form.effect for t in search.terms]
         if search.data.frozen or not any(e.needs_torque or e.needs_links for e in effects):
             break

@@ -32,10 +32,6 @@ from sdp_vs_penalty.signals.standstill import SLOW
 
 Mask = NDArray[np.bool_]
 
-#: Hz: below, lines are the motion's own harmonics. In units of the row rate: above, what the low-pass
-#: folds has no flat surroundings.
-_SLOWEST_HUM, _FASTEST_HUM = 0.8, 0.45
-
 
 @dataclass(frozen=True)
 class Event(Plain):
@@ -92,7 +88,18 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
             found &= _lone(white[:, j], rows, j)
         if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
             out[:, j] = found
-    return out | _odd_ones(data, residual)
+    out |= _odd_ones(data, residual)
+    return out & ~_of_reversals(out, residual**2, rows)
+
+
+def _of_reversals(mask: Mask, energy: Array, rows: SegmentedRuns) -> Mask:
+    """(M, n) the windows most of whose energy (M, n) is of rows in which the joint is slow: friction."""
+    out = np.zeros_like(mask)
+    for j in range(rows.n):
+        slowly, marked = energy[:, j] * (rows.slow[:, j] > SLOW), np.flatnonzero(mask[:, j])
+        for window in np.split(marked, np.flatnonzero(np.diff(marked) != 1) + 1):
+            out[window, j] = slowly[window].sum() > 0.5 * energy[window, j].sum()
+    return out
 
 
 def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
@@ -151,20 +158,20 @@ def _hums(data: WhiteData, residual: Array) -> list[Event]:
         every = found if repeats else rows.pieces(j)
         longest = max((len(p) for p in every), default=0)
         series = [left[p, j] for p in every if 2 * len(p) > longest]
-        every_line = spectral_lines(series, rows.rate, rows.n, _SLOWEST_HUM)
-        lines = [f for f in every_line if f < _FASTEST_HUM * rows.rate]
+        # What the low-pass folds has no flat surroundings.
+        lines = [f for f in spectral_lines(series, rows.rate, rows.n) if f < rows.cutoff]
         for segment in rows.segments if lines else ():
             out.append(Event(j + 1, float(segment.t[0]), float(segment.t[-1]), "hum", lines[0]))
     return out
 
 
 def spectral_lines(
-    series: Sequence[Array], rate: float, tests: int, lowest: float = 0.0, smooth: float = 1.0
+    series: Sequence[Array], rate: float, tests: int, lowest: float = 0.8, smooth: float = 1.0
 ) -> list[float]:
     """Frequencies [Hz] at which the pooled periodogram of the series stands out of its surroundings.
 
-    series : records of the same channel, each at least 2 s long; ``smooth`` [Hz] : the width over
-    which the noise's spectrum is taken as flat.
+    series : records of the same channel, each at least 2 s long; lowest [Hz] : below, lines are the
+    motion's own harmonics; smooth [Hz] : the width over which the noise's spectrum is taken as flat.
     """
     from scipy.ndimage import median_filter
 

@@ -12,15 +12,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.constants import FOLDS, MINOR, RAISES, REPAID
+from sdp_vs_penalty.diagnosis.constants import MINOR, RAISES, REPAID
 from sdp_vs_penalty.diagnosis.whitening import (
     WhiteData,
+    folds_of,
     model_columns,
     spread_columns,
-    stretches,
     with_estimate,
 )
 from sdp_vs_penalty.effects.effect import Effect
@@ -139,11 +138,6 @@ def on_test(
     return HeldOut(estimate, frozen, (Split(tuple(effects), train, there),), "test")
 
 
-def folds_of(data: WhiteData) -> NDArray[np.intp]:
-    """(M,) folds by phase."""
-    return np.unique(stretches(data.rows, FOLDS)[0], return_inverse=True)[1]
-
-
 def on_folds(
     data: WhiteData,
     estimate: Estimate,
@@ -159,7 +153,7 @@ def on_folds(
     torque = rows.residual.T if frozen else rows.torque.T
     own = () if frozen else estimate.model.effects
     parameters = tuple(p for effect in (*own, *effects) for p in effect.parameters)
-    fold, splits = folds_of(data), []
+    fold, splits = folds_of(rows), []
     for f in range(fold.max() + 1):
         for place, shaped in (by_fold or {}).items():
             columns[1 + place] = spread_columns(rows, shaped[f])

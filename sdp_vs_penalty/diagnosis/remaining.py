@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.constants import BESIDE_OTHERS, CHANCE, MATTERS, MISFIT, MISFIT_SPECTRUM
+from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, MISFIT, WITHIN
 from sdp_vs_penalty.diagnosis.score import Fit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
@@ -56,9 +56,8 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
     squares = mean(residual**2, slides), mean(residual**2, keep & ~slides)
     beyond, slow = (np.sqrt(np.maximum(x - noise.floor**2, 0.0)) for x in squares)
     # Of one log's joints the spectrum is wrong by much the same.
-    least = np.full(
-        len(squares[0]), min(MISFIT_SPECTRUM, BESIDE_OTHERS * max(float(np.median(variance)), 1.0))
-    )
+    beside = WITHIN * max(float(np.median(variance)), 1.0)
+    least = np.full(len(variance), min(WITHIN**2 * MISFIT, beside))
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         least = MISFIT * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -9,16 +9,17 @@ from typing import Any, Self
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.constants import APART, FAR, MOVES
+from sdp_vs_penalty.diagnosis.constants import APART, FAR
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.sizes import Size
 from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
 from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.show import plain_unit
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def shape_estimate(term: Term, estimate: Estimate, size: Size) -> ShapeEstimate:
 def told(s: ShapeEstimate, before: Array, after: Array) -> bool:
     """Whether the data tell a constant from the model's, and its joint's held-out error falls."""
     spread = s.std / s.after if np.isfinite(s.std) else 0.0
-    moves = abs(np.log(s.after / s.before)) >= max(FAR * spread, MOVES)
+    moves = abs(np.log(s.after / s.before)) >= max(FAR * spread, CHANGES)
     return bool(moves and s.gain > APART and after[s.joint] < before[s.joint])
 
 

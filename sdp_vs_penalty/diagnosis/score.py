@@ -26,15 +26,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.linalg
 
-from sdp_vs_penalty.diagnosis.constants import ABSORBED, ALPHA
+from sdp_vs_penalty.diagnosis.constants import ABSORBED, ALPHA, STEPS
 from sdp_vs_penalty.diagnosis.library import Batch, Form
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Share of a column below which what others leave of it is rounding.
 _DEPENDENT = 1e-5
-#: Turns in which the joints' levels and the fit are made to agree.
-_TURNS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +145,7 @@ class Score:
         pull = (A.transpose(0, 2, 1) @ data.y[:, :, None])[:, :, 0]
         square = np.sum(data.y**2, axis=1)
         level = np.ones(n) if level is None else level
-        for _ in range(_TURNS):
+        for _ in range(STEPS):
             root = _whitener(np.tensordot(level**-2.0, G, axes=1))
             P = root @ root.T
             theta = P @ (level**-2.0 @ pull)

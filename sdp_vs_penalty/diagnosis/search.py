@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Sequence, Set
+from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.constants import APART, EQUIVALENT, FORM, LIKELY, LOOKED_AT
-from sdp_vs_penalty.diagnosis.library import Form, Library, eligible
+from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM, LOOKED_AT, STEPS, TURNS
+from sdp_vs_penalty.diagnosis.library import Form, Key, Library, eligible
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Steps at most.
-STEPS = 30
 #: Shape constants are refined on a lattice: ratio of neighbours at first, and how often it is halved, of
 #: candidates and of what is taken.
 _FIRST, _COARSE, _FINE = 1.6, 3, 5
-#: How often a constant that is as large as its effect (a delay's) is made so.
-_SIZED = 2
 
 
 class Search:
@@ -55,7 +51,8 @@ class Search:
             if name not in fixed:
                 best = self._along(fit, best, name, halvings)
         sized = best.form.effect.sized_shape
-        for _ in range(_SIZED if sized and sized not in fixed and len(best.beta) else 0):
+        # A constant that is as large as its effect, such as a delay's, is made so.
+        for _ in range(TURNS if sized and sized not in fixed and len(best.beta) else 0):
             effect = best.form.effect
             value = float(f"{effect.as_sized(float(best.beta[0])):.6g}")
             if effect.shapes[sized].complaint(value):
@@ -120,16 +117,14 @@ class Search:
         # A width that is far from those on the grid says little there, and all where it is right.
         least = 0.5 * max(top, beyond) - 3.0 * APART
         likely = [t for t in found if (0.0 if t.form.own else least) < t.J]
-        ranked = sorted((self.refined(fit, t, halvings=_COARSE) for t in likely), key=lambda t: -t.J)
-        first = {t.key: t for t in reversed(ranked)}
-        return [t for t in ranked if first[t.key] is t]
+        return sorted((self.refined(fit, t, halvings=_COARSE) for t in likely), key=lambda t: -t.J)
 
     def _screened(
         self, fit: Fit, picked: Sequence[Form], most: int, on: frozenset[int] | None
     ) -> list[Term]:
-        """Of so many candidates that take most the likely laws, and the best value of each of the
-        model's own shape constants, as they are on the grids."""
-        best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
+        """Of so many candidates that take most, and of the model's own shape constants, the best value
+        on the grids."""
+        best: dict[Key, tuple[float, Form, dict[int, Array]]] = {}
         for batch in (*self.library.batches, *self.library.own):
             if on is not None and not on & set(batch.joints):
                 continue
@@ -139,23 +134,14 @@ class Search:
                 form = batch.forms[f]
                 if values[f] <= 0.0:
                     break
-                if free[f] and values[f] > best.get(form.law, (0.0,))[0]:
-                    best[form.law] = float(values[f]), form, batch.columns(int(f))
-        found, tops = [], dict[tuple[str, int | None], float]()
-        for value, form, columns in sorted(best.values(), key=lambda b: -b[0]):
-            if not form.own and len(tops) == most and form.key not in tops:
-                continue
-            if form.own or value >= LIKELY * tops.setdefault(form.key, value):
-                found.append(self.score.judged(fit, form, columns))
-                self._kept.setdefault(form.effect.text, columns)
+                if free[f] and values[f] > best.get(form.key, (0.0,))[0]:
+                    best[form.key] = float(values[f]), form, batch.columns(int(f))
+        found, ranked = [], sorted(best.values(), key=lambda b: -b[0])
+        new = [b for b in ranked if not b[1].own][:most]
+        for _, form, columns in (*new, *(b for b in ranked if b[1].own)):
+            found.append(self.score.judged(fit, form, columns))
+            self._kept.setdefault(form.effect.text, columns)
         return found
-
-    def best(
-        self, fit: Fit, terms: Sequence[Term], most: int = LOOKED_AT, on: frozenset[int] | None = None
-    ) -> Term | None:
-        """The term to name: the simplest of those that these rows do not tell from the best."""
-        found = self.top_candidates(fit, terms, most, on)
-        return self.simplest([t for t in found if self.margin(t.joints, terms) < t.J])
 
     @staticmethod
     def simplest(found: Sequence[Term]) -> Term | None:
@@ -192,6 +178,12 @@ class Search:
                 break
         return terms
 
+    def worth(self, group: Sequence[Term], rest: Sequence[Term]) -> float:
+        """The score of terms together: of each beside the rest and those before it."""
+        fits = [self.score.fit([*rest, *group[:i]], self.fit.level) for i in range(len(group))]
+        pairs = zip(fits, group, strict=True)
+        return sum(self.score.judged(fit, g.form, g.columns).J for fit, g in pairs)
+
     def exchanged(self, terms: Sequence[Term]) -> list[Term] | None:
         """One term for another, or for two others, where that is as good and simpler, or better; else
         None, and every term knows its rivals."""
@@ -199,12 +191,9 @@ class Search:
         told = []
         for group in [*([t] for t in terms), *pairs]:
             rest = [t for t in terms if t not in group]
-            fit, total = self.score.fit(rest, self.fit.level), 0.0
-            for i, g in enumerate(group):
-                beside = fit if i == 0 else self.score.fit(rest + group[:i], self.fit.level)
-                total += self.score.judged(beside, g.form, g.columns).J
+            fit, total = self.score.fit(rest, self.fit.level), self.worth(group, rest)
             joints = frozenset[int]().union(*(g.joints for g in group))
-            found = self.top_candidates(fit, rest, 4, joints, total)
+            found = self.top_candidates(fit, rest, CLOSELY, joints, total)
             if len(group) == 1:
                 told.append(replace(group[0], rivals=self.equivalent(group[0], total, found)))
             own = {g.key for g in group}
@@ -238,7 +227,8 @@ class Search:
         seen = set[tuple[str, ...]]()
         for _ in range(STEPS):
             self.fit = self.score.fit(self.terms)
-            best = self.best(self.fit, self.terms)
+            found = self.top_candidates(self.fit, self.terms)
+            best = self.simplest([t for t in found if self.margin(t.joints, self.terms) < t.J])
             if best is not None:
                 progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
                 self.terms = self.settled([*self.terms, best])

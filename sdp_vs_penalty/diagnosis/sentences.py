@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.remaining import Remainder
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
@@ -31,9 +31,6 @@ REASONS: Mapping[str, str] = {
     "not_alone": "beside the confident findings alone it raises a joint's held-out error by 10 %",
 }
 
-#: Below this share of all rows' error that of motion is told apart.
-_MOSTLY = 0.5
-
 
 def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, float]:
     """One number for the size of an effect, and its standard deviation.
@@ -52,7 +49,7 @@ def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, floa
 
 def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> str:
     """What was found, in one or two sentences."""
-    unit = show.plain_unit(effect.parameters[effect.sized_by][0].unit)
+    unit = formatting.plain_unit(effect.parameters[effect.sized_by][0].unit)
     where = (
         "the whole robot"
         if effect.whole_robot
@@ -88,9 +85,9 @@ def _noise(source: str) -> str:
         return ""
     if source == RESIDUAL:
         return (
-            "No motion repeats and the log shows no noise above the motion's band (too slow, or "
-            "smoothed before it was logged), so noise and model error cannot be separated: the noise "
-            "shown is the error itself. Record a run with more than one period."
+            "No motion repeats and the log shows no steady noise above the motion's band (too slow, "
+            "smoothed before it was logged, or louder in motion), so noise and model error cannot be "
+            "separated: the noise shown is the error itself. Record a run with more than one period."
         )
     return (
         f"No motion repeats: the noise is that of the torque's spectrum above the motion's band, "
@@ -101,16 +98,15 @@ def _noise(source: str) -> str:
 def _standstill(data: WhiteData, residual: Array) -> str:
     """Where most of what is left (M, n) is of standstill."""
     keep, moves = data.rows.keep, data.rows.keep & (data.rows.still <= STILL)
-    every, moving = (
-        np.sqrt(np.sum(residual**2 * x, axis=0) / np.maximum(x.sum(axis=0), 1)) for x in (keep, moves)
-    )
-    mostly = [int(j) + 1 for j in np.flatnonzero(moving < _MOSTLY * every)]
+    every, moving = (np.sum(residual**2 * x, axis=0) for x in (keep, moves))
+    mostly = [int(j) + 1 for j in np.flatnonzero(every > 2.0 * moving)]
     if not mostly:
         return ""
+    moving = np.sqrt(moving / np.maximum(moves.sum(axis=0), 1))
     said = ", ".join(f"{moving[j - 1]:.2g}" for j in mostly)
     return (
-        f"Most of the error that is left on {show.joints(mostly)} is of standstill, where dry friction "
-        f"holds any torque up to its own: in motion it is {said} N m or N."
+        f"Most of the error that is left on {formatting.joints(mostly)} is of standstill, where dry "
+        f"friction holds any torque up to its own: in motion it is {said} N m or N."
     )
 
 
@@ -121,8 +117,8 @@ def _turning(left: Remainder) -> str:
         return ""
     errors = ", ".join(f"{left.slow[j]:.2g}" for j in slow)
     return (
-        f"At low speed of {show.joints((slow + 1).tolist())}, {errors} N m or N RMS are left beyond the "
-        "noise: near reversals friction models are least accurate."
+        f"At low speed of {formatting.joints((slow + 1).tolist())}, {errors} N m or N RMS are left "
+        "beyond the noise: near reversals friction models are least accurate."
     )
 
 

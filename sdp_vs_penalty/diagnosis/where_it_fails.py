@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.causes import (
+    NAMED_SHARE,
     NEAR,
+    REVERSAL,
     Stretch,
     cause_columns,
     failing_stretches,
@@ -28,13 +30,13 @@ from sdp_vs_penalty.diagnosis.causes import (
     held_out_share,
     states,
 )
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, phase_folds, with_estimate
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, with_estimate
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.formatting import Shown, Summary, finite, plain_unit, words
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import Shown, Summary, finite, plain_unit, words
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
@@ -45,8 +47,7 @@ if TYPE_CHECKING:
 
 #: Edges of the frequency bands [Hz].
 BANDS = (0.0, 1.0, 4.0, 16.0, 64.0, np.inf)
-_HIGHEST_ORDER = 500
-#: Bins of one revolution for the order spectrum.
+#: Bins of one revolution for the order spectrum; eight show a wave.
 _BINS = 4096
 
 
@@ -87,26 +88,25 @@ class JointFailure(Plain):
         }
 
 
-#: A quantity is named as what the error depends on where it explains this share, at most so many.
-_NAMED_SHARE, _MOST_NAMED = 0.05, 3
-#: Times by which the error near reversals has to be larger than elsewhere to be worth a sentence.
-_NAMED_LIFT = 1.3
+#: Quantities at most that are named as what the error depends on.
+_MOST_NAMED = 3
 
 
 def dependences(failure: JointFailure) -> list[tuple[str, float]]:
     """The quantities that the error depends on most, with the share that each explains."""
     best = sorted(failure.held_out_shares.items(), key=lambda item: -item[1])[:_MOST_NAMED]
-    return [(name, share) for name, share in best if share >= _NAMED_SHARE]
+    return [(name, share) for name, share in best if share >= NAMED_SHARE]
 
 
 def sentences(failure: JointFailure, unit: str) -> list[str]:
     """Where one joint's error is large, in words; unit : of its torque."""
-    named = [f"{name} ({100.0 * share:.0f} %)" for name, share in dependences(failure)]
+    found = dependences(failure)
+    named = [f"{name} ({100.0 * share:.0f} %)" for name, share in found]
     if named:
         out = [f"The error depends most on {words(named)}."]
     else:
-        out = [f"No cause explains {100.0 * _NAMED_SHARE:.0f} % of the error."]
-    if failure.reversal_lift >= _NAMED_LIFT:
+        out = [f"No cause explains {100.0 * NAMED_SHARE:.0f} % of the error."]
+    if REVERSAL in dict(found) and failure.reversal_lift > 1.0:
         out.append(
             f"Within {NEAR:g} s of the joint's reversals it is {failure.reversal_lift:.2g} times as "
             "large as elsewhere."
@@ -174,7 +174,7 @@ def where_it_fails(
     if not same:
         repeated = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
     floors, source = noise or noise_level(estimate.problem, given, settings)
-    folds = phase_folds(rows, None if same else repeated)
+    folds = folds_of(rows, None if same else repeated)
     known, runs = states(rows), measurements.runs()
     keep = np.asarray(rows.keep.all(axis=1), bool)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -214,7 +214,7 @@ def where_it_fails(
 def carriers(rows: SegmentedRuns, error: Array, joints: Iterable[int]) -> list[tuple[int, str, float]]:
     """The variables that carry most of the error (M, n) of some joints (from 0): joint (from 1),
     variable, and the RMS [N m or N] that follows a smooth function of it on stretches left out."""
-    folds, keep = phase_folds(rows), np.asarray(rows.keep.all(axis=1), bool)
+    folds, keep = folds_of(rows), np.asarray(rows.keep.all(axis=1), bool)
     known = states(rows)
     kinds = {"q": "position", "dq": "velocity"}
     of_joints = {
@@ -278,7 +278,7 @@ def _orders(full: list[tuple[Array, Array, float]]) -> tuple[tuple[int, float, f
         bins = np.floor((q % (2.0 * np.pi)) / (2.0 * np.pi) * _BINS).astype(np.intp) % _BINS
         spectrum += np.fft.fft(np.bincount(bins, error - smooth, _BINS))
         count += len(q)
-    amplitude = 2.0 * np.abs(spectrum[: _HIGHEST_ORDER + 1]) / max(count, 1)
+    amplitude = 2.0 * np.abs(spectrum[: _BINS // 8 + 1]) / max(count, 1)
     amplitude[0] = 0.0
     ratio = amplitude / np.maximum(median_filter(amplitude, 31), 1e-300)
     peaks = [k for k in find_peaks(amplitude)[0].tolist() if k > 1 and ratio[k] > 4.0]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.constants import PHASE_CLUSTERS, TIME_CLUSTERS
+from sdp_vs_penalty.diagnosis.constants import FOLDS, PHASE_CLUSTERS, TIME_CLUSTERS
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -221,6 +221,11 @@ def _longest(rows: SegmentedRuns) -> dict[int, Segment]:
     return out
 
 
+def folds_of(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> NDArray[np.intp]:
+    """(M,) folds by phase."""
+    return np.unique(stretches(rows, FOLDS, whole)[0], return_inverse=True)[1]
+
+
 def stretches(
     rows: SegmentedRuns, count: int, whole: SegmentedRuns | None = None
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -231,9 +236,3 @@ def stretches(
         fold[mine] = PhaseFolds((clock,), count).fold(0, rows.t[mine])
         motion[mine] = clock.motion
     return fold, np.unique(motion * count + fold, return_inverse=True)[1]
-
-
-def phase_folds(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> NDArray[np.intp]:
-    """(M,) five folds by phase, each of two stretches of every motion's clock: training data surround
-    it."""
-    return stretches(rows, 10, whole)[0] % 5

@@ -17,8 +17,8 @@ from sdp_vs_penalty.effects.effect import Array
 
 #: Widths beyond which a contact slides to the last bit, Newton steps of a whole step and of one contact.
 _SLIDES, _STEPS, _INNER = 20.0, 12, 9
-#: Miss of a step, relative to its velocities, that is rounding; attempts and sweeps between them.
-_ARRIVED, _ATTEMPTS, _SWEEPS = 1e-11, 8, 25
+#: Miss of a step, relative to its velocities, that is rounding.
+_ARRIVED = 1e-11
 
 
 @dataclass(frozen=True)
@@ -59,20 +59,17 @@ def _solved(y0: Array, coupling: Array, p: Array, past: Array, w: Array) -> Arra
     """(W, m) friction impulses f with y = y0 - G f, f = p tanh(y / w).
 
     Newton on x = y + g f, g = diag G: y and f are both Lipschitz functions of x, whatever w. Where that
-    goes in circles, sweeps over single contacts (Gauss-Seidel, which always come nearer) go between.
+    has not arrived after some steps it goes in circles, which half steps leave.
     """
     g = np.einsum("kii->ki", coupling)
     x = np.where(np.abs(y0) > g * p, y0, past)
     scale = np.abs(y0).max(axis=1) + w.min()
-    rest = np.arange(len(x))
-    for attempt in range(_ATTEMPTS):
-        x[rest] = _newton(x[rest], y0[rest], coupling[rest], p[rest], w, scale[rest])
+    x = _newton(x, y0, coupling, p, w, scale, 1.0)
+    miss = x - g * (f := _friction(x, g, p, w)) + np.einsum("kij,kj->ki", coupling, f) - y0
+    rest = np.flatnonzero(np.abs(miss).max(axis=1) > _ARRIVED * scale)
+    if len(rest):
+        x[rest] = _newton(x[rest], y0[rest], coupling[rest], p[rest], w, scale[rest], 0.25)
         f = _friction(x, g, p, w)
-        miss = x - g * f + np.einsum("kij,kj->ki", coupling, f) - y0
-        rest = np.flatnonzero(np.abs(miss).max(axis=1) > _ARRIVED * scale)
-        if not len(rest) or attempt == _ATTEMPTS - 1:
-            break
-        x[rest] = _sweeps(f[rest], y0[rest], coupling[rest], p[rest], w)
     return np.clip(f, -p, p)
 
 
@@ -80,10 +77,13 @@ def _friction(x: Array, g: Array, p: Array, w: Array | float) -> Array:
     return (x - _resolvent(x, g * p, w)) / g
 
 
-def _newton(x: Array, y0: Array, coupling: Array, p: Array, w: Array, scale: Array) -> Array:
+def _newton(
+    x: Array, y0: Array, coupling: Array, p: Array, w: Array, scale: Array, share: float
+) -> Array:
+    """(W, m) x after Newton's steps, of which this share is taken."""
     m = len(w)
     g = np.einsum("kii->ki", coupling)
-    for _ in range(_STEPS):
+    for _ in range(round(_STEPS / share**3)):
         y = _resolvent(x, g * p, w)
         miss = y + np.einsum("kij,kj->ki", coupling, (x - y) / g) - y0
         if np.all(np.abs(miss).max(axis=1) <= _ARRIVED * scale):
@@ -92,18 +92,7 @@ def _newton(x: Array, y0: Array, coupling: Array, p: Array, w: Array, scale: Arr
         rate = 1.0 / (1.0 + g * p / (w * np.cosh(np.minimum(np.abs(y) / w, 300.0)) ** 2))
         jacobian = coupling * ((1.0 - rate) / g)[:, None, :]
         jacobian[:, range(m), range(m)] += rate + 1e-14
-        x = x - np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0]
-    return x
-
-
-def _sweeps(f: Array, y0: Array, coupling: Array, p: Array, w: Array) -> Array:
-    """(W, m) x after some sweeps, each contact solved with the others held."""
-    f, x = np.clip(f, -p, p), np.zeros_like(f)
-    for _ in range(_SWEEPS):
-        for i in range(len(w)):
-            g = coupling[:, i, i]
-            x[:, i] = y0[:, i] - np.einsum("kj,kj->k", coupling[:, i], f) + g * f[:, i]
-            f[:, i] = _friction(x[:, i], g, p[:, i], w[i])
+        x = x - share * np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0]
     return x
 
 

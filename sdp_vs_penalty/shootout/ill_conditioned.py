@@ -38,18 +38,9 @@ def _with_constraints(instance: Instance, convex: tuple[Constraint, ...]) -> Ins
     return replace(instance, task=replace(instance.task, constraints=ConstraintSet(convex)))
 
 
-def gram(mass: float, length: float) -> Change:
-    """The bare quadratic form in units of ``mass`` kg and ``length`` m."""
-    return lambda made: replace(in_units(made, mass, length), formulation="gram")
-
-
-def posed_as(formulation: str) -> Change:
-    """What users write in place of our residual form."""
-    return lambda made: replace(made, formulation=formulation)
-
-
-def units(mass: float, length: float) -> Change:
-    return lambda made: in_units(made, mass, length)
+def posed_as(formulation: str, mass: float = 1.0, length: float = 1.0) -> Change:
+    """In units of ``mass`` kg and ``length`` m, in one of the formulations of an instance."""
+    return lambda made: replace(in_units(made, mass, length), formulation=formulation)
 
 
 def unidentifiable(made: Instance) -> Instance:
@@ -81,14 +72,8 @@ def total_mass_at_least(shift: float) -> Change:
     """The lower bound on the total mass ``shift`` (relative) above what the links may weigh together."""
 
     def change(made: Instance) -> Instance:
-        upper = 0.0
-        for c in made.constraints.convex:
-            if c.family == "mass":
-                upper += min(
-                    -float(c0 / c1)
-                    for c0, c1 in zip(c.constant, c.coefficients[0], strict=True)
-                    if c1 < 0
-                )
+        rows = [(c.constant, c.coefficients[0]) for c in made.constraints.convex if c.family == "mass"]
+        upper = sum(float(min(-c0[c1 < 0] / c1[c1 < 0])) for c0, c1 in rows)
         masses = made.task.links[:, 0]
         least = (1.0 + shift) * upper
         demand = build.linear("total mass", "robot", masses, np.ones((len(masses), 1)), [-least])
@@ -136,11 +121,11 @@ def raw_rows(name: str) -> Instance:
 
 #: One thing that users do, or data do to them, and how it is told in the library.
 CHANGES: dict[str, tuple[Change, str]] = {
-    "gram kg m": (gram(1.0, 1.0), "as the bare quadratic form of the Gram matrix"),
-    "gram g mm": (gram(1e-3, 1e-3), "as the bare quadratic form, in grams and millimetres"),
-    "gram t km": (gram(1e3, 1e3), "as the bare quadratic form, in tons and kilometres"),
-    "units g mm": (units(1e-3, 1e-3), "in grams and millimetres"),
-    "units t km": (units(1e3, 1e3), "in tons and kilometres"),
+    "gram kg m": (posed_as("gram"), "as the bare quadratic form of the Gram matrix"),
+    "gram g mm": (posed_as("gram", 1e-3, 1e-3), "as the bare quadratic form, in grams and millimetres"),
+    "gram t km": (posed_as("gram", 1e3, 1e3), "as the bare quadratic form, in tons and kilometres"),
+    "units g mm": (posed_as("residual", 1e-3, 1e-3), "in grams and millimetres"),
+    "units t km": (posed_as("residual", 1e3, 1e3), "in tons and kilometres"),
     "no scaling": (posed_as("rows"), "without a centre and without scales"),
     "unidentifiable links": (unidentifiable, "without bounds on size: the optima are unbounded"),
     "rank-deficient": (rank_deficient, "from twenty rows only"),

@@ -19,9 +19,6 @@ from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.shootout.judge import SLACK
 from sdp_vs_penalty.shootout.results import Row
 
-#: Solvers in the figure ran on at least this share of the problems.
-_MOST = 0.8
-
 
 def reached(row: Row, accuracy: float) -> bool:
     """Whether a run claims success rightly at this accuracy."""
@@ -62,8 +59,9 @@ def profile(rows: Sequence[Row], accuracy: float) -> dict[str, tuple[np.ndarray,
     return out
 
 
-def plot_profile(rows: Sequence[Row], path: Path) -> bool:
-    """SVG of the solvers that ran on most problems, an accuracy a panel; False without matplotlib."""
+def plot_profile(rows: Sequence[Row], path: Path, least: float = 0.8) -> bool:
+    """SVG of the solvers that ran on this share of the problems at least, an accuracy a panel; False
+    without matplotlib."""
     if importlib.util.find_spec("matplotlib") is None:
         return False
     import matplotlib
@@ -74,7 +72,7 @@ def plot_profile(rows: Sequence[Row], path: Path) -> bool:
     asked = accuracies(rows) or [1e-8]
     ran = {(r["solver"], r["problem"]) for r in rows if not r["solver"].endswith(" certified")}
     count = Counter(solver for solver, _ in ran)
-    shown = sorted(s for s, k in count.items() if k >= _MOST * max(count.values()))
+    shown = sorted(s for s, k in count.items() if k >= least * max(count.values()))
     with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
         size = (3.2 * len(asked) + 1.6, 3.4)
         figure, axes = plt.subplots(1, len(asked), figsize=size, sharey=True, layout="constrained")

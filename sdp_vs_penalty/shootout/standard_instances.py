@@ -8,13 +8,13 @@ from functools import lru_cache
 import numpy as np
 
 from sdp_vs_penalty.data.catalogue import DATASETS
-from sdp_vs_penalty.data.datasets import UR10E_DRIVE_GAINS, clean_stretch, converted
+from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
 from sdp_vs_penalty.problem.published import measured_run, real_file
@@ -27,10 +27,6 @@ from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.simulation.experiments import experiment
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
-#: Weight of the entropic regulariser in units of the mean squared residual.
-_ENTROPY_WEIGHT = 1.0
-#: Noise of the random chains relative to each joint's torque.
-_CHAIN_NOISE = 0.01
 _CHAIN_SEED = 20191015
 
 
@@ -48,7 +44,7 @@ def posed(name: str, task: Task, step: str, shape: str) -> Instance:
     """One-step (torque) or two-step (base parameters) form of a task, with a demand on shape."""
     demands: list[Constraint] = []
     if shape == "gyration":
-        demands = task.minimum_thickness(DEFAULT_THICKNESS)
+        demands = task.minimum_thickness(LmiSdpThickness.thickness)
     elif shape == "cones":
         demands = shape_cones(task)
     convex = ConstraintSet((*task.constraints.convex, *demands))
@@ -59,7 +55,7 @@ def posed(name: str, task: Task, step: str, shape: str) -> Instance:
         links = tuple(c for c in convex.convex if c.family == "pseudo-inertia")
         spread = max(data.loss(task.ols), 1e-6 * data.tau_squared) / max(data.rows, 1)
         nominal = inertia.pseudo_inertia(task.nominal[task.links])
-        entropy = Entropy(_ENTROPY_WEIGHT * spread, links, nominal)
+        entropy = Entropy(spread, links, nominal)
     return Instance(name, replace(task, data=data), Objective(data, entropy))
 
 
@@ -95,14 +91,10 @@ def _measured_task(robot: str, stop: float) -> Task:
 def measurements(problem: Problem, stop: float = np.inf) -> Measurements:
     """The real identification run of a robot up to ``stop`` [s] of motion; InputError without it."""
     run = measured_run(problem)
-    if problem.name == "ur10e" and (file := real_file("ur10e", "ur-20_02_12-50sec_12harm.csv")):
-        rows, _ = clean_stretch(file.read_text(errors="replace"), 31)
-        tau = rows[:, 13:19] * np.array(UR10E_DRIVE_GAINS)
-        run = Measurements(rows[:, 0], rows[:, 1:7], tau, names=(file.stem,))
-    elif problem.name in ("emps", "tx40"):
+    if problem.name in ("ur10e", "emps", "tx40"):
         files = [real_file(problem.name, file.name) for file in DATASETS[problem.name].files]
         if files[0] is not None and all(files):
-            run = next(iter(converted(problem.name, files[0].parent).values()))
+            run = replace(next(iter(converted(problem.name, files[0].parent).values())), dq=None)
     if run is None:
         raise InputError(
             f"The measurements of {problem.name} are absent", "name their folder in SDP_VS_PENALTY_DATA"
@@ -154,10 +146,10 @@ def _seeds(seed: int, n: int, draw: int) -> list[int]:
     return [seed, n] + ([draw] if draw else [])
 
 
-def chain_task(n: int, draw: int = 0) -> Task:
-    """Random states, torque of thin random links with friction, white noise of 1 % of each joint's.
+def chain_task(n: int, draw: int = 0, noise: float = 0.01) -> Task:
+    """Random states, torque of thin random links with friction and white noise.
 
-    draw : another arm of the same size, with another motion.
+    noise : over each joint's torque; draw : another arm of the same size, with another motion.
     """
     rng = np.random.default_rng(_seeds(_CHAIN_SEED + 1, n, draw))
     problem, samples = chain_problem(n, draw), 60
@@ -169,7 +161,7 @@ def chain_task(n: int, draw: int = 0) -> Task:
     p, stack, rows = len(theta), [], 0
     for columns in model.columns(motion):
         torque = columns.columns @ theta[columns.indices]
-        spread = _CHAIN_NOISE * float(np.sqrt(np.mean(torque**2)))
+        spread = noise * float(np.sqrt(np.mean(torque**2)))
         wide = np.zeros((samples, p + 1))
         wide[:, columns.indices] = columns.columns / spread
         wide[:, p] = torque / spread + rng.normal(size=samples)

@@ -32,8 +32,6 @@ from sdp_vs_penalty.shootout.reference import Reference, reference
 Row = dict[str, Any]
 #: Seconds that the proof of a reference may take.
 REFERENCE_LIMIT = 900.0
-#: By the clock a run may take so many times its limit.
-_PATIENCE = 4.0
 
 
 @dataclass(frozen=True)
@@ -143,10 +141,12 @@ def _processor() -> float:
     return own.ru_utime + own.ru_stime + others.ru_utime + others.ru_stime
 
 
-def in_child(work: Callable[[], Any], limit: float, memory: float) -> tuple[str, Any, float]:
+def in_child(
+    work: Callable[[], Any], limit: float, memory: float, patience: float = 4.0
+) -> tuple[str, Any, float]:
     """Fork and work: ("ended", result, seconds), or "failed", "timeout" or "crash" with words.
 
-    limit : seconds of processor time, and ``_PATIENCE`` times as many by the clock, because machines are
+    limit : seconds of processor time, and ``patience`` times as many by the clock, because machines are
     shared; memory : GB beyond what the parent already has.
     """
     reader, writer = Pipe(duplex=False)
@@ -157,7 +157,7 @@ def in_child(work: Callable[[], Any], limit: float, memory: float) -> tuple[str,
     writer.close()
     ended, status, told = 0, 0, None
     # Not by the pipe's end alone: a child of another thread may hold that open.
-    while not ended and not reader.poll(0.05) and time.monotonic() - start < _PATIENCE * limit:
+    while not ended and not reader.poll(0.05) and time.monotonic() - start < patience * limit:
         ended, status = os.waitpid(child, os.WNOHANG)
     seconds = time.monotonic() - start
     if reader.poll():

@@ -9,10 +9,10 @@ filtering gives).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.fft import next_fast_len
 
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -124,7 +124,7 @@ def convolve(x: Array, *kernels: Array) -> list[Array]:
     By one Fourier transform of x for all kernels; what wraps around lies outside. (scipy.signal does
     the same, but its import takes longer than to identify a robot.)
     """
-    length = fast_length(len(x))
+    length = next_fast_len(len(x), real=True)
     spectrum = np.fft.rfft(x, length, axis=0)
     return [
         np.fft.irfft(spectrum * np.fft.rfft(kernel, length)[:, None], length, axis=0)[
@@ -132,13 +132,6 @@ def convolve(x: Array, *kernels: Array) -> list[Array]:
         ]
         for kernel in kernels
     ]
-
-
-@lru_cache(maxsize=64)
-def fast_length(least: int) -> int:
-    """The smallest product of powers of 2, 3 and 5 that is at least so large."""
-    odd = (3**a * 5**b for a in range(least.bit_length()) for b in range(least.bit_length()))
-    return min(x << (-(-least // x) - 1).bit_length() for x in odd)
 
 
 def _moment_factor(

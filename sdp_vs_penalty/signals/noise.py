@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import ORDER, Pieces, autoregression, innovations
-from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
+from sdp_vs_penalty.signals.outliers import RARE, local_excess, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import (
     Repeat,
     consecutive,
@@ -46,8 +46,6 @@ SPECTRUM_KNOWN = "right within a factor of two"
 _FEWEST = 60
 #: Independent values that a median of squares is worth, a value: its efficiency.
 _MEDIAN_WORTH = 0.37
-#: Events are rare: what fills more than this share of the differences is noise of another kind.
-_MOST_EVENTS = 0.15
 #: By how much smaller than an event its repetition may be; seconds within which two windows are at the
 #: same phase of the motion.
 FAINT, SAME_PHASE = 1.5, 0.25
@@ -242,7 +240,7 @@ def _without_events(
                 swollen = max(float(np.sqrt(np.mean(white[back] ** 2))), 1.0)
                 odd &= local_excess(white / swollen, pieces, tests, degrees)
         good = ~odd
-        if good.mean() < 1.0 - _MOST_EVENTS:
+        if good.mean() < 1.0 - RARE:
             good[:] = True  # noise that is not stationary, rather than an event
     return rest, good
 
@@ -282,9 +280,10 @@ def _drift_columns(t: Array, gap: Array, dq: Array) -> Array:
 def spectral_floor(runs: SegmentedRuns) -> Array | None:
     """(n,) standard deviation of the noise in the filtered rows [N m or N], the density S of the noise
     continued below the motion's band through the low-pass H: floor^2 = mean over w of S |H|^2.
-    None where the logs show nothing above the motion, or only what a filter has left of it."""
+    None where the logs show nothing above the motion, only what a filter has left of it, or what comes
+    and goes with the motion."""
     found = torque_spectrum([s.standstill.stretch for s in runs.segments], runs.cutoff)
-    if found is None or found.smoothed:
+    if found is None or found.smoothed or found.uneven:
         return None
     kernel = next(s.standstill for s in runs.segments if s.standstill.stretch is found.part).kernels[1]
     frequency, size = found.frequency, max(2 * len(found.frequency) - 2, 4 * len(kernel.value))

@@ -12,9 +12,9 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.kernels import fast_length
 
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]
@@ -101,7 +101,7 @@ def _difference(q: Array, other: Array, scale: Array) -> float:
 def _differences(x: Array, lags: NDArray[np.int64]) -> Array:
     """Root mean square of x[k + lag] - x[k] for each lag, by one correlation."""
     n = len(x)
-    length = fast_length(2 * n)
+    length = next_fast_len(2 * n, real=True)
     spectrum = np.fft.rfft(x, length, axis=0)
     products = np.fft.irfft(np.sum(np.abs(spectrum) ** 2, axis=1), length)[lags]
     squares = np.concatenate([[0.0], np.cumsum(np.sum(x**2, axis=1))])

@@ -20,17 +20,20 @@ _SPECTRUM = 1 << 18
 _BENT = 0.01
 #: Share of it that the noise of a joint's positions may be behind a wider one.
 _NOISY = 0.03
-#: Above this share of the sample rate positions are noise; motion is what has so many times its power.
-_NOISE_FROM, _ABOVE = 0.3, 10.0
+#: Motion is what has so many times the power of the noise.
+_ABOVE = 10.0
 #: Width [Hz] over which a spectrum is smoothed before it is compared with the noise.
 _SMOOTH = 1.0
-#: In torque cut-offs: where the motion has ended. In sample rates: the last frequency, and the last one
-#: at which the band may begin.
+#: In torque cut-offs: where the motion has ended. In sample rates: the last frequency, and the one from
+#: which on a log holds noise alone.
 _MOTION_ENDS, _LAST, _LATEST = 2.0, 0.45, 0.33
-#: Windows are so many periods of the cut-off long, and at least so many samples; fewest windows.
-_PERIODS, _SHORTEST, _WINDOWS = 2.5, 32, 12
+#: Windows are so many periods of the cut-off long; fewest windows.
+_PERIODS, _WINDOWS = 2.5, 12
 #: Share of the windows that are quiet at least, and degree of the motion's course within one.
 _QUIET, _DEGREE = 0.15, 3
+#: Share of the windows that are no louder than the loud ones; so many times the quiet ones' amplitude is
+#: more than noise. Panda and UR10e: 1.0 to 2.7; TX40 3.4 and 16 (its halves' floors differ 31-fold).
+_LOUD, _UNEVEN = 0.9, 3.0
 #: Coefficients a of the autoregression that are tried.
 _COLOURS = np.linspace(-0.5, 0.97, 148)
 
@@ -110,7 +113,7 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
     found = []
     for j in np.flatnonzero(moving_joints(run)).tolist():
         power = _amplitude(part, part.q[:, j], length) ** 2
-        noise = float(power[f > _NOISE_FROM / part.dt].mean())
+        noise = float(power[f > _LATEST / part.dt].mean())
         wide = np.ones(max(1, int(_SMOOTH / f[1])))
         below = np.convolve(power, wide / len(wide), mode="same") < _ABOVE * noise
         motion = np.where(f < min(f[below], default=np.inf), power, 0.0) * seen
@@ -135,13 +138,15 @@ class TorqueSpectrum:
 
     part : whose rate is that of the frequencies (F,) [Hz]; density (n, F) : S, of unit mean for white
     noise of unit variance. smoothed : that no autoregression follows the spectrum of some joint, as a
-    filter leaves it (drives log smoothed currents), which says nothing of the noise below.
+    filter leaves it (drives log smoothed currents), which says nothing of the noise below; uneven : that
+    some joint's loud windows are far above its quiet ones, so that what is there is not noise alone.
     """
 
     part: Stretch
     frequency: Array
     density: Array
     smoothed: bool
+    uneven: bool
 
 
 def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum | None:
@@ -154,15 +159,17 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
     part = next(p for p, f in zip(parts, found, strict=True) if f is not None)
     known = [p for p in known if p.shape[1] == known[0].shape[1]]
     # A periodogram of noise is exponential: so much of its mean is its quantile.
-    powers = np.quantile(np.concatenate(known), _QUIET, axis=0) / -np.log1p(-_QUIET)
-    frequency: Array = np.asarray(np.fft.rfftfreq(2 * (powers.shape[0] - 1), part.dt), float)
+    quiet, loud = (
+        np.quantile(np.concatenate(known), q, axis=0) / -np.log1p(-q) for q in (_QUIET, _LOUD)
+    )
+    frequency: Array = np.asarray(np.fft.rfftfreq(2 * (quiet.shape[0] - 1), part.dt), float)
     first = min(_MOTION_ENDS * cutoff, _LATEST / part.dt)
     band = (frequency >= first) & (frequency <= _LAST / part.dt)
     largest = max(float(np.abs(p.tau).max()) for p in parts)
     if band.sum() < 4 or largest == 0.0:
         return None
     # Channels that are stuck have the noise of rounding, beside the others'.
-    powers = np.maximum(powers, (64.0 * np.finfo(float).eps * largest) ** 2)
+    powers = np.maximum(quiet, (64.0 * np.finfo(float).eps * largest) ** 2)
     turns = np.cos(2.0 * np.pi * frequency * part.dt)
     shapes = 1.0 / (1.0 + _COLOURS[:, None] ** 2 - 2.0 * _COLOURS[:, None] * turns)
     density: Array = np.zeros(powers.T.shape)
@@ -175,7 +182,9 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
         away[j] = np.median(np.abs(apart[best] - level))
     # Half of the amplitudes are within the factor of two that is promised of the floor. Medians of
     # Panda, TX40, UR10e, EMPS: .1 to .9; of a UR10's smoothed torque: 1.8 to 2.5.
-    return TorqueSpectrum(part, frequency, density, bool(away.max() > 2.0 * np.log(2.0)))
+    smoothed = bool(away.max() > 2.0 * np.log(2.0))
+    swings = np.sqrt(np.maximum(loud, powers) / powers)[band].mean(axis=0)
+    return TorqueSpectrum(part, frequency, density, smoothed, bool(swings.max() > _UNEVEN))
 
 
 def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
@@ -196,7 +205,7 @@ def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
 def _powers(part: Stretch, cutoff: float) -> Array | None:
     """(W, F, n) periodograms of windows of a stretch's torque, of unit mean for white noise of unit
     variance; None where it holds no window."""
-    length = max(_SHORTEST, 2 * round(0.5 * _PERIODS / cutoff / part.dt))
+    length = 2 * round(0.5 * _PERIODS / cutoff / part.dt)
     if part.count < length or cutoff * part.dt > _LATEST:
         return None
     window = np.hanning(length)[:, None]

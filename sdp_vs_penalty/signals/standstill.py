@@ -63,21 +63,36 @@ class Standstill:
 def still(q: Array) -> NDArray[np.bool_]:
     """(N, n) whether positions (N, n), sampled uniformly, stand still: for longer than a smooth motion
     at the same place would stay within the resolution of the positions."""
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
     N, out = len(q), np.zeros(q.shape, bool)
     if N < 16:
         return out
-    alike, half, at = resolution(q), 1, np.arange(N)
+    alike, half, far = resolution(q), 1, int(_LONGEST * N) + 1
     joints = np.arange(q.shape[1])  # that were quiet for as long as was looked at
-    while half < _LONGEST * N and len(joints):
-        width, own = 2 * half + 1, q[:, joints]
-        highest, lowest = (f(own, width, axis=0) for f in (maximum_filter1d, minimum_filter1d))
-        quiet = highest - lowest <= 2.0 * alike[joints]
-        ways = (np.abs(own[np.clip(at + k, 0, N - 1)] - own) for k in (-3 * half, 3 * half))
-        stood = quiet & (np.maximum(*ways) > _TURNS * alike[joints])
-        out[:, joints] |= maximum_filter1d(stood.view(np.int8), width, axis=0) > 0
-        joints = joints[quiet.any(axis=0)]
+    highest = lowest = np.pad(q, ((far, far), (0, 0)), mode="edge")
+    reach = 1  # samples, from each on, of which these are the extremes
+    while half < _LONGEST * N:
+        width = 2 * half + 1
+        while 2 * reach <= width:
+            highest = np.maximum(highest[:-reach], highest[reach:])
+            lowest = np.minimum(lowest[:-reach], lowest[reach:])
+            reach *= 2
+        ends = [slice(k, k + N) for k in (far - half, far + half + 1 - reach)]
+        top, bottom = np.maximum(*(highest[e] for e in ends)), np.minimum(*(lowest[e] for e in ends))
+        quiet = top - bottom <= 2.0 * alike[joints]
+        some = quiet.any(axis=0)
+        if not some.all():  # nor in longer ones
+            joints, quiet = joints[some], quiet[:, some]
+            highest, lowest = highest[:, some], lowest[:, some]
+            if not len(joints):
+                break
+        rows, own = np.nonzero(quiet)
+        here, aside = q[rows, joints[own]], np.clip([rows - 3 * half, rows + 3 * half], 0, N - 1)
+        away = np.abs(q[aside, joints[own]] - here).max(axis=0) > _TURNS * alike[joints[own]]
+        if away.any():
+            stood = np.zeros((N + width, len(joints)))
+            stood[rows[away] + half + 1, own[away]] = 1.0
+            count = np.cumsum(stood, axis=0)
+            out[:, joints] |= count[width:] > count[:-width]
         half = max(half + 1, int(_FINER * half))
     return out
 

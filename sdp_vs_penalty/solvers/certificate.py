@@ -215,7 +215,8 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
 
     if feasible(0.0):
         return theta
-    # Convex: feasible steps are an interval that ends at 1. A solver's violation asks for a tiny one.
-    steps = np.geomspace(1e-14, 1.0, 14_001)
-    step = steps[bisect_left(steps[:-1], True, key=feasible)]
-    return np.asarray(theta + step * (interior - theta))
+    # Convex: feasible steps are an interval that ends at 1. A solver's violation asks for a tiny one, so
+    # that its logarithm is looked for, to a millionth of the step.
+    steps = 3_000_000
+    first = bisect_left(range(14 * steps), True, key=lambda k: feasible(10.0 ** (k / steps - 14.0)))
+    return np.asarray(theta + 10.0 ** (first / steps - 14.0) * (interior - theta))

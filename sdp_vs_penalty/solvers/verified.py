@@ -7,8 +7,10 @@ feasible beyond doubt, hence an upper bound. R, rho, residual_norm and the const
 exact, as the doubles they are.
 
 Lower side. A multiplier is used as V V^T, which is positive semidefinite whatever V's entries are,
-so that no eigenvalue has to be trusted; sums are enclosed (enclosure.py). Upper side. F(theta) is
-formed in rational arithmetic and factorised exactly: feasible is then a fact.
+so that no eigenvalue has to be trusted. Sums are formed in extended precision beside the same sums of
+absolute values: where no number passes through more than k operations, those times gamma_k bound the
+error, in any order of summation (Higham, Accuracy and Stability, 2002, sec. 3.1). Upper side. F(theta)
+is formed in rational arithmetic and factorised exactly: feasible is then a fact.
 """
 
 from __future__ import annotations
@@ -28,56 +30,76 @@ from sdp_vs_penalty.robot.constraint import (
     margins,
 )
 from sdp_vs_penalty.solvers import verify_proof
-from sdp_vs_penalty.solvers.enclosure import (
-    ROUNDOFF,
-    Enclosure,
-    Long,
-    in_cone,
-    product,
-    scaled,
-    scattered,
-    total,
-    up,
-)
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
+#: Extended precision where the machine has it, plain doubles elsewhere; the error bounds follow.
+Long = np.longdouble
+Extended = Any  # an array or a number of Long
 
-def _joined(parts: Sequence[Enclosure]) -> Enclosure:
-    nothing = np.zeros(0, Long)
-    return Enclosure(
-        np.concatenate([nothing, *(part.value.ravel() for part in parts)]),
-        np.concatenate([nothing, *(part.radius.ravel() for part in parts)]),
-    )
+
+def _gamma(operations: int) -> Extended:
+    """gamma_k, four times: the rounding of the bound itself, and of a few operations more, is in it."""
+    return 4 * (operations + 16) * Long(np.finfo(Long).eps)
+
+
+#: What underflow can lose in one operation, where numbers have the exponents of doubles.
+_TINY = Long(1e-300)
+
+
+def in_cone(cone: str, multipliers: Array) -> tuple[Extended, Extended]:
+    """Multipliers (g, ...) that lie in their (self-dual) cone, near those given; their sums' absolute
+    values. A matrix is V V^T, formed with rounding; the others are exact."""
+    if cone == "psd":
+        v = np.asarray(factor(0.5 * (multipliers + np.swapaxes(multipliers, 1, 2))), Long)
+        return v @ np.swapaxes(v, 1, 2), np.abs(v) @ np.swapaxes(np.abs(v), 1, 2)
+    exact = np.asarray(np.maximum(multipliers, 0.0), Long)
+    if cone == "soc":
+        exact = np.array(multipliers, Long)
+        norm = np.sqrt(np.sum(exact[:, 1:] ** 2, axis=1)) * (1 + _gamma(exact.shape[1])) + _TINY
+        exact[:, 0] = np.maximum(exact[:, 0], norm)
+    return exact, np.abs(exact)
+
+
+def factor(matrices: Array) -> Array:
+    """V (g, d, d) with V V^T near symmetric matrices; near their projections where one is indefinite,
+    seen with a diagonal of size one: what is near does not depend on units."""
+    out, used = np.zeros_like(matrices), matrices.any(axis=(1, 2))
+    try:
+        out[used] = np.linalg.cholesky(matrices[used])  # near entry by entry, in any system of units
+    except np.linalg.LinAlgError:
+        size = np.sqrt(np.abs(np.diagonal(matrices, axis1=1, axis2=2)))
+        size = np.where(size > 0.0, size, 1.0)[:, :, None]
+        eigenvalues, vectors = np.linalg.eigh(matrices / size / np.swapaxes(size, 1, 2))
+        out = size * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None]
+    return out
 
 
 def _against(
-    entries: Entries, multipliers: Sequence[Enclosure], size: int
-) -> tuple[Enclosure, Enclosure]:
-    """<S, F(theta)> over all constraints as an affine function of theta (size,): constant and slope."""
-    flat = _joined(multipliers)
-    value = np.asarray(entries.value, Long)
-    at = Enclosure(flat.value[entries.row], flat.radius[entries.row])
-    slope = scattered(size, entries.column, scaled(value, at))
-    return total(scaled(np.asarray(entries.constant, Long), flat)), slope
+    entries: Entries, dual: Sequence[tuple[Extended, Extended]], p: int
+) -> tuple[Extended, Extended]:
+    """(2, p) slope and (2,) constant of <S, F(theta)> over all constraints, and of absolute values."""
+    nothing, slope = np.zeros(0, Long), np.zeros(p, Long)
+    flat, sizes = (np.concatenate([nothing, *(d[k].ravel() for d in dual)]) for k in (0, 1))
+    np.add.at(slope, entries.column, entries.value * flat[entries.row])
+    terms = np.abs(entries.value) * sizes[entries.row]  # whose own rounding gamma holds as well
+    size = np.bincount(entries.column, np.asarray(terms, float), p)
+    constant = [entries.constant @ flat, np.abs(entries.constant) @ sizes]
+    return np.array([slope, size]), np.array(constant, Long)
 
 
-def _entropy_tangent(
-    entropy: Entropy, slopes: Sequence[Array], size: int
-) -> tuple[Enclosure, Enclosure]:
-    """-log det P >= log det S + 4 - <S, P> for each link, with S = V V^T exactly: constant and slope."""
+def _entropy_tangent(entropy: Entropy, slopes: Sequence[Array], p: int) -> tuple[Extended, Extended]:
+    """The same of -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T exactly."""
     raw = np.asarray(slopes)
-    factor = np.linalg.cholesky(0.5 * (raw + np.swapaxes(raw, 1, 2)))
-    logs = np.log(np.asarray(np.diagonal(factor, axis1=1, axis2=2), Long))
-    log_det = Enclosure(2 * logs, up(16 * ROUNDOFF * (np.abs(logs) + 1)))
-    inverse, logdet0 = entropy.nominal_terms
-    difference = Enclosure.exact(inverse) - product(factor, np.swapaxes(factor, 1, 2))
-    own = [
-        Enclosure(difference.value[group.places], difference.radius[group.places])
-        for group in entropy.entries.groups
-    ]
-    constant, slope = _against(entropy.entries, own, size)
-    constant = constant + total(log_det) + total(Enclosure.exact(logdet0))
-    return constant.times(entropy.weight), slope.times(entropy.weight)
+    v = np.asarray(np.linalg.cholesky(0.5 * (raw + np.swapaxes(raw, 1, 2))), Long)
+    logs = np.log(np.diagonal(v, axis1=1, axis2=2))
+    inverse, log_det = entropy.nominal_terms
+    both = inverse - v @ np.swapaxes(v, 1, 2), np.abs(inverse) + np.abs(v) @ np.swapaxes(np.abs(v), 1, 2)
+    own = [(both[0][group.places], both[1][group.places]) for group in entropy.entries.groups]
+    slope, constant = _against(entropy.entries, own, p)
+    # A logarithm is right to a few units of its last place, or of one.
+    more = 2 * logs.sum() + log_det.sum(), 16 * np.sum(np.abs(logs) + 1) + np.abs(log_det).sum()
+    weight = Long(entropy.weight)
+    return weight * slope, weight * (constant + np.array(more, Long))
 
 
 def lower_bound(
@@ -96,35 +118,35 @@ def lower_bound(
     the optimum, multipliers near the dual optimum; correct : from a leftover slope (p,) times bound to
     the shift (r,) of y that removes it, added in extended precision until it no longer matters.
     """
-    data = objective.least_squares
-    dual = [
-        in_cone(group.cone, values)
-        for group, values in zip(constraints.groups, constraints.stacked(multipliers), strict=True)
-    ]
-    taken, slope = _against(constraints, dual, len(bound))
-    constant, slope = Enclosure.exact(0.0) - taken, Enclosure(-slope.value, slope.radius)
-    slope = slope + Enclosure.exact(objective.linear)
+    data, signs = objective.least_squares, np.array([-1, 1])
+    groups = zip(constraints.groups, constraints.stacked(multipliers), strict=True)
+    slope, constant = _against(constraints, [in_cone(g.cone, s) for g, s in groups], len(bound))
+    slope, constant = signs[:, None] * slope, signs * constant
+    slope += np.array([objective.linear, np.abs(objective.linear)]).reshape(2, -1)
+    operations = len(y) + len(constraints.constant)
     if objective.entropy is not None:
+        operations += len(objective.entropy.entries.constant)
         tangent = _entropy_tangent(objective.entropy, entropy_slopes, len(bound))
-        constant, slope = constant + tangent[0], slope + tangent[1]
-    pull = 2 * np.asarray(data.R, Long).T
-    shifted = np.asarray(y, Long)
-    for _ in range(0 if correct is None else _CORRECTIONS):
+        slope, constant = slope + tangent[0], constant + tangent[1]
+    R, rho, limit = (np.asarray(x, Long) for x in (data.R, data.rho, bound))
+    y = np.asarray(y, Long)
+    floor = Long(data.residual_norm) ** 2
+    for _ in range(0 if correct is None else CORRECTIONS):
         assert correct is not None
-        leftover = np.asarray(bound * (slope.value + pull @ shifted), float)
-        if np.abs(leftover).sum() <= _MATTERS * float(shifted @ shifted + data.residual_norm**2):
+        leftover = np.asarray(limit * (slope[0] + 2 * R.T @ y), float)
+        if np.abs(leftover).sum() <= _MATTERS * float(y @ y + floor):
             break
-        shifted = shifted - correct(leftover)
-    left = slope + product(pull, shifted)
-    constant = constant + product([Long(data.residual_norm)], [Long(data.residual_norm)])
-    constant = constant - product(2 * shifted, np.asarray(data.rho, Long))
-    constant = constant - product(shifted, shifted)
-    reach = product(left.magnitude(), np.asarray(bound, Long))
-    return _down((constant - Enclosure(reach.upper, Long(0))).lower)
+        y = y - correct(leftover)
+    gamma = _gamma(operations)
+    left = slope[0] + 2 * R.T @ y
+    left_at_most = np.abs(left) + gamma * (slope[1] + 2 * np.abs(R).T @ np.abs(y)) + _TINY
+    cost = left_at_most @ limit
+    size = constant[1] + floor + 2 * np.abs(y) @ np.abs(rho) + y @ y + cost
+    return _down(constant[0] + floor - 2 * (y @ rho) - y @ y - cost - gamma * size - _TINY)
 
 
 #: Corrections of y at most, and what a leftover slope may cost of the loss without another one.
-_CORRECTIONS, _MATTERS = 3, 1e-12
+CORRECTIONS, _MATTERS = 3, 1e-12
 
 
 def proves_infeasible(
@@ -186,33 +208,29 @@ def feasible_point(
 
 
 def upper_bound(objective: Objective, theta: Array) -> float:
-    """A number that is certainly >= objective(theta)."""
+    """A number that is certainly >= objective(theta); without linear terms."""
     data = objective.least_squares
-    residual = product(data.R, theta) - Enclosure.exact(data.rho)
-    worst = residual.magnitude()
-    value = product(worst, worst) + product([Long(data.residual_norm)], [Long(data.residual_norm)])
-    value = value + product(np.broadcast_to(objective.linear, theta.shape), theta)
-    if objective.entropy is not None:
-        value = value + _entropy_value(objective.entropy, theta)
-    return -_down(-value.upper)
+    R, rho, x = (np.asarray(a, Long) for a in (data.R, data.rho, theta))
+    gamma = _gamma(len(theta) + len(rho))
+    worst = np.abs(R @ x - rho) + gamma * (np.abs(R) @ np.abs(x) + np.abs(rho)) + _TINY
+    value = -_down(-(worst @ worst + Long(data.residual_norm) ** 2) * (1 + gamma))
+    if objective.entropy is None or not np.isfinite(value):
+        return value
+    entropy = _entropy_at_most(objective.entropy, theta)
+    return np.inf if entropy is None else -_down(-Fraction(value) - entropy)
 
 
-def _entropy_value(entropy: Entropy, theta: Array) -> Enclosure:
-    exact = [Fraction(float(x)) for x in theta]
-    value = Enclosure.exact(0.0)
-    for link, inverse, logdet0 in zip(entropy.links, *entropy.nominal_terms, strict=True):
+def _entropy_at_most(entropy: Entropy, theta: Array) -> Fraction | None:
+    """The entropy in rational numbers, logarithms to fifty digits; None where it is infinite."""
+    exact, value = [Fraction(float(x)) for x in theta], Fraction(0)
+    for link, inverse, log_det in zip(entropy.links, *entropy.nominal_terms, strict=True):
         matrix = _exact_value(link, exact)
         determinant = verify_proof.determinant(matrix)
         if not determinant:
-            return Enclosure.exact(np.inf)
-        log_det = Long(float(verify_proof.log_below(determinant)))
+            return None
         trace = verify_proof.dot([Fraction(x) for x in inverse.ravel().tolist()], matrix)
-        trace_long = Long(float(trace))
-        part = Enclosure(trace_long, 2.0**-52 * abs(trace_long)) - Enclosure(
-            log_det, Long(2.0**-50) * (abs(log_det) + 1)
-        )
-        value = value + (part + Enclosure.exact(float(logdet0) - 4.0)).times(entropy.weight)
-    return value
+        value += trace - verify_proof.log_below(determinant) + Fraction(float(log_det)) - 4
+    return Fraction(entropy.weight) * value
 
 
 def _exact_value(
@@ -233,4 +251,4 @@ def _exact_value(
 def _down(x: Any) -> float:
     """The largest double that is not above x."""
     double = float(x)
-    return double if Long(double) <= x else float(np.nextafter(double, -np.inf))
+    return double if double <= x else float(np.nextafter(double, -np.inf))

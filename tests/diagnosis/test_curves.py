@@ -15,7 +15,6 @@ from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
-from sdp_vs_penalty.diagnosis.curves.laws import dictionary
 from sdp_vs_penalty.effects import Motion, effect_from_dict, parse_effects
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
@@ -66,19 +65,6 @@ def test_a_law_of_a_combination_is_found_as_one_and_added() -> None:
     assert "curve2_q1-q2" in [p.name for p in bigger.model.parameters]
     before, after = (compare(e, made.test)[0].rmse[JOINT] for e in (made.estimate, bigger))
     assert after < 0.3 * before
-
-
-def test_the_waves_of_a_phase_are_those_of_the_position() -> None:
-    """Every torque that repeats with a wheel's teeth is a sum of them, whatever its shape."""
-    q = np.linspace(-2.0, 2.0, 400)
-    axis = Axis(Variable("phase", order=7.0), 0.0, 2.0 * np.pi, 24)
-    teeth = np.exp(3.0 * (np.cos(7.0 * q - 0.4) - 1.0))
-    B = np.column_stack([np.ones_like(q), axis.columns(np.mod(7.0 * q, 2.0 * np.pi))])
-    assert np.abs(B @ np.linalg.lstsq(B, teeth)[0] - teeth).max() < 1e-5
-    _, _, _, both = dictionary([axis])
-    assert both.text(np.array([0.3, 0.0, 0.0, -0.2]), np.zeros(0)) == (
-        "0.3 sin(7 q1 + 0) + 0.2 sin(14 q1 - 1.571)"
-    )
 
 
 def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made: Made) -> None:

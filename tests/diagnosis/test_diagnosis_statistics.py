@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from challenge.judge import wilson
 from numpy.typing import NDArray
-from scipy import signal
 
 from sdp_vs_penalty.diagnosis.events import spectral_lines
-from sdp_vs_penalty.signals.autoregression import autoregression, beside
+from sdp_vs_penalty.signals.autoregression import autoregression
 from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_profile
 
 Array = NDArray[np.float64]
@@ -24,31 +23,6 @@ def test_autoregression_whitens() -> None:
     np.testing.assert_allclose(a, [0.6, -0.3, 0.0, 0.0], atol=0.06)
     assert sigma == pytest.approx(1.0, abs=0.04)
     assert degrees == 3988.0
-
-
-def test_slow_columns_do_not_take_the_slow_noise_with_them() -> None:
-    """The noise found beside nine slow columns is the noise itself, in the mean of 60 draws."""
-    rng = np.random.default_rng(12)
-    pieces = [np.arange(k * 100, (k + 1) * 100) for k in range(3)]
-    t = np.tile(np.arange(100.0), 3)
-    slow = np.column_stack([np.cos(np.pi * k * (t + 0.5) / 100) for k in range(9)])
-    Q = np.linalg.qr(slow)[0]
-    gains, plain, sizes, floors = [], [], [], []
-    for _ in range(60):
-        x = np.concatenate(
-            [signal.lfilter([1.0], [1.0, -0.4], rng.normal(size=150))[50:] for _ in pieces]
-        )
-        rest = x - Q @ (Q.T @ x)
-        floor, a, sigma, rank = beside(rest, pieces, slow)
-        gains.append(1.0 - a.sum())
-        plain.append(1.0 - autoregression(rest, pieces)[0].sum())
-        sizes.append(sigma**2)
-        floors.append(floor**2)
-    assert rank == 9
-    assert np.mean(plain) > 0.66
-    assert np.mean(gains) == pytest.approx(0.6, abs=0.03)
-    assert np.mean(sizes) == pytest.approx(1.0, abs=0.04)
-    assert np.mean(floors) == pytest.approx(1.0 / (1.0 - 0.4**2), abs=0.06)
 
 
 def test_events_are_found_and_noise_is_left_alone() -> None:

@@ -146,7 +146,7 @@ def test_entropic_bounds_meet() -> None:
 def test_garbage_multipliers_are_moved_into_their_cone_exactly(cone: str) -> None:
     rng = np.random.default_rng(0)
     raw = rng.normal(size=(20, 4, 4) if cone == "psd" else (20, 4))
-    for moved in verified.in_cone(cone, raw).value:
+    for moved in verified.in_cone(cone, raw)[0]:
         if cone == "psd":
             # up to the radius, which covers what the product V V^T rounds
             assert np.linalg.eigvalsh(moved.astype(float))[0] > -1e-14

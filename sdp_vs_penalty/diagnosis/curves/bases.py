@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.curve_variable import Variable
-from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.transmission_friction import combinations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -22,16 +22,12 @@ _DEGREE = 3
 _POSITION, _OTHER, _PAIR = 32, 20, 9
 #: Values of the table that is written down, along one variable and along each of a pair.
 _POINTS, _PAIR_POINTS = 81, 25
-#: Waves of a function of a phase, and how often a motion must go through the phase to show it.
-_WAVES, _TURNS = 12, 2.0
-#: How much is kept of each of what is worked out again and again.
-_KEPT = 128
 
 
 @dataclass(frozen=True)
 class Axis:
     """Cubic B-splines of one variable between the ends of its range, held constant outside; of the sign
-    of a velocity the constant and the sign itself; of a phase the first waves."""
+    of a velocity the constant and the sign itself."""
 
     variable: Variable
     low: float
@@ -42,17 +38,10 @@ class Axis:
     def is_sign(self) -> bool:
         return self.variable.word == "sign(dq)"
 
-    @property
-    def is_phase(self) -> bool:
-        return self.variable.word == "phase"
-
     def columns(self, x: Array) -> Array:
         """(N, count) of the splines."""
         if self.is_sign:
             return np.column_stack([np.ones_like(x), x])
-        if self.is_phase:
-            angles = x[:, None] * np.arange(1, _WAVES + 1)
-            return np.hstack([np.cos(angles), np.sin(angles)])
         from scipy.interpolate import BSpline  # its import takes longer than a report
 
         # The last knot belongs to what lies below it.
@@ -68,8 +57,6 @@ class Axis:
         measurements lie, such a curve levels off instead of going on straight."""
         if self.is_sign:
             return np.zeros((2, 2))
-        if self.is_phase:
-            return np.diag(np.tile(np.arange(1.0, _WAVES + 1) ** 4, 2))
         first, second = (np.diff(np.eye(self.count), k, axis=0) for k in (1, 2))
         level = 0.0 if self.count == _PAIR else (2.0 * np.pi / self.count) ** 2
         return np.asarray(second.T @ second + level * first.T @ first)
@@ -126,7 +113,7 @@ class Basis:
 
 def _kind(axis: Axis) -> Variable:
     """One variable for all axes that are as rough as each other."""
-    return Variable(axis.variable.word if axis.is_sign or axis.is_phase else "q")
+    return Variable("sign(dq)" if axis.is_sign else "q")
 
 
 @lru_cache(maxsize=32)
@@ -149,7 +136,7 @@ def _products(columns: Sequence[Array]) -> Array:
 
 
 def pairs_of(j: int, robot: Robot, warm: bool = False) -> list[tuple[Variable, ...]]:
-    """Everything but phases that a curve of joint j may run over, one variable first; warm : with
+    """Everything that a curve of joint j may run over, one variable first; warm : with
     temperatures."""
     others = [i for i in range(robot.n) if i != j]
     own = [Variable(w, j) for w in ("q", "dq", "ddq", "abs(ddq)", "tau", "sign(dq)")]
@@ -169,43 +156,23 @@ def pairs_of(j: int, robot: Robot, warm: bool = False) -> list[tuple[Variable, .
 
 
 class Variables:
-    """The values of all variables on the rows, filtered; and bases in their ranges. known : effects of
-    the model and of the findings."""
+    """The values of all variables on the rows, filtered; and bases in their ranges."""
 
-    def __init__(self, rows: SegmentedRuns, robot: Robot, known: Sequence[Effect] = ()) -> None:
-        self.rows, self.robot, self.known = rows, robot, known
+    def __init__(self, rows: SegmentedRuns, robot: Robot) -> None:
+        self.rows, self.robot = rows, robot
         self.keep = np.asarray(rows.keep.any(axis=1), bool)
         self.warm = all(s.motion.temperature is not None for s in rows.segments)
-
-        kept = lru_cache(_KEPT)
-        self.on_rows, self.basis = kept(self._on_rows_of), kept(self._basis_of)
-        self._splines, self._wave = kept(self._splines_of), kept(self._wave_of)
-        self.exact = lru_cache(_KEPT // 4)(self._exact_of)
-        self.supported = kept(self._supported_of)
+        self.on_rows, self._splines = lru_cache(self._on_rows_of), lru_cache(self._splines_of)
 
     def _filtered(self, dense: Callable[[Motion], Array]) -> Array:
         """(M, ...) of what is worked out along the motion."""
         return np.concatenate([s.low_pass @ dense(s.motion) for s in self.rows.segments])
 
     def _on_rows_of(self, v: Variable) -> Array:
-        """(M,) low-passed; of a phase, that of the low-passed position."""
-        if v.word == "phase":
-            return np.mod(v.order * self.on_rows(Variable("q", v.joint)), 2.0 * np.pi)
+        """(M,) low-passed."""
         return self._filtered(v.along)
 
-    def turned(self, v: Variable, turns: float = _TURNS) -> bool:
-        """Whether the motion goes through a phase often enough to show that something repeats in it."""
-        travel = np.ptp(self.on_rows(Variable("q", v.joint))[self.keep])
-        return bool(v.order * travel > 2.0 * np.pi * turns)
-
-    def of(self, j: int) -> list[tuple[Variable, ...]]:
-        """Everything that a curve of joint j may run over; of phases those of known ripples, as a torque
-        that repeats in a turn shows one."""
-        orders = dict.fromkeys(e.waves for e in self.known if e.waves is not None and j in e.joints)
-        phases = [Variable("phase", j, order=float(f"{k:.6g}")) for k in orders]
-        return [*pairs_of(j, self.robot, self.warm), *((v,) for v in phases if self.turned(v))]
-
-    def _basis_of(self, of: tuple[Variable, ...]) -> Basis | None:
+    def basis(self, of: tuple[Variable, ...]) -> Basis | None:
         """None where a variable stands still."""
         axes = []
         pair = len([v for v in of if v.word != "sign(dq)"]) > 1
@@ -214,8 +181,6 @@ class Variables:
             low, high = float(f"{x.min():.6g}"), float(f"{x.max():.6g}")
             if v.word == "sign(dq)":
                 low, high, count = -1.0, 1.0, 2
-            elif v.word == "phase":
-                low, high, count = 0.0, 2.0 * np.pi, 2 * _WAVES
             else:
                 count = _PAIR if pair else (_POSITION if v.word == "q" else _OTHER)
             if not high - low > 1e-6:
@@ -228,25 +193,14 @@ class Variables:
         return _products([self._splines(a) for a in basis.axes])
 
     def _splines_of(self, axis: Axis) -> Array:
-        """(M, count) of one variable on the rows. A phase jumps, its waves do not: these are
-        low-passed."""
-        if not axis.is_phase:
-            return axis.columns(self.on_rows(axis.variable))
-        v = axis.variable
-        pairs = [self._wave(v.joint, k * v.order) for k in range(1, _WAVES + 1)]
-        return np.stack(pairs, axis=2).reshape(len(self.keep), -1)
+        """(M, count) of one variable on the rows."""
+        return axis.columns(self.on_rows(axis.variable))
 
-    def _wave_of(self, joint: int, order: float) -> Array:
-        """(M, 2) low-passed cosine and sine of a wave, which phases share."""
-        return self._filtered(
-            lambda m: np.stack([f(order * m.q[:, joint]) for f in (np.cos, np.sin)], axis=1)
-        )
-
-    def _exact_of(self, basis: Basis) -> Array:
+    def exact(self, basis: Basis) -> Array:
         """(M, size) filtered splines."""
         return self._filtered(basis.of_motion)
 
-    def _supported_of(self, basis: Basis) -> Array:
+    def supported(self, basis: Basis) -> Array:
         """(P, variables) the points of the basis's grid within a step of which the motion has been."""
         return basis.points[self.met(basis, self.keep)]
 

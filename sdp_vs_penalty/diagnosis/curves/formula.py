@@ -14,17 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.constants import EQUIVALENT, FORM
+from sdp_vs_penalty.diagnosis.constants import CLOSELY, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Basis
 from sdp_vs_penalty.diagnosis.curves.laws import Law, dictionary
 from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit
 from sdp_vs_penalty.diagnosis.score import Score
 from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import plain_unit
 
-#: How many laws are fitted on the rows themselves.
-_EXACT = 6
 #: White energy of a law's column, per unit of its amplitude, below which rows do not see it.
 _UNSEEN = 1e-9
 #: Trials of constants on the way to the best.
@@ -63,7 +61,7 @@ def recognised(f: SplineFit, on_rows: OnRows, score: Score, looked: int) -> list
     def rated(fit: LawFit) -> float:
         return f.columns.score(fit.chi2, fit.size, looked)
 
-    rough = sorted(scan.fitted(f.columns), key=rated, reverse=True)[:_EXACT]
+    rough = sorted(scan.fitted(f.columns), key=rated, reverse=True)[:CLOSELY]
     found = []
     for law in (_refined(r, in_splines) for r in rough):
         raw = on_rows(law.law, law.constants)

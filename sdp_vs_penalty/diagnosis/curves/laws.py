@@ -11,8 +11,8 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Steps of a scan over a constant, and over each of two.
-_SCAN, _SCAN_TWO = 60, 14
+#: Steps of a scan over a constant; a quarter as many over each of two.
+_SCAN = 56
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,6 @@ def _of_one(axis: Axis) -> list[Law]:
     x = _name(axis)
     if axis.is_sign:
         return [_sum([lambda v: v], [x])]
-    if axis.is_phase:
-        return _of_phase(axis)
     span, largest = axis.high - axis.low, max(abs(axis.low), abs(axis.high))
     widths = [(float(w),) for w in np.geomspace(0.01, 3.0, 20) * largest]
     names = [x, f"{x}^2", f"{x}^3"]
@@ -135,29 +133,12 @@ def _of_one(axis: Axis) -> list[Law]:
             lambda a, b: f"{_number(a[0])} exp(-(({x} - {_number(b[0])}) / {_number(abs(b[1]))})^2)",
             [
                 (float(c), float(w))
-                for c in np.linspace(axis.low, axis.high, 2 * _SCAN_TWO)
+                for c in np.linspace(axis.low, axis.high, _SCAN // 2)
                 for w in np.geomspace(0.03, 0.5, 8) * span
             ],
         ),
     ]
     return out
-
-
-def _of_phase(axis: Axis) -> list[Law]:
-    """One wave, and the first with the second, of the position."""
-    k, q = axis.variable.order, f"q{axis.variable.joint + 1}"
-
-    def wave(*orders: int) -> Law:
-        def terms(p: Sequence[Array] | Array, _: Array) -> list[Array]:
-            return [g(k * p[0]) for g in (np.sin, np.cos) for k in orders]
-
-        def text(a: Array, _: Array) -> str:
-            pairs = zip(np.reshape(a, (2, -1)).T, orders, strict=True)
-            return " + ".join(_wave(pair, f"{_number(h * k)} {q}") for pair, h in pairs)
-
-        return Law(terms, text)
-
-    return [wave(1), wave(2), wave(3), wave(1, 2)]
 
 
 def _of_two(first: Axis, second: Axis) -> list[Law]:
@@ -215,7 +196,7 @@ def _travelling(first: Axis, second: Axis, x: str, y: str) -> Law:
     one, two = (_fastest(axis) for axis in (first, second))
     starts = [
         (float(k), float(w))
-        for k in np.linspace(0.0, one, _SCAN_TWO)[1:]
-        for w in np.linspace(-two, two, 2 * _SCAN_TWO)
+        for k in np.linspace(0.0, one, _SCAN // 4)[1:]
+        for w in np.linspace(-two, two, _SCAN // 2)
     ]
     return Law(terms, text, starts)

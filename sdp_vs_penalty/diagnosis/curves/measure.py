@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import APART, EQUIVALENT, FORM
-from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
+from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
+from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables, pairs_of
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
 from sdp_vs_penalty.diagnosis.curves.formula import LawFit, law_of, recognised, written
 from sdp_vs_penalty.diagnosis.curves.laws import Law
@@ -22,8 +22,8 @@ from sdp_vs_penalty.effects.effect import follows_alone
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Curves of a joint that are fitted on exact columns, and curves of a joint at most.
-_CLOSE, _MOST = 4, 2
+#: Curves of a joint at most.
+_MOST = 2
 
 
 #: The score of a curve, the curve, and the law that it is.
@@ -95,9 +95,7 @@ def measured_curves(
     """The curves of joints (from 0) on which something is ``left``, each beside all terms or instead of
     those of its joint alone; and of joints whose terms may be ``parts`` of one, instead of them.
     fold (M,) : for the values without each fold."""
-    data, model = search.data, search.data.estimate.model
-    effects = [*model.effects, *(t.form.effect for t in search.terms)]
-    variables = Variables(data.rows, model.robot, effects)
+    variables = Variables(search.data.rows, search.data.estimate.robot)
     out: list[Measured] = []
     terms = list(search.terms)
     for joint in dict.fromkeys([*left, *parts]):
@@ -106,7 +104,7 @@ def measured_curves(
             rest = [t for t in terms if t not in own]
             beside = _best(search, terms, joint, variables) if joint in left else None
             alone = _best(search, rest, joint, variables) if own else None
-            if alone is not None and _instead(own, alone, beside):
+            if alone is not None and _instead(search.worth(own, rest), own, alone, beside):
                 beside, terms = alone, rest
             else:
                 own = []
@@ -119,12 +117,11 @@ def measured_curves(
     return out
 
 
-def _instead(own: Sequence[Term], alone: _Rated, beside: _Rated | None) -> bool:
-    """Whether a curve alone stands in the place of a joint's terms: where these need a curve besides, or
-    have more constants than its law, it only has to be as good."""
+def _instead(worth: float, own: Sequence[Term], alone: _Rated, beside: _Rated | None) -> bool:
+    """Whether a curve alone stands in the place of a joint's terms, worth so much: where these need a
+    curve besides, or have more constants than its law, it only has to be as good."""
     J, _, law = alone
-    # A term that others make by now is worth nothing: its score is minus infinity.
-    named = sum(max(t.J, 0.0) for t in own) + (0.0 if beside is None else beside[0])
+    named = max(worth, 0.0) + (0.0 if beside is None else beside[0])
     least = EQUIVALENT + FORM * named
     simpler = law is not None and law.size < sum(t.form.k + t.form.constants for t in own)
     return named + (-least if beside is not None or simpler else least) < J
@@ -148,7 +145,11 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
     have = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
     curves = [e for e in have if isinstance(e, MeasuredCurve) and joint in e.joints]
     taken = {tuple(v.name for v in e.variables(joint)) for e in curves}
-    others = [v for v in variables.of(joint) if tuple(x.name for x in v) not in taken]
+    others = [
+        v
+        for v in pairs_of(joint, variables.robot, variables.warm)
+        if tuple(x.name for x in v) not in taken
+    ]
     every = [b for v in others if (b := variables.basis(v)) is not None]
     gains = np.ones(data.n) if data.rows.gains is None else np.array(data.rows.gains)
 
@@ -158,7 +159,7 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
         return smoothed(basis, raw, columns, len(every))
 
     rough = sorted((fitted(b, variables.coarse(b), False) for b in every), key=lambda f: -f.J)
-    close = [f for n in (1, 2) for f in [f for f in rough if len(f.basis.axes) == n][: _CLOSE // 2]]
+    close = [f for n in (1, 2) for f in [f for f in rough if len(f.basis.axes) == n][: CLOSELY // 2]]
     exact = [fitted(f.basis, variables.exact(f.basis), True) for f in close if f.J > APART]
 
     def on_rows(law: Law, constants: Array, basis: Basis) -> Array:

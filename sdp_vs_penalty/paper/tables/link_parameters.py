@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.optimize import approx_fprime
 
 from sdp_vs_penalty.estimation.constants import DATA_SHARE
 from sdp_vs_penalty.estimation.identify import DATA, data_share
@@ -14,9 +15,6 @@ from sdp_vs_penalty.paper.tables.table import Cell, Column, Table, text
 from sdp_vs_penalty.problem.published import barycentric_names, box_tables, errata
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
-
-#: Of a parameter's size, or of the mass, for numerical derivatives.
-_STEP = 1e-4
 
 
 def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool]) -> Table:
@@ -81,21 +79,11 @@ def sources(study: Study, data: Data) -> dict[str, str]:
     names, gradients = list[str](), list[Array]()
     for link, indices in enumerate(task.links, start=1):
         wide = np.zeros((10, len(theta)))
-        wide[:, indices] = _gradient(theta[indices])
+        wide[:, indices] = approx_fprime(theta[indices], inertia.barycentric_from_standard)
         names += barycentric_names(link)
         gradients.append(wide)
     own = data_share(task, np.vstack(gradients)) > DATA_SHARE
     return {name: "data" if seen else "prior" for name, seen in zip(names, own, strict=True)}
-
-
-def _gradient(link: Array) -> Array:
-    """(10, 10) derivative of mass, centre and inertia about it in the standard parameters (10,)."""
-    out = np.empty((10, 10))
-    for k, step in enumerate(_STEP * np.maximum(np.abs(link), _STEP * link[0])):
-        around = link + np.outer([step, -step], np.eye(10)[k])
-        above, below = inertia.barycentric_from_standard(around)
-        out[:, k] = (above - below) / (2.0 * step)
-    return out
 
 
 def _bounds_received(study: Study) -> list[str]:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.paper.tables.study import (
@@ -21,64 +20,12 @@ from sdp_vs_penalty.paper.tables.study import (
 )
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
 from sdp_vs_penalty.problem.published import box_tables, published_links
-from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, triangular
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.runs import sample_rate
 from sdp_vs_penalty.simulation.simulate import sigmoid_friction
 
-#: Of the Butterworth filters: what the errors owe to another filter than ours.
-ORDER = 4
-#: Rows a period of the cut-off, and periods at either end that the filter's start spoils.
-_ROWS, _SPOILT = 4.0, 4.0
-
-
-@dataclass(frozen=True)
-class Butterworth(Data):
-    """A run behind zero-phase Butterworth filters (forward and back) at the cut-offs of its
-    preprocessing: positions at the one of states, whose derivatives are differences; torque and columns
-    at their own."""
-
-    @property
-    def key(self) -> str:
-        settings = self.preprocessing
-        return f"{self.train.data_hash}, Butterworth {settings.state_cutoff} {settings.torque_cutoff}"
-
-    @cached_property
-    def regression(self) -> Regression:
-        return self._rows(self.train, self.model)
-
-    def test_with(self, model: Model) -> Regression:
-        assert self.test is not None
-        return self._rows(self.test, model)
-
-    def _rows(self, run: Measurements, model: Model) -> Regression:
-        from scipy import signal
-
-        state, torque = self.preprocessing.state_cutoff, self.preprocessing.torque_cutoff
-        assert state is not None
-        assert torque is not None
-        rate = sample_rate(run)
-        t = np.arange(run.t[0], run.t[-1], 1.0 / rate)
-        q, tau = (np.column_stack([np.interp(t, run.t, x) for x in y.T]) for y in (run.q, run.tau))
-        smooth = signal.sosfiltfilt(signal.butter(ORDER, state, fs=rate, output="sos"), q, axis=0)
-        dq = np.gradient(smooth, 1.0 / rate, axis=0)
-        motion = Motion(t, smooth, dq, np.gradient(dq, 1.0 / rate, axis=0))
-        low_pass = signal.butter(ORDER, torque, fs=rate, output="sos")
-        edge = int(_SPOILT * rate / min(state, torque))
-        rows = slice(edge, len(t) - edge, max(1, int(rate / (_ROWS * torque))))
-        measured = signal.sosfiltfilt(low_pass, tau, axis=0)[rows]
-        factors = []
-        for j, block in enumerate(model.columns(motion)):
-            columns = signal.sosfiltfilt(low_pass, block.columns, axis=0)[rows]
-            triangle = triangular([np.column_stack([columns, measured[:, j]])])
-            factors.append(Factor(j, 0, block.indices, triangle, len(columns)))
-        blocks = (TimeBlock(0, float(t[0]), float(t[-1])),)
-        return Regression(model.parameters, model.robot.n, blocks, tuple(factors))
-
-
 NAME = "IV"
-#: Rows whose sensitivity to the filter is told, and both cut-offs of a second Butterworth filter [Hz].
-_SHOWN, _EQUAL_CUTOFF = ("p_hat", "delta", "ols"), 10.0
+#: Rows whose sensitivity to the filter is told.
+_SHOWN = ("p_hat", "delta", "ols")
 
 
 class KnownFriction(JointEffect):
@@ -209,7 +156,7 @@ def _notes(study: Study, rows: Sequence[tuple[Cell, ...]]) -> tuple[str, ...]:
             "are not public."
         )
     if study.run is not None and "table_IV" in study.problem.published:
-        notes += [_sensitivity(study, rows), _contest(rows)]
+        notes.append(_sensitivity(study, rows))
     return tuple(notes)
 
 
@@ -229,42 +176,5 @@ def _sensitivity(study: Study, rows: Sequence[tuple[Cell, ...]]) -> str:
     ]
     return (
         f"The filter matters: behind {settings.torque_cutoff:g} and {wide.torque_cutoff:g} Hz the "
-        f"errors on unseen motion are {', '.join(errors)}. {_butterworth(study, rows)}"
-    )
-
-
-def _butterworth(study: Study, rows: Sequence[tuple[Cell, ...]]) -> str:
-    """The errors in repeated motion behind Butterworth filters, beside the table's own."""
-    data = study.repeated
-    assert data is not None
-    usual = data.preprocessing
-    assert usual.torque_cutoff is not None
-    equal = replace(usual, state_cutoff=_EQUAL_CUTOFF, torque_cutoff=_EQUAL_CUTOFF)
-    estimates, said = _estimates(study), []
-    for settings in (usual, equal):
-        other = Butterworth(data.label, data.train, data.test, data.model, settings)
-        found = [other.errors(estimates[name].of(other))[1] for name in _SHOWN]
-        cutoffs = f"{settings.state_cutoff:g} and {settings.torque_cutoff:g} Hz"
-        said.append(f"{' / '.join(f'{x:.3g}' for x in found)} % at {cutoffs}")
-    own = {str(row[0]): row[-3] for row in rows}
-    here = " / ".join(f"{own[f'{name}_repeatability']:.3g}" for name in _SHOWN)
-    return (
-        f"In repeated motion {', '.join(_SHOWN)} have {here} % here; behind zero-phase Butterworth "
-        f"filters of order {ORDER} on positions, and on torque and columns, {' and '.join(said)}."
-    )
-
-
-def _contest(rows: Sequence[tuple[Cell, ...]]) -> str:
-    """On how many joints of the real run the published delta is better than the published p_hat."""
-    found = {str(row[0]): row[1:-3] for row in rows}
-    better = {
-        ending: sum(
-            float(a or 0.0) < float(b or 0.0)
-            for a, b in zip(found[f"delta_{ending}"], found[f"p_hat_{ending}"], strict=True)
-        )
-        for ending in ("measured", "repeatability")
-    }
-    return (
-        f"On the real run delta has a smaller error than p_hat on {better['measured']} joints in unseen "
-        f"motion, on {better['repeatability']} in repeated motion."
+        f"errors on unseen motion are {', '.join(errors)}."
     )

@@ -18,8 +18,6 @@ from sdp_vs_penalty.simulation.engines.engine import Engine, Followed
 
 #: Time step of all engines [s].
 STEP = 1e-3
-#: Shares of each joint's range and velocity limit that the sinusoids use.
-_RANGE_SHARE, _VELOCITY_SHARE = 0.9, 0.5
 
 
 @dataclass(frozen=True)
@@ -44,11 +42,11 @@ class Sinusoids:
     frequency: Array  # rad/s
 
     @classmethod
-    def over_range(cls, robot: Robot) -> Self:
-        """90 % of every joint's range, as fast as half its velocity limit allows."""
+    def over_range(cls, robot: Robot, reach: float = 0.9, speed: float = 0.5) -> Self:
+        """These shares of every joint's range and of its velocity limit."""
         lower, upper, velocity = joint_limits(robot)
-        amplitude = 0.5 * _RANGE_SHARE * (upper - lower)
-        return cls(0.5 * (lower + upper), amplitude, _VELOCITY_SHARE * velocity / amplitude)
+        amplitude = 0.5 * reach * (upper - lower)
+        return cls(0.5 * (lower + upper), amplitude, speed * velocity / amplitude)
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """q, dq, ddq (M, n) at the instants t (M,)."""

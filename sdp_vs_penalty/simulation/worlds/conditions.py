@@ -10,13 +10,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.random import Generator
 from scipy.signal import lfilter
 
-from sdp_vs_penalty.simulation.worlds.arm import ARMS
+from sdp_vs_penalty.simulation.worlds.arm import ARMS, Array
 
-Array = NDArray[np.float64]
-Generator = np.random.Generator
 RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)
 #: The width that the library's Coulomb friction has unless told otherwise [rad/s or m/s].
 USUAL_WIDTH = 0.01

@@ -11,12 +11,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sdp_vs_penalty.simulation.worlds.arm import Array
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
-
-Array = NDArray[np.float64]
 
 Change = Callable[[World, TrueMotion, float], Array]
 Maker = Callable[[World, int, np.random.Generator], "Hidden"]

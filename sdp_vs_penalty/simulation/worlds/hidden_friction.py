@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.random import Generator
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.simulation.worlds.arm import Array
 from sdp_vs_penalty.simulation.worlds.conditions import log_uniform
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, on_joint, plain, sign
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World, bristles
-
-Array = NDArray[np.float64]
-
-Generator = np.random.Generator
 
 
 def _unit(world: World, joint: int) -> float:

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.random import Generator
 
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.simulation.worlds.arm import misplaced
+from sdp_vs_penalty.simulation.worlds.arm import Array, misplaced
 from sdp_vs_penalty.simulation.worlds.conditions import first_order
 from sdp_vs_penalty.simulation.worlds.hidden import (
     Hidden,
@@ -22,10 +22,6 @@ from sdp_vs_penalty.simulation.worlds.hidden import (
 from sdp_vs_penalty.simulation.worlds.hidden_friction import stiction
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
-
-Array = NDArray[np.float64]
-
-Generator = np.random.Generator
 
 
 def _drift(w: World, j: int, rng: Generator) -> Hidden:

@@ -6,17 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.random import Generator
 
+from sdp_vs_penalty.simulation.worlds.arm import Array
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.runs import LEAD, start_of
 from sdp_vs_penalty.simulation.worlds.world import World
-
-Array = NDArray[np.float64]
-
-Generator = np.random.Generator
-
 
 #: The torque at size 1, and its variables as findings.json writes them.
 Law = tuple[Callable[[TrueMotion], Array], tuple[str, ...]]

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sdp_vs_penalty.simulation.worlds.arm import Arm
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.simulation.worlds.arm import Arm, Array
 
 States = tuple[Array, Array, Array]
 

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.simulation.worlds.arm import Array
 from sdp_vs_penalty.simulation.worlds.conditions import Conditions
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion, plan
 from sdp_vs_penalty.simulation.worlds.servo import driven
 from sdp_vs_penalty.simulation.worlds.world import World
-
-Array = NDArray[np.float64]
 
 #: Rate of the simulation [Hz]; of the log's rates each divides it.
 FINE = 1000.0

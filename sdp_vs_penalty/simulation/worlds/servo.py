@@ -12,14 +12,11 @@ from operator import mul
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.simulation.worlds.arm import inverse_dynamics
+from sdp_vs_penalty.simulation.worlds.arm import Array, inverse_dynamics
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
-
-Array = NDArray[np.float64]
 
 #: A good industrial controller: bandwidth of its position loop [Hz], or by how much it yields to dry
 #: friction at most [rad]; the share of friction that its feed-forward knows, and over which speed that

@@ -10,15 +10,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.simulation.worlds.arm import Arm, load_arm, misplaced
+from sdp_vs_penalty.simulation.worlds.arm import Arm, Array, load_arm, misplaced
 from sdp_vs_penalty.simulation.worlds.conditions import Conditions
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-
-Array = NDArray[np.float64]
-
 
 LAWS = ("sign", "tanh", "dahl", "lugre")
 
