@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters.content import ROUNDING, Inertial
 from sdp_vs_penalty.exporters.splice import Document
@@ -20,9 +20,6 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
 from sdp_vs_penalty.robot.urdf import load_urdf, placed_links, read_inertial
-
-#: m: no link has its mass that far from its own centre, where nothing moves it.
-_FAR = 3.0
 
 
 @dataclass(frozen=True)
@@ -35,7 +32,7 @@ class LinkCheck:
     nearest : consistent Inertial nearest to that of the link, None where it is consistent already or
         has no positive mass; distance : |I - I_nearest| in the Frobenius norm [kg m^2]; gyration :
         sqrt(tr I / (2 m)) about the centre of mass [m]: how far out the mass lies, in the mean; reach :
-        how far its body does [m], from its geometry or the joints around it.
+        how far its body does [m], from its geometry or the joints around it (3: nothing moves it).
     """
 
     link: str
@@ -46,7 +43,7 @@ class LinkCheck:
     nearest: Inertial | None = None
     distance: float = 0.0
     gyration: float = 0.0
-    reach: float = _FAR
+    reach: float = 3.0
 
     @property
     def unlikely(self) -> bool:
@@ -59,7 +56,8 @@ class LinkCheck:
 
     def to_dict(self) -> dict[str, Any]:
         out: dict[str, Any] = {
-            "link": self.link, "mass": self.mass, "triangle_margin": show.finite(self.triangle_margin),
+            "link": self.link, "mass": self.mass,
+            "triangle_margin": formatting.finite(self.triangle_margin),
             "pseudo_inertia_margin": self.pseudo_inertia_margin, "consistent": self.consistent,
             "verdict": self.verdict, "radius_of_gyration": self.gyration,
             "plausible": self.consistent and not self.unlikely,
@@ -80,14 +78,9 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
     bodies = link_bodies(robot, open_box, np.zeros_like(given), link_geometry(path))
     moving = zip(placed_links(path), bodies, strict=True)
     reach = {link.get("name"): body.reach for parts, body in moving for link, _ in parts}
-    return [
-        replace(
-            _check(str(link.get("name")), read_inertial(path, link)),
-            reach=reach.get(link.get("name"), _FAR),
-        )
-        for link in Document.read(path).root.findall("link")
-        if link.find("inertial") is not None
-    ]
+    links = [x for x in Document.read(path).root.findall("link") if x.find("inertial") is not None]
+    made = [_check(str(link.get("name")), read_inertial(path, link)) for link in links]
+    return [replace(c, reach=reach.get(c.link, c.reach)) for c in made]
 
 
 #: What :func:`table` writes of each link; margins that are negative are violated.
@@ -108,7 +101,7 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
         return ["The file has no inertials."]
     broken = [c.link for c in checks if not c.consistent]
     how = f"{', '.join(broken)} physically impossible." if broken else "all are consistent."
-    said = [f"{show.count(len(checks), 'inertial')} checked: {how}"]
+    said = [f"{formatting.count(len(checks), 'inertial')} checked: {how}"]
     said += [
         f"{c.link}: consistent but implausible: radius of gyration {c.gyration:.3g} m for "
         f"{c.mass:.3g} kg, and its body reaches {c.reach:.3g} m. The torques of a link that hardly "
