@@ -209,15 +209,9 @@ def cross_validate(
     judged = [fold for fold in workers.map(judging, range(folds)) if fold is not None]
     if not judged:
         raise _too_short(runs.names[0], split)
-    return CrossValidation(
-        problem.name,
-        estimator.name,
-        tuple(effect.text for effect in model.effects),
-        tuple(judged),
-        any(clock.periodic for clock in split.clocks),
-        split.guard,
-        settings.torque_cutoff,
-    )
+    texts, periodic = tuple(e.text for e in model.effects), any(c.periodic for c in split.clocks)
+    split_by = periodic, split.guard, settings.torque_cutoff
+    return CrossValidation(problem.name, estimator.name, texts, tuple(judged), *split_by)
 
 
 @dataclass(frozen=True)

@@ -230,23 +230,17 @@ class Estimate(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """What model.json holds."""
+        each = self.theta, self.uncertainty.standard, self.nominal, self.sources
         parameters = [
             {
                 **interval.to_dict(),
                 "value": float(value),
-                "nominal": None if np.isnan(nominal) else float(nominal),
+                "nominal": formatting.finite(nominal),
                 "source": source,
                 "effect": p.effect,
                 "joint": p.joint,
             }
-            for p, value, interval, nominal, source in zip(
-                self.model.parameters,
-                self.theta,
-                self.uncertainty.standard,
-                self.nominal,
-                self.sources,
-                strict=True,
-            )
+            for p, value, interval, nominal, source in zip(self.model.parameters, *each, strict=True)
         ]
         seen = np.flatnonzero(~np.isnan(self.standard_deviations))
         return {
@@ -341,19 +335,12 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
     provenance = data["provenance"]
     if provenance.get("verdict") is not None:
         Verdict.from_dict(provenance["verdict"])  # refused here, not by whoever asks for it
-    return Estimate(
-        problem,
-        model,
-        theta,
-        uncertainty,
-        data["method"],
+    certificate, filters = (
         Certificate.from_dict(data["certificate"]),
         Preprocessing(**data["preprocessing"]),
-        data["settings"],
-        details,
-        provenance,
-        motion,
     )
+    found = problem, model, theta, uncertainty, data["method"], certificate, filters
+    return Estimate(*found, data["settings"], details, provenance, motion)
 
 
 #: One Estimate or the path of a model.json; a sequence of these; or a mapping from names to these.

@@ -149,19 +149,8 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         "samples": measurements.samples,
         "versions": versions(),
     }
-    return Estimate(
-        problem,
-        task.model,
-        theta,
-        uncertainty,
-        estimator.name,
-        certificate,
-        posed.preprocessing,
-        settings,
-        details,
-        provenance,
-        motion,
-    )
+    found = problem, task.model, theta, uncertainty, estimator.name, certificate
+    return Estimate(*found, posed.preprocessing, settings, details, provenance, motion)
 
 
 def proved(

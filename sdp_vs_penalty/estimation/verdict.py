@@ -156,13 +156,9 @@ def judge(
         believed = " The links can exist." if len(masses) else ""
         last = Line(MISSING, "good" if fit.grade == "good" else "usable", said + believed)
     lines = [fit, _prediction(errors, forward), last]
-    return Verdict(
-        tuple(sorted(lines, key=lambda line: GRADES.index(line.grade))),
-        None if over is None else tuple(map(float, over)),
-        errors.source if over is not None else "",
-        tuple(judged_on),
-        remark,
-    )
+    weakest_first = tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
+    noise = (None, "") if over is None else (tuple(map(float, over)), errors.source)
+    return Verdict(weakest_first, *noise, tuple(judged_on), remark)
 
 
 def _fit(errors: Errors) -> Line:

@@ -32,24 +32,16 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     check_fields(data)
     kinematics = data["kinematics"]
     given: Array | None = None
-    geometry = None
+    geometry, gravity = None, tuple(map(float, kinematics.get("gravity", STANDARD_GRAVITY)))
     if "urdf" in kinematics:
-        robot, given = load_urdf(folder / kinematics["urdf"])
+        robot, given = load_urdf(folder / kinematics["urdf"], gravity)
         geometry = link_geometry(folder / kinematics["urdf"])
-        gravity = kinematics.get("gravity", STANDARD_GRAVITY)
-        robot = replace(robot, gravity=tuple(map(float, gravity)))
     else:
-        n = len(kinematics["a"])
         keys = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
-        robot = Robot.from_dh(
-            folder.name,
-            kinematics["a"],
-            [np.pi * x for x in kinematics["alpha_over_pi"]],
-            kinematics["d"],
-            kinematics["convention"],
-            kinematics.get("gravity", STANDARD_GRAVITY),
-            [{k: float(kinematics[k][i]) for k in keys} for i in range(n)],
-        )
+        limits = [{k: float(kinematics[k][i]) for k in keys} for i in range(len(kinematics["a"]))]
+        alpha = [np.pi * x for x in kinematics["alpha_over_pi"]]
+        table = kinematics["a"], alpha, kinematics["d"], kinematics["convention"]
+        robot = Robot.from_dh(folder.name, *table, gravity, limits)
     if "mechanism" in data:
         if robot.mechanism is not None:
             raise InputError("the URDF has mimic joints of its own", "leave out [mechanism]")
@@ -75,22 +67,16 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     low, high = (float(v) for v in bounds.get("total_mass", (0.0, np.inf)))
     cones = tuple(map(CentreOfMassCone.from_dict, data.get("centre_of_mass_cone", ())))
     base = data.get("base_parameters", {}).get("independent")
-    settings = data.get("preprocessing", {})
-    problem = Problem(
-        folder.name,
-        data["title"],
-        robot,
-        box,
-        np.zeros((robot.links, 10)),
-        (low, high),
-        cones,
-        data.get("torque_side", "link"),
-        Preprocessing(**settings),
-        None if base is None else tuple(base),
-        folder,
-        tuple(data["effects"]) if "effects" in data else None,
+    none = np.zeros((robot.links, 10))
+    stated = (low, high), cones, data.get("torque_side", "link")
+    settings = Preprocessing(**data.get("preprocessing", {}))
+    problem = replace(
+        Problem(folder.name, data["title"], robot, box, none, *stated, settings),
+        independent=None if base is None else tuple(base),
+        folder=folder,
+        effects=tuple(data["effects"]) if "effects" in data else None,
     )
-    known = np.zeros((robot.links, 10)) if given is None else given
+    known = none if given is None else given
     bodies = link_bodies(robot, problem.centre_boxes, known, geometry)
     in_the_box = given is None
     given = _ellipsoids_in_the_box(problem) if given is None else given
