@@ -93,8 +93,9 @@ class Hypotheses:
         noise = np.maximum(estimate.uncertainty.noise, 1e-12)
         bare = cls(estimate, tuple(found), noise, independent_rate(estimate), (1.0,) * len(found))
         motion = bare.motion(default_excitation(estimate, 20.0, 0), 20.0)
-        sizes = [level / or_one(bare._root_mean_square(e, motion)) for e in found]
-        return replace(bare, scale=tuple(sizes))
+        # Mean squares of unit parameters over the noise, of the joint that each effect moves most.
+        squares = [(bare._white(e, motion) ** 2).mean(axis=1).sum(axis=1).max() for e in found]
+        return replace(bare, scale=tuple(level / float(or_one(np.sqrt(x))) for x in squares))
 
     def motion(self, states: States, duration: float) -> Motion:
         """A motion with the model's torque and links, sampled."""
@@ -104,11 +105,6 @@ class Hypotheses:
         links = e.links if len(e.links) else np.zeros((e.robot.links, 10))
         current = CurrentModel(e.robot, links)
         return replace(motion, torque=e.torque(motion), current=current, sign_width=e.model.sign_width)
-
-    def _root_mean_square(self, effect: Effect, motion: Motion) -> float:
-        """Of an effect with unit parameters, over the noise, on the joint that it moves most."""
-        columns = self._white(effect, motion)
-        return float(np.sqrt((columns**2).mean(axis=1).sum(axis=1).max()))
 
     def _white(self, effect: Effect, motion: Motion) -> Array:
         """(n, N, k)."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -128,12 +128,9 @@ def _law(name: str, d: float) -> Array:
     return np.array([*terms, *(own[e] for e in LAWS[name] if e in own)]).T
 
 
-class _Joint(NamedTuple):
-    """One joint's terms beside its load, compressed: (r, 7) of all rows, and of each fold what training
-    says, those trained on and those tested."""
-
-    whole: Array
-    folds: list[tuple[Array, Array]]
+#: One joint's terms beside its load, compressed: (r, 7) of all rows, and of each fold what training
+#: says, those trained on and those tested.
+_Joint = tuple[Array, list[tuple[Array, Array]]]
 
 
 def find_law(
@@ -191,7 +188,7 @@ def _joints(
             if train and test:
                 folds.append(_beside(np.vstack(train), np.vstack(test)))
         rows = np.vstack(list(every.values()))
-        out.append(_Joint(_beside(rows, rows)[0], folds))
+        out.append((_beside(rows, rows)[0], folds))
     return out
 
 
@@ -213,14 +210,14 @@ def _later(joints: Sequence[_Joint], name: str, about: float) -> float:
     grid = np.arange(-DELAY_REACH, DELAY_REACH + DELAY_GRID, DELAY_GRID)
     grid = grid[(about + grid >= -1e-9) & (about + grid <= LATEST)]
     laws = [_law(name, d) for d in grid]
-    left = [[np.sum((j.whole @ _fitted(j.whole, law)) ** 2) for j in joints] for law in laws]
+    left = [[np.sum((rows @ _fitted(rows, law)) ** 2) for rows, _ in joints] for law in laws]
     return float(grid[np.argmin(np.log(or_least(left)).sum(axis=1))])
 
 
 def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
     """(folds,) mean over the joints of ln of the squared held-out error."""
     law = _law(name, delay)
-    left = [[np.sum((test @ _fitted(train, law)) ** 2) for train, test in j.folds] for j in joints]
+    left = [[np.sum((test @ _fitted(train, law)) ** 2) for train, test in folds] for _, folds in joints]
     return np.asarray(np.mean(np.log(or_least(left)), axis=0))
 
 

@@ -52,15 +52,15 @@ class SelfCollision:
         low = np.maximum(self.model.lowerPositionLimit, -np.pi)
         high = np.minimum(self.model.upperPositionLimit, np.pi)
         poses = np.random.default_rng(0).uniform(low, high, (40, self.model.nq))
-        always = np.all([self._touching(q) for q in poses], axis=0)
+        touch = []
+        for q in poses:
+            pin.computeCollisions(self.model, self.data, self.geometry, self.placed, q, False)
+            touch.append([r.isCollision() for r in self.placed.collisionResults])
+        always = np.all(touch, axis=0)
         for pair, out in zip(list(self.geometry.collisionPairs), always, strict=True):
             if out:
                 self.geometry.removeCollisionPair(pair)
         self.placed = self.geometry.createData()
-
-    def _touching(self, q: Array) -> list[bool]:
-        pin.computeCollisions(self.model, self.data, self.geometry, self.placed, q, False)
-        return [bool(r.isCollision()) for r in self.placed.collisionResults]
 
     def free(self, q: Array) -> bool:
         """Whether no pair touches at any of the poses (N, n)."""
