@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ from sdp_vs_penalty.effects.transmission_friction import combinations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.segments import SegmentedRuns
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.diagnosis.curves.laws import Law
 
 _DEGREE = 3
 #: Splines along a position, along anything else, and along each variable of a pair.
@@ -199,6 +203,15 @@ class Variables:
     def exact(self, basis: Basis) -> Array:
         """(M, size) filtered splines."""
         return self._filtered(basis.of_motion)
+
+    def of_law(self, basis: Basis, law: Law, constants: Array) -> Array:
+        """(M, m) filtered columns of a law."""
+
+        def dense(motion: Motion) -> Array:
+            points = np.column_stack([a.variable.along(motion) for a in basis.axes])
+            return law.columns(points, constants)
+
+        return self._filtered(dense)
 
     def supported(self, basis: Basis) -> Array:
         """(P, variables) the points of the basis's grid within a step of which the motion has been."""

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables, pairs_of
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
-from sdp_vs_penalty.diagnosis.curves.formula import LawFit, law_of, recognised, written
-from sdp_vs_penalty.diagnosis.curves.laws import Law
+from sdp_vs_penalty.diagnosis.curves.laws import LawFit, law_of, recognised, written
 from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit, band, smoothed
 from sdp_vs_penalty.diagnosis.library import Form
 from sdp_vs_penalty.diagnosis.score import Term
@@ -151,10 +150,10 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
         if tuple(x.name for x in v) not in taken
     ]
     every = [b for v in others if (b := variables.basis(v)) is not None]
-    gains = np.ones(data.n) if data.rows.gains is None else np.array(data.rows.gains)
+    gain = 1.0 if data.rows.gains is None else data.rows.gains[joint]
 
     def fitted(basis: Basis, raw: Array, robust: bool) -> SplineFit:
-        raw = gains[joint] * raw
+        raw = gain * raw
         columns = Columns.of(score, fit, data.white(raw, joint), joint, robust)
         return smoothed(basis, raw, columns, len(every))
 
@@ -162,16 +161,14 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
     close = [f for n in (1, 2) for f in [f for f in rough if len(f.basis.axes) == n][: CLOSELY // 2]]
     exact = [fitted(f.basis, variables.exact(f.basis), True) for f in close if f.J > APART]
 
-    def on_rows(law: Law, constants: Array, basis: Basis) -> Array:
-        parts = []
-        for s in data.rows.segments:
-            points = np.column_stack([a.variable.along(s.motion) for a in basis.axes])
-            parts.append(s.low_pass @ law.columns(points, constants))
-        return gains[joint] * np.concatenate(parts)
-
     rated: list[_Rated] = []
     for f in exact:
-        laws = recognised(f, lambda law, b, f=f: on_rows(law, b, f.basis), score, len(every))  # type: ignore[misc]
+        laws = recognised(
+            f,
+            lambda law, b, f=f: gain * variables.of_law(f.basis, law, b),  # type: ignore[misc]
+            score,
+            len(every),
+        )
         law = law_of(laws, f)
         best = max([f.J, *(J for J, own in laws if own is law)])
         rated.append((best, f, law))
@@ -199,14 +196,7 @@ def _measured(
     else:
         points = np.vstack([points, unmeasured(f.basis, points)])
         values, grid = law.at(points), law.law.columns(points, law.constants)
-        parts = [
-            s.low_pass
-            @ law.law.columns(
-                np.column_stack([a.variable.along(s.motion) for a in f.basis.axes]), law.constants
-            )
-            for s in search.data.rows.segments
-        ]
-        raw = np.concatenate(parts)
+        raw = variables.of_law(f.basis, law.law, law.constants)
         columns = Columns.of(
             search.score, f.columns.fit, search.data.white(raw, f.joint), f.joint, robust=False
         )
