@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.constants import MOST_EVENTS, MOST_OF_IT
+from sdp_vs_penalty.diagnosis.constants import MOST_OF_IT
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import REPETITION, SAME_PHASE, differences
+from sdp_vs_penalty.signals.noise import MOST_EVENTS, REPETITION, SAME_PHASE, differences
 from sdp_vs_penalty.signals.outliers import (
     FALSE_EVENT,
     local_excess,

@@ -22,6 +22,7 @@ from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, with_estimate
 from sdp_vs_penalty.effects.effect import smooth_sign
+from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
@@ -55,8 +56,6 @@ _HATS = 9
 #: A stretch fails where the error's RMS over 2 NEAR is so many noise floors, or times its own RMS where
 #: the floor is not known; shorter ones than NEAR are not shown.
 _TIMES = 2.0
-#: Held-out share from which the error is said to depend on a quantity.
-NAMED_SHARE = 0.05
 #: Edges of the frequency bands [Hz].
 BANDS = (0.0, 1.0, 4.0, 16.0, 64.0, np.inf)
 #: Bins of one revolution for the order spectrum; eight show a wave.
@@ -109,14 +108,10 @@ class JointFailure(Plain):
         }
 
 
-#: Quantities at most that are named as what the error depends on.
-_MOST_NAMED = 3
-
-
-def dependences(failure: JointFailure) -> list[tuple[str, float]]:
-    """The quantities that the error depends on most, with the share that each explains."""
-    best = sorted(failure.held_out_shares.items(), key=lambda item: -item[1])[:_MOST_NAMED]
-    return [(name, share) for name, share in best if share >= NAMED_SHARE]
+def dependences(failure: JointFailure, most: int = 3) -> list[tuple[str, float]]:
+    """The quantities that the error depends on, the ``most`` important, with the share of each."""
+    best = sorted(failure.held_out_shares.items(), key=lambda item: -item[1])[:most]
+    return [(name, share) for name, share in best if share >= CHANGES]
 
 
 def sentences(failure: JointFailure, unit: str) -> list[str]:
@@ -126,7 +121,7 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     if named:
         out = [f"The error depends most on {words(named)}."]
     else:
-        out = [f"No cause explains {100.0 * NAMED_SHARE:.0f} % of the error."]
+        out = [f"No cause explains {100.0 * CHANGES:.0f} % of the error."]
     if REVERSAL in dict(found) and failure.reversal_lift > 1.0:
         out.append(
             f"Within {NEAR:g} s of the joint's reversals it is {failure.reversal_lift:.2g} times as "
@@ -232,8 +227,10 @@ def where_it_fails(
     return out
 
 
-def carriers(rows: SegmentedRuns, error: Array, joints: Iterable[int]) -> list[tuple[int, str, float]]:
-    """The variables that carry most of the error (M, n) of some joints (from 0): joint (from 1),
+def carriers(
+    rows: SegmentedRuns, error: Array, joints: Iterable[int], most: int = 3
+) -> list[tuple[int, str, float]]:
+    """The ``most`` variables that carry the error (M, n) of some joints (from 0): joint (from 1),
     variable, and the RMS [N m or N] that follows a smooth function of it on stretches left out."""
     folds, keep = folds_of(rows), np.asarray(rows.keep.all(axis=1), bool)
     known = states(rows)
@@ -250,7 +247,7 @@ def carriers(rows: SegmentedRuns, error: Array, joints: Iterable[int]) -> list[t
         for name, features in {**of_joints, f"ddq{j + 1}": hats(known["acceleration"][:, j])}.items():
             share = held_out_share(features[keep], own[keep], folds[keep])
             found.append((j + 1, name, size * float(np.sqrt(share))))
-    best = sorted(found, key=lambda one: -one[2])[:_MOST_NAMED]
+    best = sorted(found, key=lambda one: -one[2])[:most]
     return [one for one in best if one[2] > 0.0]
 
 
@@ -426,7 +423,7 @@ def failing_stretches(
     limit = _TIMES * (floor or float(np.sqrt(np.mean(error**2))))
     rest = {name: x for name, x in shares.items() if name not in (REVERSAL, STANDSTILL, HIGH_SPEED)}
     best = max(rest, key=lambda name: rest[name], default=UNNAMED)
-    names = np.array([best if rest.get(best, 0.0) >= NAMED_SHARE else UNNAMED], dtype=object).repeat(
+    names = np.array([best if rest.get(best, 0.0) >= CHANGES else UNNAMED], dtype=object).repeat(
         len(error)
     )
     names[np.abs(velocity) > _FAST * np.abs(velocity).max()] = HIGH_SPEED

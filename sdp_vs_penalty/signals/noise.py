@@ -47,7 +47,7 @@ _FEWEST = 60
 #: Independent values that a median of squares is worth, a value: its efficiency.
 _MEDIAN_WORTH = 0.37
 #: Events are rare: what fills more than this share of the differences is noise of another kind.
-_MOST_EVENTS = 0.15
+MOST_EVENTS = 0.15
 #: By how much smaller than an event its repetition may be; seconds within which two windows are at the
 #: same phase of the motion.
 FAINT, SAME_PHASE = 1.5, 0.25
@@ -242,7 +242,7 @@ def _without_events(
                 swollen = max(float(np.sqrt(np.mean(white[back] ** 2))), 1.0)
                 odd &= local_excess(white / swollen, pieces, tests, degrees)
         good = ~odd
-        if good.mean() < 1.0 - _MOST_EVENTS:
+        if good.mean() < 1.0 - MOST_EVENTS:
             good[:] = True  # noise that is not stationary, rather than an event
     return rest, good
 
