@@ -294,9 +294,9 @@ def _noise(source: str) -> str:
         return ""
     if source == RESIDUAL:
         return (
-            "No motion repeats and the log shows no noise above the motion's band (too slow, or "
-            "smoothed before it was logged), so noise and model error cannot be separated: the noise "
-            "shown is the error itself. Record a run with more than one period."
+            "No motion repeats and the log shows no steady noise above the motion's band (too slow, "
+            "smoothed before it was logged, or louder in motion), so noise and model error cannot be "
+            "separated: the noise shown is the error itself. Record a run with more than one period."
         )
     return (
         f"No motion repeats: the noise is that of the torque's spectrum above the motion's band, "

@@ -282,9 +282,10 @@ def _drift_columns(t: Array, gap: Array, dq: Array) -> Array:
 def spectral_floor(runs: SegmentedRuns) -> Array | None:
     """(n,) standard deviation of the noise in the filtered rows [N m or N], the density S of the noise
     continued below the motion's band through the low-pass H: floor^2 = mean over w of S |H|^2.
-    None where the logs show nothing above the motion, or only what a filter has left of it."""
+    None where the logs show nothing above the motion, only what a filter has left of it, or what comes
+    and goes with the motion."""
     found = torque_spectrum([s.standstill.stretch for s in runs.segments], runs.cutoff)
-    if found is None or found.smoothed:
+    if found is None or found.smoothed or found.uneven:
         return None
     kernel = next(s.standstill for s in runs.segments if s.standstill.stretch is found.part).kernels[1]
     frequency, size = found.frequency, max(2 * len(found.frequency) - 2, 4 * len(kernel.value))

@@ -31,6 +31,9 @@ _MOTION_ENDS, _LAST, _LATEST = 2.0, 0.45, 0.33
 _PERIODS, _SHORTEST, _WINDOWS = 2.5, 32, 12
 #: Share of the windows that are quiet at least, and degree of the motion's course within one.
 _QUIET, _DEGREE = 0.15, 3
+#: Share of the windows that are no louder than the loud ones; so many times the quiet ones' amplitude is
+#: more than noise. Panda and UR10e: 1.0 to 2.7; TX40 3.4 and 16 (its halves' floors differ 31-fold).
+_LOUD, _UNEVEN = 0.9, 3.0
 #: Coefficients a of the autoregression that are tried.
 _COLOURS = np.linspace(-0.5, 0.97, 148)
 
@@ -135,13 +138,15 @@ class TorqueSpectrum:
 
     part : whose rate is that of the frequencies (F,) [Hz]; density (n, F) : S, of unit mean for white
     noise of unit variance. smoothed : that no autoregression follows the spectrum of some joint, as a
-    filter leaves it (drives log smoothed currents), which says nothing of the noise below.
+    filter leaves it (drives log smoothed currents), which says nothing of the noise below; uneven : that
+    some joint's loud windows are far above its quiet ones, so that what is there is not noise alone.
     """
 
     part: Stretch
     frequency: Array
     density: Array
     smoothed: bool
+    uneven: bool
 
 
 def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum | None:
@@ -154,15 +159,17 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
     part = next(p for p, f in zip(parts, found, strict=True) if f is not None)
     known = [p for p in known if p.shape[1] == known[0].shape[1]]
     # A periodogram of noise is exponential: so much of its mean is its quantile.
-    powers = np.quantile(np.concatenate(known), _QUIET, axis=0) / -np.log1p(-_QUIET)
-    frequency: Array = np.asarray(np.fft.rfftfreq(2 * (powers.shape[0] - 1), part.dt), float)
+    quiet, loud = (
+        np.quantile(np.concatenate(known), q, axis=0) / -np.log1p(-q) for q in (_QUIET, _LOUD)
+    )
+    frequency: Array = np.asarray(np.fft.rfftfreq(2 * (quiet.shape[0] - 1), part.dt), float)
     first = min(_MOTION_ENDS * cutoff, _LATEST / part.dt)
     band = (frequency >= first) & (frequency <= _LAST / part.dt)
     largest = max(float(np.abs(p.tau).max()) for p in parts)
     if band.sum() < 4 or largest == 0.0:
         return None
     # Channels that are stuck have the noise of rounding, beside the others'.
-    powers = np.maximum(powers, (64.0 * np.finfo(float).eps * largest) ** 2)
+    powers = np.maximum(quiet, (64.0 * np.finfo(float).eps * largest) ** 2)
     turns = np.cos(2.0 * np.pi * frequency * part.dt)
     shapes = 1.0 / (1.0 + _COLOURS[:, None] ** 2 - 2.0 * _COLOURS[:, None] * turns)
     density: Array = np.zeros(powers.T.shape)
@@ -175,7 +182,9 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
         away[j] = np.median(np.abs(apart[best] - level))
     # Half of the amplitudes are within the factor of two that is promised of the floor. Medians of
     # Panda, TX40, UR10e, EMPS: .1 to .9; of a UR10's smoothed torque: 1.8 to 2.5.
-    return TorqueSpectrum(part, frequency, density, bool(away.max() > 2.0 * np.log(2.0)))
+    smoothed = bool(away.max() > 2.0 * np.log(2.0))
+    swings = np.sqrt(np.maximum(loud, powers) / powers)[band].mean(axis=0)
+    return TorqueSpectrum(part, frequency, density, smoothed, bool(swings.max() > _UNEVEN))
 
 
 def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:

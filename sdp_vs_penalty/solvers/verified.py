@@ -78,12 +78,13 @@ def _against(
     entries: Entries, dual: Sequence[tuple[Extended, Extended]], p: int
 ) -> tuple[Extended, Extended]:
     """(2, p) slope and (2,) constant of <S, F(theta)> over all constraints, and of absolute values."""
-    nothing, slope = np.zeros(0, Long), np.zeros((2, p), Long)
-    flat = np.array([np.concatenate([nothing, *(d[k].ravel() for d in dual)]) for k in (0, 1)])
-    value, constant = (np.asarray([x, np.abs(x)], Long) for x in (entries.value, entries.constant))
-    for out, x in zip(slope, value * flat[:, entries.row], strict=True):
-        np.add.at(out, entries.column, x)
-    return slope, np.sum(constant * flat, axis=1)
+    nothing, slope = np.zeros(0, Long), np.zeros(p, Long)
+    flat, sizes = (np.concatenate([nothing, *(d[k].ravel() for d in dual)]) for k in (0, 1))
+    np.add.at(slope, entries.column, entries.value * flat[entries.row])
+    terms = np.abs(entries.value) * sizes[entries.row]  # whose own rounding gamma holds as well
+    size = np.bincount(entries.column, np.asarray(terms, float), p)
+    constant = [entries.constant @ flat, np.abs(entries.constant) @ sizes]
+    return np.array([slope, size]), np.array(constant, Long)
 
 
 def _entropy_tangent(entropy: Entropy, slopes: Sequence[Array], p: int) -> tuple[Extended, Extended]:

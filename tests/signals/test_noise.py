@@ -178,6 +178,21 @@ def test_torque_that_was_smoothed_before_it_was_logged_says_nothing_of_its_noise
     assert spectral_floor(segmented(Measurements(t, q, smooth), settings)) is None
 
 
+def test_torque_that_is_louder_while_the_arm_moves_says_nothing_of_its_noise() -> None:
+    """As on a real TX40: halves of one log had floors 31 times apart."""
+    rng = np.random.default_rng(3)
+    t = np.arange(0.0, 24.0, 0.002)
+    q = np.sin(2.0 * np.pi * 0.31 * t)[:, None] + np.cos(2.0 * np.pi * 0.83 * t)[:, None]
+    noise, ripple = rng.normal(scale=[[0.3], [6.0]], size=(2, len(t)))[..., None]
+    settings = Preprocessing(5.0, 8.0)
+    steady = segmented(Measurements(t, q, 8.0 * q + noise), settings)
+    swelling = segmented(
+        Measurements(t, q, 8.0 * q + noise + ripple * (t[:, None] % 4.0 > 2.0)), settings
+    )
+    assert spectral_floor(steady) is not None
+    assert spectral_floor(swelling) is None
+
+
 def test_a_log_that_is_too_slow_or_short_shows_nothing() -> None:
     t = np.arange(0.0, 3.0, 0.05)
     q = np.sin(t)[:, None]
