@@ -19,9 +19,10 @@ from sdp_vs_penalty.diagnosis.constants import MOST_OF_IT
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import MOST_EVENTS, REPETITION, SAME_PHASE, differences
+from sdp_vs_penalty.signals.noise import REPETITION, SAME_PHASE, differences
 from sdp_vs_penalty.signals.outliers import (
     FALSE_EVENT,
+    RARE,
     local_excess,
     lone_windows,
     robust_scale,
@@ -86,7 +87,7 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         found = local_excess(steady, rows.pieces(j), rows.n, degrees)
         if found.any() and noise.source != REPETITION:
             found &= _lone(white[:, j], rows, j)
-        if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
+        if found.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = found
     out |= _odd_ones(data, residual)
     return out & ~_of_reversals(out, residual**2, rows)

@@ -46,11 +46,6 @@ SPECTRUM_KNOWN = "right within a factor of two"
 _FEWEST = 60
 #: Independent values that a median of squares is worth, a value: its efficiency.
 _MEDIAN_WORTH = 0.37
-<<<<<<< HEAD
-#: Events are rare: what fills more than this share of the differences is noise of another kind.
-MOST_EVENTS = 0.15
-=======
->>>>>>> main
 #: By how much smaller than an event its repetition may be; seconds within which two windows are at the
 #: same phase of the motion.
 FAINT, SAME_PHASE = 1.5, 0.25
@@ -245,11 +240,7 @@ def _without_events(
                 swollen = max(float(np.sqrt(np.mean(white[back] ** 2))), 1.0)
                 odd &= local_excess(white / swollen, pieces, tests, degrees)
         good = ~odd
-<<<<<<< HEAD
-        if good.mean() < 1.0 - MOST_EVENTS:
-=======
         if good.mean() < 1.0 - RARE:
->>>>>>> main
             good[:] = True  # noise that is not stationary, rather than an event
     return rest, good
 
