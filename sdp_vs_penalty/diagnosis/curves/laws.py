@@ -19,8 +19,8 @@ from sdp_vs_penalty.diagnosis.curves.bases import Axis, Basis
 from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit
 from sdp_vs_penalty.diagnosis.score import Score
 from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import plain_unit
 
 #: Steps of a scan over a constant; a quarter as many over each of two.
 _SCAN = 56
