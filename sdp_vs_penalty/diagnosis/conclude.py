@@ -314,8 +314,8 @@ def _standstill(data: WhiteData, residual: Array) -> str:
     moving = np.sqrt(moving / np.maximum(moves.sum(axis=0), 1))
     said = ", ".join(f"{moving[j - 1]:.2g}" for j in mostly)
     return (
-        f"Most of the error that is left on {formatting.joints(mostly)} is of standstill, where dry friction "
-        f"holds any torque up to its own: in motion it is {said} N m or N."
+        f"Most of the error that is left on {formatting.joints(mostly)} is of standstill, where dry "
+        f"friction holds any torque up to its own: in motion it is {said} N m or N."
     )
 
 
@@ -326,6 +326,6 @@ def _turning(left: Remainder) -> str:
         return ""
     errors = ", ".join(f"{left.slow[j]:.2g}" for j in slow)
     return (
-        f"At low speed of {formatting.joints((slow + 1).tolist())}, {errors} N m or N RMS are left beyond the "
-        "noise: near reversals friction models are least accurate."
+        f"At low speed of {formatting.joints((slow + 1).tolist())}, {errors} N m or N RMS are left "
+        "beyond the noise: near reversals friction models are least accurate."
     )

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +16,6 @@ from sdp_vs_penalty.effects.transmission_friction import combinations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.diagnosis.curves.laws import Law
 
 _DEGREE = 3
 #: Splines along one variable, and along each of a pair.
@@ -203,14 +199,9 @@ class Variables:
         """(M, size) filtered splines."""
         return self._filtered(basis.of_motion)
 
-    def of_law(self, basis: Basis, law: Law, constants: Array) -> Array:
-        """(M, m) filtered columns of a law."""
-
-        def dense(motion: Motion) -> Array:
-            points = np.column_stack([a.variable.along(motion) for a in basis.axes])
-            return law.columns(points, constants)
-
-        return self._filtered(dense)
+    def of_law(self, basis: Basis, law: Callable[[Array], Array]) -> Array:
+        """(M, m) filtered columns of a law, which says them at points (P, v)."""
+        return self._filtered(lambda m: law(np.column_stack([a.variable.along(m) for a in basis.axes])))
 
     def supported(self, basis: Basis) -> Array:
         """(P, variables) the points of the basis's grid within a step of which the motion has been."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,7 +142,7 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
     for f in exact:
         laws = recognised(
             f,
-            lambda law, b, f=f: gain * variables.of_law(f.basis, law, b),  # type: ignore[misc]
+            lambda law, b, f=f: gain * variables.of_law(f.basis, lambda x: law.columns(x, b)),  # type: ignore[misc]
             score,
             len(every),
         )
@@ -172,7 +173,7 @@ def _measured(
     else:
         points = np.vstack([points, unmeasured(f.basis, points)])
         values, grid = law.at(points), law.law.columns(points, law.constants)
-        raw = variables.of_law(f.basis, law.law, law.constants)
+        raw = variables.of_law(f.basis, partial(law.law.columns, constants=law.constants))
         columns = Columns.of(
             search.score, f.columns.fit, search.data.white(raw, f.joint), f.joint, robust=False
         )
