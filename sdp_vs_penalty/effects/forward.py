@@ -38,7 +38,7 @@ class State(NamedTuple):
     z: Array
     temperature: Array
 
-    def rows(self, which: slice) -> State:
+    def rows(self, which: slice | NDArray[np.intp]) -> State:
         return State(*(x[which] for x in self))
 
 

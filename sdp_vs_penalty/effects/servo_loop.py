@@ -25,11 +25,7 @@ class ServoLoop:
 
     def drive(self, motion: Motion) -> Array:
         """(N, n) torque of the drives [N m, N]."""
-        out = np.zeros_like(motion.q)
-        for effect, theta in self.drives:
-            for block in effect.blocks(motion):
-                out[:, block.joint] -= block.columns @ theta[block.parameters]
-        return out
+        return -sum((e.torque(own, motion) for e, own in self.drives), np.zeros_like(motion.q))
 
     def start(self, command: Command, t: Array, q: Array, path: Array) -> State:
         """States (W) at positions q (W, n) whose integrals are path (W, n), with the velocity of the

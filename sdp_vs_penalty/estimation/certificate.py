@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from sdp_vs_penalty.estimation.constants import FAR_GAP
+from sdp_vs_penalty.estimators.sdp_fit import FAR_GAP
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.show import Shown, Summary

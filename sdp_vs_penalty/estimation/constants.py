@@ -20,8 +20,6 @@ IDENTIFIABLE_WIDTH, WEAK_WIDTH = (0.25, 0.0025), (1.0, 0.1)
 DATA_SHARE = 0.5
 #: A mass so many times its nominal value, or less than one part in so many of it, is far from it.
 FAR_MASS = 3.0
-#: A gap above this share of the loss is no solver's rounding (below 1e-6): it stopped short.
-FAR_GAP = 1e-3
 #: Standard deviation of the logarithm of a gain before anything is measured.
 GAIN_PRIOR = 0.3
 #: Distance [m] of a load's mass from the last link's frame, as a standard deviation.

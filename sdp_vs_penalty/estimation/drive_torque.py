@@ -27,9 +27,9 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.runs import Stretch, interpolated, stretches
 
-#: Longest step of the simulation [s]; windows that are simulated side by side, and how long each runs
-#: from a measured position before it counts, until the noise of that is forgotten [s].
-_STEP, _WINDOW, _RUN_IN = 8e-3, 0.5, 0.5
+#: Longest step of the simulation [s]; windows that are simulated side by side [s], each of which runs as
+#: long again from a measured position before it counts, until the noise of that is forgotten.
+_STEP, _WINDOW = 8e-3, 0.5
 
 
 def with_simulated_motion(measurements: Measurements, model: Model, theta: Array) -> Measurements:
@@ -56,7 +56,7 @@ def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
     skip = max(1, int(_STEP / part.dt + 1e-9))
     h = part.dt * skip / count
     total = -(-(part.count - 1) // skip) * count + 1  # instants from the start to beyond the end
-    long, early = max(1, round(_WINDOW / h)), round(_RUN_IN / h)
+    long = early = max(1, round(_WINDOW / h))
     first = np.arange(0, total, long)
     start = np.maximum(first - early, 0)
     t = part.t[0] + h * start

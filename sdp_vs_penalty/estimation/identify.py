@@ -43,7 +43,7 @@ from sdp_vs_penalty.estimators.estimator import (
     no_progress,
     sample_variance,
 )
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -113,7 +113,7 @@ def _prior_factor(task: Task) -> Array:
         root = np.linalg.inv(np.linalg.cholesky(p0))
         whitened = (root @ inertia.PSEUDO_INERTIA_BASIS @ root.T).reshape(10, 16)
         # -log det has the curvature |P0^-1 dP|^2 / 2 beside |R theta|^2.
-        information = 0.5 * DEFAULT_ENTROPY * variance * (whitened @ whitened.T)
+        information = 0.5 * LmiSdp.entropy * variance * (whitened @ whitened.T)
         out[np.ix_(indices, indices)] = _upper(information)
     return out
 
@@ -170,7 +170,7 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         posed.preprocessing,
         settings,
         {
-            **{k: v for k, v in fit.details.items() if k != "interior"},
+            **fit.details,
             "on_bounds": bounds,
             **decided,
         },

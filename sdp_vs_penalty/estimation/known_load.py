@@ -35,19 +35,20 @@ from sdp_vs_penalty.effects.servo import Servo
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import (
     GAIN_PRIOR,
+    LEVEL,
     LOAD_REACH,
     MOTOR_ALIKE,
     NORMAL_95,
     SCALE_TOLD,
 )
 from sdp_vs_penalty.estimation.drive_torque import with_drive_torque
-from sdp_vs_penalty.estimation.sandwich import sandwich, white_variance
+from sdp_vs_penalty.estimation.sandwich import sandwich, stretched, white_variance
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.bounded_least_squares import least_squares
 from sdp_vs_penalty.regression.partial import partialled, smallest, visible
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, compress
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
 
@@ -128,82 +129,48 @@ def gains_from_loads(
     for runs, mass in _loaded(loads, model.robot):
         parts.append((compress(runs, with_load, settings), mass))
     p, n = len(bare.parameters), model.robot.n
-    joined = _Joined(parts, p, n)
-    log_gain, weights = np.zeros(n), np.ones(n)
-    x = np.zeros(joined.size)
-    scale = joined.prior(prior or GAIN_PRIOR)
+    load = [mass * reach for _, mass in parts[1:] for reach in (*[LOAD_REACH] * 3, *[LOAD_REACH**2] * 6)]
+    scale = np.concatenate([np.full(p, np.inf), load, np.full(n, prior or GAIN_PRIOR)])
+    log_gain, weights, x = np.zeros(n), np.ones(n), np.zeros(len(scale))
     for step in range(50):
-        linear = joined.linearised(x, log_gain)
+        linear = _linearised(parts, p, x, log_gain)
         data = linear.least_squares(weights)
         strength = max(white_variance(data, linear.oversampling), 1e-18 * data.tau_squared / data.rows)
         bounded = data.with_prior(scale, strength)
-        norms = np.where(bounded.column_norms > 0.0, bounded.column_norms, np.inf)
-        x = np.linalg.lstsq(bounded.R / norms, bounded.rho, rcond=1e-10)[0] / norms
-        moved = float(np.abs(x[-n:] - log_gain).max())
-        log_gain = log_gain + np.clip(x[-n:] - log_gain, -0.5, 0.5)
+        x = smallest(bounded.R, bounded.rho)
+        moved = x[-n:] - log_gain
+        log_gain = log_gain + np.clip(moved, -0.5, 0.5)
         if step < 3:
-            rows = np.maximum(linear.joint_rows(), 1)
-            left = np.sqrt(linear.joint_losses(x) / rows)
-            weights = left.max(initial=0.0) / np.maximum(left, 1e-9 * left.max(initial=1e-300))
-        elif moved < 1e-9:
+            weights = joint_weights(linear, x)
+        elif np.abs(moved).max() < 1e-9:
             break
-    known = sandwich(joined.linearised(x, log_gain), weights, scale)
-    rows = np.eye(joined.size)[-n:]
-    std = known.half_widths(rows, 0.95) / NORMAL_95
-    factor = known.factor[-n:]
-    length = np.linalg.norm(factor, axis=1)
-    stretch = np.where(np.isfinite(std) & (length > 0.0), std / np.where(length > 0.0, length, 1.0), 1.0)
-    return Gains(np.exp(log_gain), factor * stretch[:, None])
+    known = sandwich(_linearised(parts, p, x, log_gain), weights, scale)
+    std = known.half_widths(np.eye(len(scale))[-n:], LEVEL) / NORMAL_95
+    return Gains(np.exp(log_gain), stretched(known.factor[-n:], std))
 
 
-class _Joined:
-    """Compressed runs without and with loads: theta (p,), nine parameters a load, ln g (n,)."""
-
-    def __init__(self, parts: Sequence[tuple[Regression, float]], p: int, n: int) -> None:
-        self.parts, self.p, self.n = parts, p, n
-        self.size = p + 9 * (len(parts) - 1) + n
-        merged = [Parameter(f"x{k}", "-", "known_load", 0) for k in range(self.size)]
-        self.parameters = tuple(merged)
-
-    def prior(self, gain: float) -> Array:
-        """(size,) standard deviations before the measurements; infinite for the robot's own."""
-        scale = np.full(self.size, np.inf)
-        for k, (_, mass) in enumerate(self.parts[1:]):
-            own = self.p + 9 * k
-            scale[own : own + 3] = mass * LOAD_REACH
-            scale[own + 3 : own + 9] = mass * LOAD_REACH**2
-        scale[-self.n :] = gain
-        return scale
-
-    def linearised(self, x: Array, log_gain: Array) -> Regression:
-        """The rows about x and the gains: linear in all unknowns."""
-        factors: list[Factor] = []
-        blocks: list[TimeBlock] = []
-        run = 0
-        for k, (regression, mass) in enumerate(self.parts):
-            first = len(blocks)
-            blocks += [replace(b, run=b.run + run) for b in regression.blocks]
-            run = 1 + max(b.run for b in blocks)
-            for f in regression.factors:
-                factors.append(self._linear(f, first, k, mass, x, log_gain))
-        some = self.parts[0][0]
-        return Regression(self.parameters, self.n, tuple(blocks), tuple(factors), some.oversampling)
-
-    def _linear(
-        self, f: Factor, first: int, part: int, mass: float, x: Array, log_gain: Array
-    ) -> Factor:
-        gain = np.exp(log_gain[f.joint])
-        columns, torque = gain * f.triangle[:, :-1], f.triangle[:, -1]
-        known = f.indices == self.p  # the load's mass comes first of its ten parameters
-        torque = torque - columns[:, known].sum(axis=1) * mass
-        columns, indices = columns[:, ~known], f.indices[~known]
-        indices = np.where(indices > self.p, indices - 1 + 9 * (part - 1), indices)
-        slope = columns @ x[indices] + gain * f.triangle[:, :-1][:, known].sum(axis=1) * mass
-        rows = np.zeros((len(columns), self.size + 1))  # the same columns for each run of a joint
-        rows[:, indices] = columns
-        rows[:, self.size - self.n + f.joint] = slope
-        rows[:, -1] = torque + slope * log_gain[f.joint]
-        return Factor(f.joint, f.block + first, np.arange(self.size), rows, f.rows)
+def _linearised(
+    parts: Sequence[tuple[Regression, float]], p: int, x: Array, log_gain: Array
+) -> Regression:
+    """Runs without and with loads [kg] about x and the gains, linear in x: theta (p,), nine parameters a
+    load, ln g (n,)."""
+    factors, blocks, run, size, n = list[Factor](), list[TimeBlock](), 0, len(x), len(log_gain)
+    for k, (regression, mass) in enumerate(parts):
+        first = len(blocks)
+        blocks += [replace(b, run=b.run + run) for b in regression.blocks]
+        run = 1 + max(b.run for b in blocks)
+        for f in regression.factors:
+            columns = np.exp(log_gain[f.joint]) * f.triangle[:, :-1]
+            known = f.indices == p  # the load's mass comes first of its ten parameters
+            weighs, indices = columns[:, known].sum(axis=1) * mass, f.indices[~known]
+            indices = np.where(indices > p, indices - 1 + 9 * (k - 1), indices)
+            slope = columns[:, ~known] @ x[indices] + weighs
+            rows = np.zeros((len(columns), size + 1))  # the same columns for each run of a joint
+            rows[:, indices], rows[:, size - n + f.joint] = columns[:, ~known], slope
+            rows[:, -1] = f.triangle[:, -1] - weighs + slope * log_gain[f.joint]
+            factors.append(Factor(f.joint, f.block + first, np.arange(size), rows, f.rows))
+    unknowns = tuple(Parameter(f"x{k}", "-", "known_load", 0) for k in range(size))
+    return Regression(unknowns, n, tuple(blocks), tuple(factors), parts[0][0].oversampling)
 
 
 def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
@@ -254,7 +221,7 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
     theta[gains], theta[rest] = start * np.exp(best), fitted(best)[0]
     # As the links should weigh, by the torque that they make.
     told, stated = L_links @ theta[links], L_links @ nominal[links]
-    size = float(told @ stated) / max(float(told @ told), 1e-300)
+    size = float(told @ stated) / or_one(told @ told)
     return theta * (size if size > 0.0 else 1.0)
 
 
@@ -291,7 +258,7 @@ def factor_of_known(
     names = [p.name for p in model.parameters]
     free = ~model.drives
     told, share = regression.keeping(free).least_squares(), np.ones(len(names))
-    share[free] = told.own_torque / np.maximum(told.column_norms, 1e-300)
+    share[free] = told.own_torque / or_one(told.column_norms)
     for name in known:
         if name.startswith("total"):
             raise InputError(
@@ -374,7 +341,7 @@ def factor_of_loads(
             )
         variance = left.oversampling * data.loss(x) / max(data.rows, 1)
         found.append(mass / x[0])
-        information.append(x[0] ** 2 * data.own_torque[0] ** 2 / max(variance, 1e-300))
+        information.append(x[0] ** 2 * data.own_torque[0] ** 2 / or_least(variance))
     return float(np.average(found, weights=information)), float(np.sum(information) ** -0.5)
 
 

@@ -32,17 +32,11 @@ from sdp_vs_penalty.signals.runs import stretches
 
 @dataclass(frozen=True)
 class Course:
-    """A stretch of a run: t (N,) s, states (N, n), the friction's states z, the joints'
-    temperature (NaN: not needed) and torque; where there is a command, that and the integral of the
-    positions."""
+    """A stretch of a run: states, an instant a row; torque (N, n) [N m, N]; which joints move (N, n);
+    where there is a command, that and the integral (N, n) of the positions."""
 
     name: str
-    t: Array
-    q: Array
-    dq: Array
-    ddq: Array
-    z: Array
-    temperature: Array
+    states: State
     torque: Array
     moving: NDArray[np.bool_]
     command: Command | None = None
@@ -50,10 +44,8 @@ class Course:
 
     @property
     def dt(self) -> float:
-        return float(self.t[1] - self.t[0])
-
-    def state(self, at: NDArray[np.intp]) -> State:
-        return State(self.t[at], self.q[at], self.dq[at], self.ddq[at], self.z[at], self.temperature[at])
+        """Between two rows [s]."""
+        return float(self.states.t[1] - self.states.t[0])
 
 
 def courses_of(run: Measurements, estimate: Estimate, plant: Plant, shortest: float) -> list[Course]:
@@ -70,12 +62,11 @@ def courses_of(run: Measurements, estimate: Estimate, plant: Plant, shortest: fl
         motion = filters.motion(part, first, last)
         torque = plant.true_torque(motion.t, part.resampled(part.tau, first, last + 1))
         z, moving = plant.remembered(motion), filters.movement.at(motion.t)
-        states = (motion.q, motion.dq, motion.ddq)
         warm = np.full_like(motion.q, np.nan)
         if any(effect.needs_temperature for effect in estimate.model.effects):
             warm = motion.joint_temperature
-        told = motion.command, motion.sum
-        out.append(Course(run.names[0], motion.t, *states, z, warm, torque, moving, *told))
+        states = State(motion.t, motion.q, motion.dq, motion.ddq, z, warm)
+        out.append(Course(run.names[0], states, torque, moving, motion.command, motion.sum))
     if not out:
         raise no_rows(run, 2.0 * half * filters.dt + shortest)
     return out
@@ -115,7 +106,7 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, 
     if not plant.can_move or not np.all(np.isfinite(start.theta)):
         raise InputError("M(q) is not positive definite: the model cannot be simulated", "add bounds")
     courses = [c for run in measurements.runs() for c in courses_of(run, start, plant, _WINDOWS[-1])]
-    size = np.concatenate([c.q for c in courses]).std(axis=0)
+    size = np.concatenate([c.states.q for c in courses]).std(axis=0)
     windows, seconds = _chosen(plant, courses, size)
     directions = visible(task.data.R)[1] * np.sqrt(task.data.loss(task.ols) / task.data.rows)
     theta, error = start.theta, _errors(plant, windows, size)[0]
@@ -152,7 +143,7 @@ def _chosen(plant: Plant, courses: Sequence[Course], size: Array) -> tuple[list[
 def _cut(course: Course, seconds: float) -> list[_Window]:
     """A course in windows; a step's torque is the mean of its samples (trapezoidal rule)."""
     stride = max(1, int(_STEP / course.dt + 1e-9))
-    steps = (len(course.t) - 1) // stride
+    steps = (len(course.torque) - 1) // stride
     weights = np.ones(stride + 1) / stride
     weights[[0, -1]] /= 2.0
     ends = stride * np.arange(1, steps + 1)
@@ -160,10 +151,10 @@ def _cut(course: Course, seconds: float) -> list[_Window]:
     count = int(min(steps, max(1, round(seconds / (stride * course.dt)) if seconds < np.inf else steps)))
     return [
         _Window(
-            course.state(np.array([stride * first])),
+            course.states.rows(np.array([stride * first])),
             stride * course.dt,
             np.asarray(torque)[first : first + count],
-            course.q[ends[first : first + count]],
+            course.states.q[ends[first : first + count]],
         )
         for first in range(0, steps - count + 1, count)
     ]

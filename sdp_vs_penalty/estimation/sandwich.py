@@ -177,6 +177,16 @@ def sandwich(regression: Regression, weights: Array, prior_scale: Array | None =
     )
 
 
+def stretched(factor: Array, std: Array) -> Array:
+    """Rows of a factor (p, r) as long as the deviations (p,); where they are NaN, longer by the median
+    ratio."""
+    length = np.linalg.norm(factor, axis=1)
+    known = np.isfinite(std) & (length > 0.0)
+    ratio = np.where(known, std, 1.0) / np.where(known, length, 1.0)
+    typical = float(np.median(ratio[known])) if known.any() else 1.0
+    return np.asarray(factor * np.where(known, ratio, typical)[:, None])
+
+
 def white_variance(data: LeastSquares, oversampling: float) -> float:
     """Variance of the residual of least squares, were it white: of one independent row."""
     U, _ = visible(data.R)

@@ -29,7 +29,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.excitation import Limits, independent_rate, shrunk
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.self_collision import SelfCollision
 from sdp_vs_penalty.robot.trajectory import PointTrajectory, random_trajectory, shortest_moves
 
@@ -93,7 +93,7 @@ class Hypotheses:
         noise = np.maximum(estimate.uncertainty.noise, 1e-12)
         bare = cls(estimate, tuple(found), noise, independent_rate(estimate), (1.0,) * len(found))
         motion = bare.motion(default_excitation(estimate, 20.0, 0), 20.0)
-        sizes = [level / max(bare._root_mean_square(e, motion), 1e-300) for e in found]
+        sizes = [level / or_one(bare._root_mean_square(e, motion)) for e in found]
         return replace(bare, scale=tuple(sizes))
 
     def motion(self, states: States, duration: float) -> Motion:
@@ -138,7 +138,7 @@ class Hypotheses:
         """Probability that the sum of squares decides rightly, whichever of the two is true."""
         counts = [len(e.parameters) for e in self.effects] + [0]
         price = abs(counts[0] - counts[1]) * np.log(max(self.row_rate * seconds, 2.0))
-        return float(special.ndtr((delta2 - price) / (2.0 * np.sqrt(max(delta2, 1e-300)))))
+        return float(special.ndtr((delta2 - price) / (2.0 * np.sqrt(or_least(delta2)))))
 
     def needed(self, delta2: float, seconds: float) -> float:
         """Seconds of the motion, repeated, for LEVEL; infinity where it never tells."""

@@ -55,7 +55,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import compress, compress_cells
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_least
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -214,14 +214,14 @@ def _later(joints: Sequence[_Joint], name: str, about: float) -> float:
     grid = grid[(about + grid >= -1e-9) & (about + grid <= LATEST)]
     laws = [_law(name, d) for d in grid]
     left = [[np.sum((j.whole @ _fitted(j.whole, law)) ** 2) for j in joints] for law in laws]
-    return float(grid[np.argmin(np.log(np.maximum(left, 1e-300)).sum(axis=1))])
+    return float(grid[np.argmin(np.log(or_least(left)).sum(axis=1))])
 
 
 def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
     """(folds,) mean over the joints of ln of the squared held-out error."""
     law = _law(name, delay)
     left = [[np.sum((test @ _fitted(train, law)) ** 2) for train, test in j.folds] for j in joints]
-    return np.asarray(np.mean(np.log(np.maximum(left, 1e-300)), axis=0))
+    return np.asarray(np.mean(np.log(or_least(left)), axis=0))
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ def servo_log(
         if instruments:
             progress(f"simulating the command, pass {k + 1}")
             simulated, apart = log.simulated(better, rows)
-            error = float(np.mean(np.log(np.maximum(apart, 1e-300))))
+            error = float(np.mean(np.log(or_least(apart))))
             before, least = least, min(error, least)
             if not error < before + np.log(SAME_MOTION):
                 break

@@ -11,7 +11,7 @@ least squares leave, with the same columns; a step is a pass over the data.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -51,10 +51,6 @@ def prior_deviation(effect: Effect, key: str) -> float:
     return float((np.log(high / low) if shape.scale == "log" else high - low) / np.sqrt(12.0))
 
 
-def _kind(effect: Effect, key: str) -> str:
-    return ON_A_GRID if effect.shapes[key].bounds is None else REFINED
-
-
 class ShapeSensitivity(Effect):
     """The torque of a unit error of each free shape constant of an effect with parameters theta (k,).
 
@@ -72,26 +68,18 @@ class ShapeSensitivity(Effect):
         super().__init__(effect.robot)
         self.effect, self.theta = effect, np.asarray(theta, float)
         self.keys, self.finer = free_constants(effect), tuple(finer)
-        self._all = (effect, *(e for e, _ in finer))
-
-    # A property of what is varied, not of the class: instance attributes hide the class's.
-    @property
-    def has_memory(self) -> bool:  # type: ignore[override]
-        return any(e.has_memory for e in self._all)
-
-    @property
-    def needs_torque(self) -> bool:  # type: ignore[override]
-        return any(e.needs_torque for e in self._all)
-
-    @property
-    def needs_links(self) -> bool:  # type: ignore[override]
-        return any(e.needs_links for e in self._all)
+        every = (effect, *(e for e, _ in finer))
+        # Of what is varied, not of the class.
+        self.has_memory = any(e.has_memory for e in every)  # type: ignore[misc]
+        self.needs_torque = any(e.needs_torque for e in every)  # type: ignore[misc]
+        self.needs_links = any(e.needs_links for e in every)  # type: ignore[misc]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
+        kinds = (ON_A_GRID if self.effect.shapes[k].bounds is None else REFINED for k in self.keys)
         return tuple(
-            Parameter(f"{key} of {self.effect.text}", "-", _kind(self.effect, key), 0)
-            for key in self.keys
+            Parameter(f"{key} of {self.effect.text}", "-", kind, 0)
+            for key, kind in zip(self.keys, kinds, strict=True)
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
@@ -115,26 +103,17 @@ class ShapeSensitivity(Effect):
     @cached_property
     def _varied(self) -> list[tuple[Effect, Effect, float]]:
         """For each constant the effect a step above and below, and the unit over their distance."""
-        return [
-            (
-                self._moved(k, _STEP),
-                self._moved(k, -_STEP),
-                0.5 * prior_deviation(self.effect, k) / _STEP,
-            )
-            for k in self.keys
-        ]
-
-    def _moved(self, key: str, step: float) -> Effect:
-        return moved(self.effect, {key: step})
+        e = self.effect
+        units = [0.5 * prior_deviation(e, k) / _STEP for k in self.keys]
+        pairs = [(moved(e, k, _STEP), moved(e, k, -_STEP)) for k in self.keys]
+        return [(*pair, unit) for pair, unit in zip(pairs, units, strict=True)]
 
 
-def moved(effect: Effect, steps: Mapping[str, float]) -> Effect:
-    """The effect with shape constants changed by steps in their own scales."""
-    shape = dict(effect.shape)
-    for key, step in steps.items():
-        value = shape[key]
-        shape[key] = float(value * np.exp(step) if effect.shapes[key].scale == "log" else value + step)
-    return effect.with_shape(**shape)
+def moved(effect: Effect, key: str, step: float) -> Effect:
+    """The effect with a shape constant changed by a step in its own scale."""
+    value = effect.shape[key]
+    new = value * np.exp(step) if effect.shapes[key].scale == "log" else value + step
+    return effect.with_shape(**{key: float(new)})
 
 
 def sensitivities(effects: Sequence[Effect], thetas: Sequence[Array]) -> tuple[ShapeSensitivity, ...]:
@@ -260,7 +239,7 @@ class _Search:
         def at(steps: Array) -> Model:
             out = list(effects)
             for (k, key), step in zip(free, steps.tolist(), strict=True):
-                out[k] = moved(out[k], {key: step})
+                out[k] = moved(out[k], key, step)
             return replace(model, effects=tuple(out))
 
         def left(steps: Array) -> tuple[Array, Array]:

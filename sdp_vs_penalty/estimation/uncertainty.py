@@ -19,14 +19,14 @@ import numpy as np
 
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.estimation.constants import IDENTIFIABLE_WIDTH, LEVEL, NORMAL_95, WEAK_WIDTH
-from sdp_vs_penalty.estimation.sandwich import Sandwich, sandwich
+from sdp_vs_penalty.estimation.sandwich import Sandwich, sandwich, stretched
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.estimator import joint_weights, with_plausible
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.partial import smallest
-from sdp_vs_penalty.regression.regression import LeastSquares, Regression, nearest_least_squares
+from sdp_vs_penalty.regression.regression import Regression, nearest_least_squares
 from sdp_vs_penalty.robot.arrays import Array
 
 IDENTIFIABLE, WEAKLY, NOT_SEEN = "identifiable", "weakly", "not seen"
@@ -159,7 +159,7 @@ class Uncertainty:
     def factor(self) -> Array:
         """(p, r + e) with the covariance factor factor': rows as long as the standard deviations, which
         Student's quantile has made larger."""
-        return _stretched(np.hstack([self.spread, self.gains @ self.gain_errors]), self.std)
+        return stretched(np.hstack([self.spread, self.gains @ self.gain_errors]), self.std)
 
     @cached_property
     def std(self) -> Array:
@@ -222,89 +222,57 @@ class Uncertainty:
         )
 
 
-@dataclass(frozen=True)
 class _Evidence:
-    """Compressed data of a model, which may have the columns of its shape constants behind its own."""
+    """Compressed data of a model, which may have the columns of its shape constants behind its own.
 
-    problem: Problem
-    model: Model
-    regression: Regression
-    weighting: str
-    white: bool = False
-    own: Regression | None = None
+    centre (p,) : least squares next to the nominal robot; smallest (p,) : the smallest ones; known : the
+    sandwich, without constants on a grid that the data do not contradict: such a value is taken for the
+    true one; largest (p,) : value that bounds or the measured torque allow each parameter.
+    """
 
-    @property
-    def p(self) -> int:
-        return len(self.model.parameters)
+    def __init__(
+        self,
+        problem: Problem,
+        model: Model,
+        regression: Regression,
+        weighting: str,
+        white: bool = False,
+        own: Regression | None = None,
+    ) -> None:
+        self.problem, self.model, self.regression = problem, model, regression
+        self.p, self.bound, nominal = (
+            len(model.parameters),
+            problem.parameter_bound(model),
+            problem.nominal(model),
+        )
+        self.narrow = narrow = own or regression.keeping(np.arange(regression.p) < self.p)
+        weights = np.ones(regression.joints)
+        if weighting != "none":
+            first = with_plausible(narrow.least_squares(), model, narrow.oversampling)
+            weights = joint_weights(narrow, nearest_least_squares(first, nominal, self.bound))
+        data = narrow.least_squares(weights)
+        told = with_plausible(data, model, narrow.oversampling)
+        self.centre = nearest_least_squares(told, nominal, self.bound)
+        self.smallest = smallest(told.R, told.rho)
+        norms = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
+        self.largest = np.fmin(self.bound, np.sqrt(data.tau_squared) / norms)
 
-    @cached_property
-    def bound(self) -> Array:
-        return self.problem.parameter_bound(self.model)
+        def of(regression: Regression) -> Sandwich:
+            """A shape constant has a standard normal prior."""
+            scale = np.append(model.plausible, np.ones(regression.p - self.p))
+            return replace(sandwich(regression, weights, scale), taken_white=white)
 
-    @cached_property
-    def narrow(self) -> Regression:
-        """Without the shape constants' columns."""
-        return self.own or self.regression.keeping(np.arange(self.regression.p) < self.p)
-
-    @cached_property
-    def weights(self) -> Array:
-        if self.weighting == "none":
-            return np.ones(self.regression.joints)
-        return joint_weights(self.narrow, self._least_squares(self.narrow.least_squares()))
-
-    @cached_property
-    def centre(self) -> Array:
-        """(p,) least squares next to the nominal robot."""
-        return self._least_squares(self._weighted)
-
-    @cached_property
-    def _weighted(self) -> LeastSquares:
-        return self.narrow.least_squares(self.weights)
-
-    def _least_squares(self, data: LeastSquares) -> Array:
-        nominal = self.problem.nominal(self.model)
-        return nearest_least_squares(self._plausible(data), nominal, self.bound)
-
-    def _plausible(self, data: LeastSquares) -> LeastSquares:
-        return with_plausible(data, self.model, self.narrow.oversampling)
-
-    @cached_property
-    def known(self) -> Sandwich:
-        """The sandwich, without constants on a grid that the data do not contradict: such a value is
-        taken for the true one."""
-        known = self._sandwich(self.regression)
-        gridded = np.array([q.effect == ON_A_GRID for q in self.regression.parameters])
-        if not gridded.any():
-            return known
-        half = known.half_widths(np.eye(self.regression.p)[gridded], LEVEL)
-        agrees = np.zeros_like(gridded)
-        agrees[gridded] = np.abs(known.solution[gridded]) <= half
-        return self._sandwich(self.regression.keeping(~agrees)) if agrees.any() else known
-
-    def _sandwich(self, regression: Regression) -> Sandwich:
-        """A shape constant has a standard normal prior."""
-        constants = regression.p - self.p
-        scale = np.append(self.model.plausible, np.ones(constants))
-        return replace(sandwich(regression, self.weights, scale), taken_white=self.white)
+        self.known = of(regression)
+        gridded = np.array([q.effect == ON_A_GRID for q in regression.parameters])
+        if gridded.any():
+            half = self.known.half_widths(np.eye(regression.p)[gridded], LEVEL)
+            agrees = np.zeros_like(gridded)
+            agrees[gridded] = np.abs(self.known.solution[gridded]) <= half
+            self.known = of(regression.keeping(~agrees)) if agrees.any() else self.known
 
     def padded(self, rows: Array) -> Array:
         """Rows (k, p) with zeros for the shape constants."""
         return np.pad(rows, ((0, 0), (0, self.known.regression.p - self.p)))
-
-    def _unsettled(self, rows: Array) -> Array | float:
-        """(k,) by how much linear functions change where shape constants take one more step towards the
-        least loss: constants that stay on a grid, or were given, are not at it."""
-        if self.known.regression.p == self.p:
-            return 0.0
-        data = self._plausible(self._weighted)
-        return np.asarray(rows @ (self.known.solution[: self.p] - smallest(data.R, data.rho)))
-
-    @cached_property
-    def largest(self) -> Array:
-        """(p,) largest value that bounds or the measured torque allow each parameter."""
-        data = self._weighted
-        seen = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
-        return np.fmin(self.bound, np.sqrt(data.tau_squared) / seen)
 
     def uncertainty(
         self,
@@ -325,7 +293,9 @@ class _Evidence:
         def told(base: BaseParameters) -> tuple[Interval, ...]:
             rows = base.rows
             noise = self.known.half_widths(self.padded(rows), LEVEL) / NORMAL_95
-            noise = np.hypot(noise, self._unsettled(rows))
+            if self.known.regression.p > self.p:
+                # Constants that stay on a grid, or were given, are one step from the least loss.
+                noise = np.hypot(noise, rows @ (self.known.solution[: self.p] - self.smallest))
             known = np.hstack([rows @ extra, rows @ gains @ gain_errors])
             std = np.hypot(noise, np.linalg.norm(known, axis=1))
             return intervals_of(
@@ -346,16 +316,6 @@ class _Evidence:
             np.sqrt(self.narrow.joint_losses(value) / rows),
             gain_errors,
         )
-
-
-def _stretched(factor: Array, std: Array) -> Array:
-    """Rows of a factor (p, r) as long as the deviations (p,); where they are NaN, longer by the median
-    ratio."""
-    length = np.linalg.norm(factor, axis=1)
-    known = np.isfinite(std) & (length > 0.0)
-    ratio = np.where(known, std, 1.0) / np.where(known, length, 1.0)
-    typical = float(np.median(ratio[known])) if known.any() else 1.0
-    return np.asarray(factor * np.where(known, ratio, typical)[:, None])
 
 
 def of_regression(

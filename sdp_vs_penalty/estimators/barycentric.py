@@ -15,38 +15,17 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimators.estimator import Array, Task
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import or_one
 from sdp_vs_penalty.robot.constraint import BarycentricBound, Constraint, linear
 
 #: The authors' box for friction and offset parameters [N m, N m s / rad] (bounds of their one-step
 #: identification). Widened where a parameter must be larger to make the measured torque.
 JOINT_PARAMETER_RANGE = 100.0
 
-_MOMENTS = (0, 2, 5)
 #: Bounds that are not convex are met by this much (relative), more than the final repair moves.
 _MARGIN = 1e-8
-#: Row and column of each inertia entry, and what m c_i c_j adds to J: J_e = I_e + sum_k S_ke m c_i c_j.
-_ROWS, _COLUMNS = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
-_STEINER = np.array(
-    [
-        [0.0, 0.0, 1.0, 0.0, 0.0, 1.0],  # xx adds to yy and zz
-        [0.0, -1.0, 0.0, 0.0, 0.0, 0.0],
-        [1.0, 0.0, 0.0, 0.0, 0.0, 1.0],  # yy
-        [0.0, 0.0, 0.0, -1.0, 0.0, 0.0],
-        [0.0, 0.0, 0.0, 0.0, -1.0, 0.0],
-        [1.0, 0.0, 1.0, 0.0, 0.0, 0.0],  # zz
-    ]
-)
-
-
-def _steiner_forms() -> Array:
-    """Q (6, 3, 3), symmetric: I_e = J_e - m c^T Q_e c = J_e - h^T Q_e h / m with h = m c."""
-    forms = np.zeros((6, 3, 3))
-    for e in range(6):
-        forms[e, _ROWS, _COLUMNS] = _STEINER[:, e]
-    return 0.5 * (forms + forms.transpose(0, 2, 1))
-
-
-STEINER_FORMS = _steiner_forms()
+#: Q (6, 3, 3), symmetric: I_e = J_e - m c^T Q_e c = J_e - h^T Q_e h / m with h = m c (Steiner).
+STEINER_FORMS = inertia.steiner_forms()
 
 
 @dataclass(frozen=True)
@@ -65,7 +44,8 @@ class OneSided:
         for bound in bounds:
             moment = float(reference[bound.indices[[4, 6, 9]]].sum())
             for sign, limit in ((1.0, bound.lower), (-1.0, bound.upper)):
-                implied = sign > 0.0 and bound.entry in _MOMENTS and limit <= 0.0
+                moment_itself = np.trace(STEINER_FORMS[bound.entry]) > 0.0
+                implied = sign > 0.0 and moment_itself and limit <= 0.0
                 if np.isfinite(limit) and not implied:
                     inside = limit + sign * _MARGIN * (moment + abs(limit))
                     out.append(cls(bound.indices, bound.entry, sign, inside))
@@ -151,37 +131,21 @@ class BarycentricBox:
     def theta(self, p: Array) -> Array:
         """Standard parameters of p: h = m c, J = I + m (c.c 1 - c c^T)."""
         out = p.copy()
-        if len(self.links):
-            local = p[self.links]
-            c = local[:, 1:4].copy()
-            local[:, 1:4] *= local[:, :1]
-            local[:, 4:] += (local[:, 1 + _ROWS] * c[:, _COLUMNS]) @ _STEINER
-            out[self.links] = local
+        out[self.links] = inertia.standard_from_barycentric(p[self.links])
         return out
 
     def pull_back(self, p: Array, gradient: Array) -> Array:
         """(d theta / d p)^T gradient."""
-        out = gradient.copy()
-        if len(self.links):
-            local, g = p[self.links], gradient[self.links]
-            m, c, g_h = local[:, :1], local[:, 1:4], g[:, 1:4]
-            by_product = g[:, 4:] @ _STEINER.T  # d / d(m c_i c_j), each pair once
-            g[:, 0] += np.sum(g_h * c, axis=1)
-            g[:, 0] += np.sum(by_product * c[:, _ROWS] * c[:, _COLUMNS], axis=1)
-            across = m * by_product
-            g_c = m * g_h
-            for k, (i, j) in enumerate(zip(_ROWS, _COLUMNS, strict=True)):
-                g_c[:, i] += across[:, k] * c[:, j]
-                g_c[:, j] += across[:, k] * c[:, i]
-            g[:, 1:4] = g_c
-            out[self.links] = g
+        out, c, g = gradient.copy(), p[self.links[:, 1:4]], gradient[self.links]
+        across = np.einsum("ne,eij,nj->ni", g[:, 4:], STEINER_FORMS, c)  # half of d J / d(m c)
+        out[self.links[:, 0]] += np.sum(c * (g[:, 1:4] + across), axis=1)
+        out[self.links[:, 1:4]] = p[self.links[:, :1]] * (g[:, 1:4] + 2.0 * across)
         return out
 
     def p(self, theta: Array) -> Array:
         """p of standard parameters, put inside the box (a massless link: its middle)."""
         out = theta.copy()
-        if len(self.links):
-            out[self.links] = inertia.barycentric_from_standard(theta[self.links])
+        out[self.links] = inertia.barycentric_from_standard(theta[self.links])
         middle = 0.5 * (self.lower + self.upper)
         return np.clip(np.where(np.isfinite(out), out, middle), self.lower, self.upper)
 
@@ -194,16 +158,14 @@ def barycentric_box(task: Task) -> BarycentricBox:
     where |tau| / |Y_k| is the size at which parameter k alone makes all the measured torque.
     """
     norms = task.data.column_norms
-    alone = np.zeros(len(norms))
-    np.divide(np.sqrt(task.data.tau_squared), norms, out=alone, where=norms > 0.0)
+    alone = np.where(norms > 0.0, np.sqrt(task.data.tau_squared), 0.0) / or_one(norms)
     upper = np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
     lower = np.maximum(-upper, [parameter.lower for parameter in task.model.parameters])
     for link, indices in enumerate(task.links):
         bound, box = task.bound[indices], task.box[link]
-        implied = np.concatenate([bound[:1], bound[1:4] / max(bound[0], 1e-300), bound[4:]])
+        implied = np.concatenate([bound[:1], bound[1:4] / or_one(bound[0]), bound[4:]])
         low = -implied
-        low[0] = 0.0
-        low[[4, 6, 9]] = 0.0
+        low[[0, 4, 6, 9]] = 0.0
         lower[indices] = np.where(np.isfinite(box[:, 0]), box[:, 0], low)
         upper[indices] = np.where(np.isfinite(box[:, 1]), box[:, 1], implied)
     return BarycentricBox(lower, upper, task.links)

@@ -21,7 +21,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, nearest_least_squares
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.objective import Objective
@@ -236,8 +236,7 @@ def scaled_prior(task: Task, guessed: np.ndarray) -> np.ndarray:
     stated = R[:, task.links[~guessed].ravel()] @ links[~guessed].ravel()
     guess = R[:, task.links[guessed].ravel()] @ links[guessed].ravel()
     columns = np.column_stack([guess, R[:, own]])
-    size = np.linalg.norm(columns, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
+    size = or_one(np.linalg.norm(columns, axis=0))
     factor = np.linalg.lstsq(columns / size, task.data.rho - stated, rcond=1e-9)[0][0] / size[0]
     out = links.copy()
     out[guessed] *= np.clip(factor, 1.0 / _WRONG_BY, _WRONG_BY) if factor > 0.0 else 1.0

@@ -31,10 +31,10 @@ from sdp_vs_penalty.estimators.barycentric import (
     implied_by_centre,
 )
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import (
     Alike,
     Constraint,
@@ -45,11 +45,10 @@ from sdp_vs_penalty.robot.constraint import (
 from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.objective import Objective
 
-_FIRST_WEIGHT = 0.1  # in units of (scaled loss) / (scaled distance)^2
-_GROWTH = 10.0
-_LARGEST_WEIGHT = 1e10
-_STAGES = 60
-_STEPS = 60  # Newton steps a stage
+#: The first weight, in units of (scaled loss) / (scaled distance)^2, and the largest.
+_FIRST_WEIGHT, _LARGEST_WEIGHT = 0.1, 1e10
+#: Stages, and Newton steps of each, at most.
+_STEPS = 60
 
 
 class Part(Protocol):
@@ -87,11 +86,11 @@ class AffinePart:
         matrix *= theta_scale
         if stack.cone == "psd":
             diagonal = np.abs(np.diagonal(at, axis1=1, axis2=2))
-            root = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+            root = 1.0 / np.sqrt(or_one(diagonal))
             scale = root[:, :, None] * root[:, None, :]
         else:
             size = np.abs(matrix).max(axis=1) + np.abs(stack.constant.ravel())
-            size = np.where(size > 0.0, size, 1.0).reshape(at.shape)
+            size = or_one(size).reshape(at.shape)
             if stack.cone == "soc":
                 size = np.broadcast_to(size.max(axis=1, keepdims=True), size.shape)
             scale = 1.0 / size
@@ -119,10 +118,6 @@ class ShiftedPenalty:
     rho: Array
     constant: float
     parts: tuple[Part, ...]
-    reach: Array  # (p,) a step longer than this in some x_k cannot be needed
-
-    def no_shifts(self, x: Array) -> list[Array]:
-        return [np.zeros_like(part.values(x)) for part in self.parts]
 
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
         """Pi_K(S - w F(x)): the next shifts."""
@@ -149,7 +144,7 @@ class ShiftedPenalty:
         out = 2.0 * np.sum(self.R**2, axis=0)
         for part in self.parts:
             out += weight * np.sum(part.jacobian(x) ** 2, axis=0)
-        return np.maximum(out, 1e-12 * max(float(out.max(initial=0.0)), 1e-300))
+        return np.maximum(out, 1e-12 * or_one(out.max(initial=0.0)))
 
     def hessian(self, x: Array, shifts: Sequence[Array], weight: float) -> Array:
         """An element of L's generalised Hessian (p, p)."""
@@ -179,19 +174,20 @@ def minimise(penalty: ShiftedPenalty, x: Array, tolerance: float = 1e-9) -> Mini
 
     tolerance : in the scaled units of the parts (1: the size of the cone's values at the reference).
     """
-    shifts, weight = penalty.no_shifts(x), _FIRST_WEIGHT
+    shifts, weight = [np.zeros_like(part.values(x)) for part in penalty.parts], _FIRST_WEIGHT
     residual, accuracy = np.inf, 1e-2
     evaluations = iterations = 0
-    for _ in range(_STAGES):
+    for _ in range(_STEPS):
         x, spent, steps = newton(penalty, x, shifts, weight, accuracy)
         evaluations, iterations = evaluations + spent, iterations + steps
         moved = penalty.shifted(x, shifts, weight)
-        previous, residual = residual, _largest_change(moved, shifts) / weight
+        changes = (np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True))
+        previous, residual = residual, float(max(changes, default=0.0)) / weight
         shifts = moved
         if residual <= tolerance and accuracy <= 1e-6:
             break
         if residual > 0.25 * previous and weight < _LARGEST_WEIGHT:
-            weight *= _GROWTH
+            weight *= 10.0
         accuracy = max(0.1 * accuracy, 1e-8)
     return Minimum(x, shifts, weight, residual, evaluations, iterations)
 
@@ -199,7 +195,8 @@ def minimise(penalty: ShiftedPenalty, x: Array, tolerance: float = 1e-9) -> Mini
 def newton(
     penalty: ShiftedPenalty, x: Array, shifts: Sequence[Array], weight: float, accuracy: float
 ) -> tuple[Array, int, int]:
-    """Minimise L(.; S, w) from x by damped Newton steps; returns x, evaluations and steps.
+    """Minimise L(.; S, w) from x by Newton steps, damped (Levenberg, Marquardt) in the metric of the
+    largest curvature; returns x, evaluations and steps.
 
     Stops at a gradient below ``accuracy`` (scaled units) or where rounding hides any descent.
     """
@@ -209,28 +206,17 @@ def newton(
         if np.abs(gradient).max(initial=0.0) <= accuracy:
             return x, evaluations, step
         hessian = penalty.hessian(x, shifts, weight)
-        accepted = False
-        while not accepted:
+        while True:
             direction, damping = _descent(hessian, gradient, metric, damping)
             slope = float(gradient @ direction)
             if -slope <= 1e-15 * abs(value) or damping > 1e3:
                 return x, evaluations, step
-            if np.any(np.abs(direction) > penalty.reach):
-                damping *= 10.0
-                continue
-            for length in (1.0, 0.5, 0.25, 0.125):
-                trial = x + length * direction
-                new_value, new_gradient = penalty.value_and_gradient(trial, shifts, weight)
-                evaluations += 1
-                accepted = new_value <= value + 1e-4 * length * slope
-                if accepted:
-                    break
-            if not accepted or length < 1.0:
-                # Short steps: the quadratic model is wrong far out, where it hardly bends.
-                damping = max(10.0 * damping, 1e-10)
-        if length == 1.0:
-            damping *= 0.1
-        x, value, gradient = trial, new_value, new_gradient
+            new_value, new_gradient = penalty.value_and_gradient(x + direction, shifts, weight)
+            evaluations += 1
+            if new_value <= value + 1e-4 * slope:
+                break
+            damping = max(10.0 * damping, 1e-10)
+        x, value, gradient, damping = x + direction, new_value, new_gradient, 0.1 * damping
     return x, evaluations, _STEPS
 
 
@@ -245,18 +231,6 @@ def _descent(hessian: Array, gradient: Array, metric: Array, damping: float) -> 
             return -scipy.linalg.cho_solve(factor, gradient, check_finite=False), damping
         except np.linalg.LinAlgError:
             damping *= 100.0
-
-
-def _largest_change(new: Sequence[Array], old: Sequence[Array]) -> float:
-    return max(
-        (float(np.abs(a - b).max(initial=0.0)) for a, b in zip(new, old, strict=True)), default=0.0
-    )
-
-
-def scaled_loss(data: LeastSquares, theta_scale: Array, loss_scale: float) -> tuple[Array, Array, float]:
-    """R, rho and residual_norm^2 of loss / loss_scale in x = theta / theta_scale."""
-    root = np.sqrt(loss_scale)
-    return data.R * theta_scale / root, data.rho / root, data.residual_norm**2 / loss_scale
 
 
 @dataclass(frozen=True)
@@ -277,7 +251,7 @@ class Penalty(Estimator):
     description = "one-step torque loss with an exact penalty, multi-start (the strongest)"
 
     body: bool = True
-    thickness: float = DEFAULT_THICKNESS
+    thickness: float = LmiSdpThickness.thickness
     starts: int = 5
     tolerance: float = 1e-9
     joint_prior: float = 0.0
@@ -344,16 +318,8 @@ def fit_penalty(
         )
     assert best is not None
     _, theta, minimum = best
-    multipliers = scaled.multipliers(constraints, minimum)
-    details = {"runs": runs, "interior": interior.tolist()}
-    return Fit(
-        theta,
-        Objective(data),
-        constraints,
-        multipliers=multipliers,
-        interior=interior,
-        details=details,
-    )
+    multipliers, details = scaled.multipliers(constraints, minimum), {"runs": runs}
+    return Fit(theta, Objective(data), constraints, multipliers, interior=interior, details=details)
 
 
 def feasible(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
@@ -397,8 +363,9 @@ class ScaledProblem:
         parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.groups]
         if bounds:
             parts.append(BarycentricPart.of(bounds, theta_scale, interior))
-        reach = 2.0 * task.bound / theta_scale
-        penalty = ShiftedPenalty(*scaled_loss(data, theta_scale, loss_scale), tuple(parts), reach)
+        root = np.sqrt(loss_scale)
+        scaled = data.R * theta_scale / root, data.rho / root, data.residual_norm**2 / loss_scale
+        penalty = ShiftedPenalty(*scaled, tuple(parts))
         return cls(penalty, theta_scale, loss_scale, received)
 
     def multipliers(self, constraints: ConstraintSet, minimum: Minimum) -> list[Array]:

@@ -24,10 +24,10 @@ from sdp_vs_penalty.estimators.barycentric import BarycentricBox, barycentric_bo
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import or_one
 from sdp_vs_penalty.robot.constraint import Alike
 from sdp_vs_penalty.solvers.objective import Objective
 
-QUICK_BUDGET = 3_000
 #: What MATLAB's simulannealbnd, which the authors used, allows for 91 parameters in five steps.
 PAPER_BUDGET = 5 * 3000 * 91
 
@@ -38,7 +38,7 @@ class PenaltyPaper(Estimator):
 
     evaluations : of the loss in one run, shared equally by the steps, and in each step by annealing
         and local search; both finish what they have begun, so that somewhat more are spent. The
-        default, QUICK_BUDGET, takes 7 s for ten runs on the Panda's 91 parameters; PAPER_BUDGET is
+        default takes 7 s for ten runs on the Panda's 91 parameters; PAPER_BUDGET is
         what the authors' program allows.
 
     The local search here gets analytic gradients, which the authors' had to estimate: to its favour.
@@ -51,7 +51,7 @@ class PenaltyPaper(Estimator):
     description = "simulated annealing with penalty weights 0..40, as published (one-step)"
 
     runs: int = 10
-    evaluations: int = QUICK_BUDGET
+    evaluations: int = 3_000
     weights: tuple[float, ...] = (0.0, 10.0, 20.0, 30.0, 40.0)
 
     def fit(self, task: Task) -> Fit:
@@ -247,5 +247,5 @@ def _margins(stack: Alike, point: Array) -> tuple[Array, Array]:
     if stack.cone == "nonnegative":
         return values.ravel(), rows.reshape(values.size, -1)
     norm = np.linalg.norm(values[:, 1:], axis=1)
-    unit = values[:, 1:] / np.where(norm > 0.0, norm, 1.0)[:, None]
+    unit = values[:, 1:] / or_one(norm)[:, None]
     return values[:, 0] - norm, rows[:, 0] - np.einsum("gi,gip->gp", unit, rows[:, 1:])

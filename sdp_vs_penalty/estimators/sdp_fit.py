@@ -11,7 +11,7 @@ import numpy as np
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.estimator import Array, Fit, Task
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.conic import Solution
@@ -31,8 +31,9 @@ from sdp_vs_penalty.solvers.verified import proves_infeasible
 _TIGHT = 1e-8
 #: Whose answers every solver is judged beside, and our own method, which goes before it where it can.
 REFERENCE, OWN = "clarabel", "primal-dual"
-#: A certified gap up to which an answer counts that its solver itself did not call one.
-_LOOSE = 1e-2
+#: A certified gap up to which an answer counts that its solver itself did not call one; above it no
+#: solver's rounding (below 1e-6) is the reason: it stopped short.
+FAR_GAP = 1e-3
 #: Each attempt's way from the last answer to the interior point at which cones are scaled, and
 #: whether parameters are scaled by the residual instead of the torque.
 _ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
@@ -45,8 +46,6 @@ _STARTING_SHARE = 0.1
 #: Depth (:meth:`ConstraintSet.depth`) from which the nominal robot serves as the interior point. Seen
 #: from one on the boundary, such as an earlier estimate, cones are stretched a million times.
 _DEEP = 1e-3
-#: Depth up to which rounding decides what is inside.
-_NO_ROOM = 1e-12
 
 
 def solve_sdp(
@@ -193,7 +192,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
             best = fit
         if fit.gap <= _TIGHT:
             break
-    if best is None or not (answered or best.gap <= _LOOSE):
+    if best is None or not (answered or best.gap <= FAR_GAP):
         raise InputError(
             f"solver {solver_name} gave up on a problem that has an interior point ({', '.join(said)})",
             "choose another solver, or check the units of the measurements",
@@ -248,7 +247,7 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
         if not np.all(np.isfinite(np.concatenate([solution.x, solution.z]))):
             continue
         theta = max((problem.theta(solution), nominal), key=constraints.depth)
-        if constraints.depth(theta) > _NO_ROOM:
+        if constraints.depth(theta) > safe_depth(len(theta)):  # beyond what rounding decides
             return theta
         _refuse_if_proved(task, constraints, problem, solution)
         if solution.claims == "optimal":

@@ -11,9 +11,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options
 from sdp_vs_penalty.robot.arrays import Array
-
-#: Velocities on either side of zero, and the highest where a joint states none [rad/s, m/s].
-_POINTS, _FASTEST = 30, 2.0
+from sdp_vs_penalty.robot.robot import joint_limits
 
 ENDING, FILE, ABOUT = ".csv", "friction.csv", "friction by velocity"
 
@@ -49,31 +47,26 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
     return ("\n".join(lines) + "\n").encode(), tuple(left)
 
 
-def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
+def friction_curves(estimate: Estimate, points: int = 30) -> list[FrictionCurve]:
     """One a joint; none without an effect that follows the velocity alone.
 
-    Velocities lie closest where dry friction turns round.
+    points : velocities on either side of zero. Velocities lie closest where dry friction turns round.
     """
     model, robot = estimate.model, estimate.robot
     own = zip(model.effects, model.indices, strict=True)
     held = [(e, k) for e, k in own if follows_alone(e, "dq")]
-    curves = []
-    for j, joint in enumerate(robot.joints):
-        fastest = joint.velocity if 0.0 < joint.velocity < np.inf else _FASTEST
-        up = np.geomspace(min(model.sign_width[j], fastest) / 4.0, fastest, _POINTS)
+    factor, curves = estimate.uncertainty.factor, []
+    for j, most in enumerate(joint_limits(robot)[2]):
+        up = np.geomspace(min(model.sign_width[j], most) / 4.0, most, points)
         speed = np.concatenate([-up[::-1], [0.0], up])
         still = np.zeros((len(speed), robot.n))
         dq = still.copy()
         dq[:, j] = speed
         motion = Motion(np.zeros(len(speed)), still, dq, still, sign_width=model.sign_width)
-        torque, spread = (
-            np.zeros(len(speed)),
-            np.zeros((len(speed), estimate.uncertainty.factor.shape[1])),
+        found = [(i[b.parameters], b) for e, i in held for b in e.blocks(motion) if b.joint == j]
+        torque = sum((b.columns @ estimate.theta[at] for at, b in found), still[:, 0])
+        spread = sum(
+            (b.columns @ factor[at] for at, b in found), np.zeros((len(speed), factor.shape[1]))
         )
-        for effect, indices in held:
-            for block in (b for b in effect.blocks(motion) if b.joint == j):
-                at = indices[block.parameters]
-                torque += block.columns @ estimate.theta[at]
-                spread += block.columns @ estimate.uncertainty.factor[at]
         curves.append(FrictionCurve(j, speed, torque, np.linalg.norm(spread, axis=1)))
     return curves if held else []

@@ -68,12 +68,10 @@ class WrenchIntervals:
     """For M instants, n joints and six components, (M, n, 6) each [N, N m].
 
     lower, upper : attained by parameters with equal torques within the convex constraints;
-    lower_bound, upper_bound : certified from the dual, no such parameters lie outside; centre : of
-    the slice's interior point.
+    lower_bound, upper_bound : certified from the dual, no such parameters lie outside.
     """
 
     t: Array
-    centre: Array
     lower: Array
     upper: Array
     lower_bound: Array
@@ -108,7 +106,7 @@ def wrench_intervals(
 ) -> WrenchIntervals:
     """The smallest and largest value of every wrench component at M instants over a slice.
 
-    Two SDPs a component, each certified. The centre is the slice's interior point.
+    Two SDPs a component, each certified.
     """
     rows = wrench_regressor(robot, q, dq, ddq)
     shape = rows.shape[:3]
@@ -118,20 +116,13 @@ def wrench_intervals(
         least, most = feasible.minimum(rows[index]), feasible.maximum(rows[index])
         lower[index], low_bound[index] = least.value, least.bound
         upper[index], high_bound[index] = most.value, most.bound
-    centre = rows @ feasible.interior
-    return WrenchIntervals(
-        np.atleast_1d(np.asarray(t, float)), centre, lower, upper, low_bound, high_bound
-    )
+    return WrenchIntervals(np.atleast_1d(np.asarray(t, float)), lower, upper, low_bound, high_bound)
 
 
 def spread(wrenches: Sequence[Array]) -> Array:
     """(M, n, 6) largest difference of each component among several estimates' wrenches."""
     stacked = np.stack(list(wrenches))
     return np.asarray(stacked.max(axis=0) - stacked.min(axis=0))
-
-
-#: Where the search for a parameter without bounds starts: within so many metres or kg m^2 of zero.
-_OPEN_START = 1.0
 
 
 @dataclass(frozen=True)
@@ -143,21 +134,24 @@ class Retrieval:
     error: float
 
 
-def relaxed_retrieval(problem: Problem, pi: Array, seed: int, boxed: bool) -> Retrieval:
+def relaxed_retrieval(
+    problem: Problem, pi: Array, seed: int, boxed: bool, wide: float = 1.0
+) -> Retrieval:
     """Barycentric parameters p with base parameters pi (b,), without triangle inequality or shape.
 
     Non-linear least squares |pi(p) - pi|^2 from a random start: what the paper's retrieval is
     without its conditional constraints. boxed : keep the box bounds of the problem's tables, which
-    leave the 2R's c1x, c1z, c2y, c2z open; otherwise nothing is bounded.
+    leave the 2R's c1x, c1z, c2y, c2z open; otherwise nothing is bounded. wide : within so many kg, m
+    or kg m^2 of zero the search for a parameter without bounds starts.
     """
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
     box = problem.box.reshape(-1, 2)
-    open_start = np.array([-_OPEN_START, _OPEN_START])
+    open_start = np.array([-wide, wide])
     start_box = (
         np.where(np.isfinite(box), box, open_start) if boxed else np.tile(open_start, (len(box), 1))
     )
     if not boxed:
-        start_box[::10] = np.where(np.isfinite(box[::10]), box[::10], [0.0, _OPEN_START])  # masses
+        start_box[::10] = np.where(np.isfinite(box[::10]), box[::10], [0.0, wide])  # masses
     start = np.random.default_rng(seed).uniform(start_box[:, 0], start_box[:, 1])
     size = float(np.abs(pi).max())
 

@@ -16,10 +16,10 @@ import numpy as np
 from sdp_vs_penalty.problem.constants import (
     ACTUATOR,
     DEFAULT_DENSITY,
+    DEFAULT_RADIUS,
     HOLDING,
     INERTIAL_MARGIN,
     LARGEST,
-    LEAST_UNKNOWN,
     POWER,
     TUBE,
 )
@@ -65,7 +65,7 @@ def link_bodies(
             places = balls(np.concatenate([joint_places(robot, k), own]), LEAST_RADIUS)
             out.append(around(np.concatenate([wide, places]), "inertial"))
         else:
-            wide = max(reach[k], LEAST_UNKNOWN)
+            wide = max(reach[k], DEFAULT_RADIUS)
             out.append(around(balls(joint_places(robot, k), wide), "kinematics"))
     return tuple(out)
 

@@ -18,5 +18,3 @@ HOLDING, LARGEST = 3.0 * 0.5 * 10.0 * 9.81, 1000.0
 DEFAULT_DENSITY = 1500.0
 #: Half axes of the body over those of the ellipsoid of uniform density that has the link's inertial [-].
 INERTIAL_MARGIN = 2.0
-#: Radius of the body of a link of which nothing but the joints is known, at least [m].
-LEAST_UNKNOWN = 1.0

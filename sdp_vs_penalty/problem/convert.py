@@ -47,11 +47,7 @@ def convert(
     if joints is None and problem is not None:
         joints = as_problem(problem, "convert(problem=...)").robot.joint_names
     transmission = _transmission(motors, problem)
-    run = (
-        read_headerless(source, rate)
-        if rate is not None
-        else read_run(source, None, joints, topic, rename)
-    )
+    run = read_headerless(source, rate) if rate else read_run(source, None, joints, topic, rename)
     if scale:
         run = scaled(run, scale)
     if transmission is not None:
@@ -64,15 +60,15 @@ def convert(
 def _transmission(
     motors: str | Sequence[str] | bool, problem: str | Path | Problem | None
 ) -> Transmission | None:
-    if isinstance(motors, bool):
-        if not motors:
-            return None
-        found = None if problem is None else as_problem(problem).robot.transmission
-        if found is None:
-            raise InputError(
-                "no transmission is known",
-                "name a problem that has one, or write each motor's position, such as 50 q1,30 q2",
-                "convert(motors=True)",
-            )
-        return found
-    return parse_transmission(motors.split(",") if isinstance(motors, str) else motors)
+    if motors is False:
+        return None
+    if motors is not True:
+        return parse_transmission(motors.split(",") if isinstance(motors, str) else motors)
+    found = None if problem is None else as_problem(problem).robot.transmission
+    if found is None:
+        raise InputError(
+            "no transmission is known",
+            "name a problem that has one, or write each motor's position, such as 50 q1,30 q2",
+            "convert(motors=True)",
+        )
+    return found

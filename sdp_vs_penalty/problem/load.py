@@ -19,7 +19,7 @@ from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS
 from sdp_vs_penalty.problem.fields import check_fields, entries
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, default_mass
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.geometry import link_geometry
 from sdp_vs_penalty.robot.joint import parse_mechanism
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
@@ -235,7 +235,7 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
                 "write NAME=LOWER:UPPER, of m1, c1x, I1xx, total",
             ) from None
     now = links[:, 0]
-    links *= (np.clip(now, *box[:, 0].T) / np.where(now > 0.0, now, 1.0))[:, None]
+    links *= (np.clip(now, *box[:, 0].T) / or_one(now))[:, None]
     return replace(problem, box=box, total_mass=total, nominal_links=links)
 
 

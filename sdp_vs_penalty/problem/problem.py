@@ -216,25 +216,18 @@ class Problem(Shown):
         """Every demand on the parameters of a model of this robot."""
         convex: list[Constraint] = []
         nonconvex: list[BarycentricBound] = []
-        if len(model.rigid_indices):
-            for link, indices in enumerate(model.rigid_indices.reshape(-1, 10)):
-                convex += self._link_constraints(link, indices)
-                for entry, (lower, upper) in enumerate(self.box[link, 4:].tolist()):
-                    if np.isfinite(lower) or np.isfinite(upper):
-                        name = f"link {link + 1}"
-                        nonconvex.append(BarycentricBound(name, link, indices, entry, lower, upper))
-            masses = model.rigid_indices[::10]
-            if self.total_mass[0] > 0.0 or np.isfinite(self.total_mass[1]):
-                bounds = _interval(self.total_mass[0], self.total_mass[1])
-                convex.append(
-                    build.linear(
-                        "total mass",
-                        "robot",
-                        masses,
-                        np.tile(bounds[0], (len(masses), 1)),
-                        bounds[1],
-                    )
-                )
+        for link, indices in enumerate(model.rigid_indices.reshape(-1, 10)):
+            convex += self._link_constraints(link, indices)
+            nonconvex += [
+                BarycentricBound(f"link {link + 1}", link, indices, entry, lower, upper)
+                for entry, (lower, upper) in enumerate(self.box[link, 4:].tolist())
+                if np.isfinite(lower) or np.isfinite(upper)
+            ]
+        masses = model.rigid_indices[::10]
+        if len(masses) and (self.total_mass[0] > 0.0 or np.isfinite(self.total_mass[1])):
+            signs, ends = _interval(*self.total_mass)
+            rows = np.tile(signs, (len(masses), 1))
+            convex.append(build.linear("total mass", "robot", masses, rows, ends))
         for effect, indices in zip(model.effects, model.indices, strict=True):
             convex += effect.constraints(indices)
             convex += effect.constraints_beside(model.parameters, indices)
@@ -321,18 +314,15 @@ class Problem(Shown):
         # m >= 0 is part of the pseudo-inertia
         rows, constant = _interval(box[0, 0] if box[0, 0] > 0.0 else -np.inf, mass)
         out.append(build.linear("mass", name, indices[:1], rows[None, :], constant))
-        rows_com = []
-        for axis in range(3):
-            lower, upper = box[1 + axis]
-            for sign, bound in ((1.0, lower), (-1.0, upper)):
-                if np.isfinite(bound):
-                    row = np.zeros(4)
-                    row[0], row[1 + axis] = -sign * bound, sign
-                    rows_com.append(row)
-        if rows_com:
-            coefficients = np.array(rows_com).T
+        axes, ends = np.nonzero(np.isfinite(box[1:4]))
+        if len(axes):
+            signs, coefficients = np.array([1.0, -1.0])[ends], np.zeros((4, len(axes)))
+            coefficients[0], coefficients[1 + axes, np.arange(len(axes))] = (
+                -signs * box[1 + axes, ends],
+                signs,
+            )
             out.append(
-                build.linear("centre of mass", name, indices[:4], coefficients, np.zeros(len(rows_com)))
+                build.linear("centre of mass", name, indices[:4], coefficients, np.zeros(len(axes)))
             )
         out += [cone.constraint(indices) for cone in self.cones if cone.link == link]
         if self._has_full_box(link):

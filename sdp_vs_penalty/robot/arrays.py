@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+
+def or_one(size: ArrayLike) -> Any:
+    """A size by which to divide: one where it is zero, as what it is the size of then is."""
+    return np.where(np.asarray(size) > 0.0, size, 1.0)[()]
+
+
+def or_least(x: ArrayLike) -> Any:
+    """Something to take the logarithm of, or to divide by: at least the least normal number."""
+    return np.maximum(x, np.finfo(float).tiny)

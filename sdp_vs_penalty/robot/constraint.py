@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 
 
 def cone_margin(cone: str, values: Array) -> Array:
@@ -41,16 +41,11 @@ def cone_depths(cone: str, values: Array, terms: Array) -> Array:
     above :func:`safe_depth` is a positive margin in any order of summation.
     """
     if cone == "psd":
-        size = np.sqrt(_or_one(np.diagonal(terms, axis1=1, axis2=2)))
+        size = np.sqrt(or_one(np.diagonal(terms, axis1=1, axis2=2)))
         return np.asarray(np.linalg.eigvalsh(values / (size[:, :, None] * size[:, None, :]))[:, 0])
     if cone == "soc":
-        return cone_margin(cone, values) / _or_one(terms.sum(axis=1))
-    return cone_margin(cone, values / _or_one(terms))
-
-
-def _or_one(size: Array) -> Array:
-    """A size by which to divide: one where there is none."""
-    return np.where(size > 0.0, size, 1.0)
+        return cone_margin(cone, values) / or_one(terms.sum(axis=1))
+    return cone_margin(cone, values / or_one(terms))
 
 
 def safe_depth(size: int) -> float:
@@ -67,7 +62,7 @@ def smallest_eigenvalue(values: Array) -> Array:
     """
     raw = np.linalg.eigvalsh(values)[..., 0]
     diagonal = np.abs(np.diagonal(values, axis1=-2, axis2=-1))
-    t = 2.0 ** -np.round(0.5 * np.log2(_or_one(diagonal)))
+    t = 2.0 ** -np.round(0.5 * np.log2(or_one(diagonal)))
     sign = np.linalg.eigvalsh(values * t[..., :, None] * t[..., None, :])[..., 0]
     # Ostrowski: the eigenvalue is that of T F T times a factor between the extremes of T^-2.
     least = sign * np.min(t**-2, axis=-1)

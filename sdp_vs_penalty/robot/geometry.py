@@ -18,7 +18,7 @@ import numpy as np
 from sdp_vs_penalty.files import LARGEST_MESH, reading
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import directions
-from sdp_vs_penalty.robot.urdf import placed_links, pose_of
+from sdp_vs_penalty.robot.urdf import numbers_of, placed_links, pose_of
 
 #: Corners of the polygons that stand for circles, around them.
 _CORNERS = 16
@@ -105,17 +105,17 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
     if shape is None:
         return None
     if shape.tag == "box":
-        half = 0.5 * _numbers(shape.get("size"), 3)
+        half = 0.5 * numbers_of(shape.get("size", ""), 3)
         made = Geometry(_box(half), float(8.0 * half.prod()))
     elif shape.tag == "sphere":
-        (radius,) = _numbers(shape.get("radius"), 1)
+        (radius,) = numbers_of(shape.get("radius", ""), 1)
         made = Geometry(_box(np.full(3, radius)), 4.0 / 3.0 * np.pi * radius**3)
     elif shape.tag in ("cylinder", "capsule"):
-        radius, length = (*_numbers(shape.get("radius"), 1), *_numbers(shape.get("length"), 1))
+        radius, length = (x for name in ("radius", "length") for x in numbers_of(shape.get(name, ""), 1))
         ends = 0.5 * length + (radius if shape.tag == "capsule" else 0.0)
         made = Geometry(_cylinder(radius, ends), np.pi * radius**2 * length)
     elif shape.tag == "mesh":
-        scale = _numbers(shape.get("scale") or "1 1 1", 3)
+        scale = numbers_of(shape.get("scale", "1 1 1"), 3)
         found = _mesh(path, shape.get("filename") or "", scale)
         if found is None:
             return None
@@ -123,15 +123,6 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
     else:
         return None
     return made if np.all(np.isfinite(made.points)) and len(made.points) else None
-
-
-def _numbers(text: str | None, count: int) -> Array:
-    """As many numbers, NaN where the text does not hold them."""
-    try:
-        values = np.array([float(word) for word in (text or "").split()])
-    except ValueError:
-        values = np.zeros(0)
-    return values if len(values) == count else np.full(count, np.nan)
 
 
 def _box(half: Array) -> Array:

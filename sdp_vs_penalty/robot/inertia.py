@@ -26,7 +26,7 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: The parameter order of one link.
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-UNITS = ("kg", *("kg*m",) * 3, *("kg*m^2",) * 6)
+UNITS = tuple("kg" if p == "m" else "kg*m" if p.startswith("m") else "kg*m^2" for p in PARAMETERS)
 
 #: (row, column) of each of the six inertia entries, in the parameter order.
 _ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
@@ -87,6 +87,13 @@ def inertia_entries(matrix: ArrayLike) -> Array:
     return np.stack([m[..., i, j] for i, j in _ENTRIES], axis=-1)
 
 
+def steiner_forms() -> Array:
+    """Q (6, 3, 3), symmetric, with c^T Q_e c the entry e of c.c 1 - c c^T, in our order."""
+    unit = np.eye(3)
+    dyads = [0.5 * (np.outer(unit[i], unit[j]) + np.outer(unit[j], unit[i])) for i, j in _ENTRIES]
+    return np.array([unit[i, j] * unit - dyad for (i, j), dyad in zip(_ENTRIES, dyads, strict=True)])
+
+
 def _parallel_axis(mass: Array, c: Array) -> Array:
     """m (c.c 1 - c c^T), shape (..., 3, 3): what moving the reference point by c adds (Steiner)."""
     square = np.sum(c * c, axis=-1)[..., None, None] * np.eye(3)
@@ -143,14 +150,7 @@ def thickness(theta: ArrayLike) -> Array:
     Sigma_c is the second moment about the centre of mass: a link whose mass lies on a line or in a
     plane has r = 0, a uniform ball of radius R has r = R / sqrt(5).
     """
-    p = pseudo_inertia(theta)
-    mass, h = p[..., 3, 3], p[..., :3, 3]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        central = p[..., :3, :3] / mass[..., None, None] - h[..., :, None] * h[..., None, :] / (
-            mass[..., None, None] ** 2
-        )
-    central = np.where(np.isfinite(central), central, 0.0)
-    smallest = np.linalg.eigvalsh(central)[..., 0]
+    smallest = np.linalg.eigvalsh(_central(theta))[..., 0]
     return np.sign(smallest) * np.sqrt(np.abs(smallest))
 
 
@@ -160,8 +160,13 @@ def gyration(theta: ArrayLike) -> Array:
     Of a point mass and of no mass zero, of two equal masses half their distance, of a uniform ball of
     radius R sqrt(3/5) R.
     """
+    return np.sqrt(np.maximum(np.trace(_central(theta), axis1=-2, axis2=-1), 0.0))
+
+
+def _central(theta: ArrayLike) -> Array:
+    """Sigma_c / m, shape (..., 3, 3) [m^2]; zeros for a link of no mass."""
     p = pseudo_inertia(theta)
-    mass, h = p[..., 3, 3], p[..., :3, 3]
+    mass, h = p[..., 3, 3, None, None], p[..., :3, 3, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        square = np.trace(p[..., :3, :3], axis1=-2, axis2=-1) / mass - np.sum(h**2, axis=-1) / mass**2
-    return np.sqrt(np.maximum(np.where(np.isfinite(square), square, 0.0), 0.0))
+        central = p[..., :3, :3] / mass - h * np.swapaxes(h, -1, -2) / mass**2
+    return np.where(np.isfinite(central), central, 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,22 +125,6 @@ def following(
             at = leader
         matrix[k, free.index(names.index(at))], offset[k] = ratio, shift
     return tuple(tree[k] for k in free), Mechanism(tuple(tree), matrix, offset, tuple(massless))
-
-
-def mimics(
-    elements: Sequence[Any], numbers: Callable[[Any, str, Sequence[float]], list[float]]
-) -> dict[str, Follower]:
-    """The <mimic> of each <joint> element that has one; numbers : reads an attribute's numbers."""
-    out = {}
-    for joint in elements:
-        element = joint.find("mimic")
-        if element is not None:
-            (multiplier,), (offset,) = (
-                numbers(element, name, (default,))
-                for name, default in (("multiplier", 1.0), ("offset", 0.0))
-            )
-            out[joint.get("name")] = (str(element.get("joint")), multiplier, offset)
-    return out
 
 
 def parse_mechanism(

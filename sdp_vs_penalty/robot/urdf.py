@@ -21,7 +21,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_bytes
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.joint import Joint, following, mimics
+from sdp_vs_penalty.robot.joint import Follower, Joint, following
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.transmission import Transmission
 
@@ -60,12 +60,17 @@ def urdf_transmission(
     return Transmission(matrix, np.zeros(len(names)), sides, sides)
 
 
-def _reduction(element: Any, fail: Callable[[str], Exception]) -> float:
-    text = element.findtext("mechanicalReduction")
+def numbers_of(text: str, count: int) -> Array:
+    """(count,) numbers, NaN where the text does not hold as many."""
     try:
-        value = 1.0 if text is None else float(text)
+        values = np.array([float(word) for word in text.split()])
     except ValueError:
-        value = np.nan
+        values = np.zeros(0)
+    return values if len(values) == count else np.full(count, np.nan)
+
+
+def _reduction(element: Any, fail: Callable[[str], Exception]) -> float:
+    (value,) = numbers_of(element.findtext("mechanicalReduction", "1"), 1).tolist()
     if not np.isfinite(value) or value == 0.0:
         raise fail(f"line {element.sourceline}, <mechanicalReduction> must hold a number other than 0")
     return value
@@ -109,32 +114,38 @@ class _Reader:
         text = None if element is None else element.get(attribute)
         if text is None:
             return list(default)
-        try:
-            values = [float(word) for word in text.split()]
-        except ValueError:
-            values = []
-        if len(values) != len(default) or not np.all(np.abs(values) < _LARGEST):
+        values = numbers_of(text, len(default))
+        if not np.all(np.abs(values) < _LARGEST):
             raise self.fail(
                 f"line {element.sourceline}, <{element.tag} {attribute}={text[:40]!r}> must hold "
                 f"{show.count(len(default), 'finite number')}, below {_LARGEST:g}"
             )
-        return values
+        return list(values.tolist())
 
     def limit(self, element: Any, attribute: str, none: float) -> float:
         """A joint's limit, ``none`` where the file gives none or writes a huge number for it."""
         text = None if element is None else element.get(attribute)
         if text is None:
             return none
-        try:
-            value = float(text)
-        except ValueError:
-            value = np.nan
+        (value,) = numbers_of(text, 1).tolist()
         if np.isnan(value):
             raise self.fail(
                 f"line {element.sourceline}, <limit {attribute}={text[:40]!r}> must hold a number"
             )
         # How files write "no limit" where the format asks for a number [rad or m].
         return none if abs(value) > 1e6 else value
+
+    def mimics(self, root: Any) -> dict[str, Follower]:
+        """The <mimic> of each <joint> that has one."""
+        return {
+            joint.get("name"): (
+                str(element.get("joint")),
+                *self.numbers(element, "multiplier", (1.0,)),
+                *self.numbers(element, "offset", (0.0,)),
+            )
+            for joint in root.findall("joint")
+            if (element := joint.find("mimic")) is not None
+        }
 
     def pose(self, element: Any) -> Array:
         origin = element.find("origin")
@@ -241,9 +252,7 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
     reader, root = _read(path)
     name = root.get("name") or reader.path.stem
     massless = reader.massless
-    joints, mechanism = reader.checked(
-        lambda: following(reader.joints, mimics(root.findall("joint"), reader.numbers), massless)
-    )
+    joints, mechanism = reader.checked(lambda: following(reader.joints, reader.mimics(root), massless))
     transmission = reader.checked(
         lambda: urdf_transmission(root, [joint.name for joint in joints], reader.fail)
     )

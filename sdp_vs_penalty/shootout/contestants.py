@@ -19,8 +19,6 @@ from sdp_vs_penalty.shootout.judge import Answer, dimacs_error, no_answer
 from sdp_vs_penalty.solvers import absent, solver_modules, through_cvxpy, version, warm_up
 from sdp_vs_penalty.version import __version__
 
-#: What our default method promises.
-DEFAULT_ACCURACY = 1e-8
 #: What our loop asks of a solver, unless its file names a FINEST of its own.
 _FINEST = 1e-10
 Options = Callable[[float], dict[str, Any]]
@@ -41,7 +39,7 @@ class Contestant:
     version: Callable[[], str] = lambda: __version__
     absent: str | None = None
     options: Options | None = None
-    promise: float = DEFAULT_ACCURACY
+    promise: float = 1e-8
     entropy: bool = True
     warm_up: Callable[[], None] = lambda: None
 
@@ -146,7 +144,7 @@ def _certified(name: str, module: ModuleType) -> Contestant:
         description=f"{name} inside our loop: scaled, certified, solved again where the gap is loose",
         solve=partial(_in_our_loop, solver=name, finest=finest),
         options=None,
-        promise=max(DEFAULT_ACCURACY, 10.0 * finest),
+        promise=max(Contestant.promise, 10.0 * finest),
     )
 
 
@@ -190,7 +188,7 @@ def _baselines() -> list[Contestant]:
             name="cvxpy clarabel",
             description="CVXPY as a user meets it: the formulas, prob.solve(solver='CLARABEL')",
             solve=partial(baselines.solve_cvxpy, solver="CLARABEL"),
-            promise=DEFAULT_ACCURACY,
+            promise=Contestant.promise,
         ),
         Contestant(
             "penalty",

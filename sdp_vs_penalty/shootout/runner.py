@@ -18,7 +18,6 @@ from sdp_vs_penalty.shootout.instances import GROUPS, Entry, catalogue, instance
 from sdp_vs_penalty.shootout.results import Results
 from sdp_vs_penalty.shootout.work import Assignment, perform
 
-ACCURACIES = (1e-4, 1e-6, 1e-8)
 Progress = Callable[[str, int, int], None]
 
 
@@ -29,7 +28,7 @@ class Shootout:
     out: Path
     solvers: list[str] | None = None
     problems: list[str] = field(default_factory=lambda: list(GROUPS))
-    accuracies: tuple[float, ...] = ACCURACIES
+    accuracies: tuple[float, ...] = (1e-4, 1e-6, 1e-8)
     time_limit: float = 60.0
     memory: float = 4.0
     quick: bool = False

@@ -14,7 +14,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
 from sdp_vs_penalty.problem.published import measured_run, real_file
@@ -44,7 +44,7 @@ def posed(name: str, task: Task, step: str, shape: str) -> Instance:
     """One-step (torque) or two-step (base parameters) form of a task, with a demand on shape."""
     demands: list[Constraint] = []
     if shape == "gyration":
-        demands = task.minimum_thickness(DEFAULT_THICKNESS)
+        demands = task.minimum_thickness(LmiSdpThickness.thickness)
     elif shape == "cones":
         demands = shape_cones(task)
     convex = ConstraintSet((*task.constraints.convex, *demands))

@@ -19,8 +19,6 @@ from sdp_vs_penalty.shootout.profile import accuracies, at_accuracy, plot_profil
 from sdp_vs_penalty.shootout.results import Row, table_text
 from sdp_vs_penalty.show import markdown_table
 
-#: What most readers want: an arm of seven links, to six digits.
-LINKS, ACCURACY = 7, 1e-6
 _KNOWN_LINKS = {"emps": 1, "two_link": 2, "tx40": 6, "ur10e": 6, "panda": 7}
 _COLUMNS = (
     "solver", "settings", "runs", "success_percent", *CLASSES, "mean_seconds", "median_objective_error",
@@ -123,17 +121,17 @@ def links(row: Row) -> int | None:
     return int(named.group(1)) if named else _KNOWN_LINKS.get(robot)
 
 
-def ranking(rows: Sequence[Row]) -> list[Row]:
-    """The contestants on arms of LINKS links, those that reach ACCURACY most often first.
+def ranking(rows: Sequence[Row], size: int, accuracy: float) -> list[Row]:
+    """The contestants on arms of ``size`` links, those that reach the accuracy most often first.
 
     run : on how many of the ``problems`` it ran: log det cannot be posed to all, time ran out for some.
     seconds : the median where it was right.
     """
-    mine = at_accuracy([r for r in rows if links(r) == LINKS], ACCURACY)
+    mine = at_accuracy([r for r in rows if links(r) == size], accuracy)
     out = []
     for solver in sorted({r["solver"] for r in mine}):
         runs = [r for r in mine if r["solver"] == solver]
-        right = [r for r in runs if reached(r, ACCURACY)]
+        right = [r for r in runs if reached(r, accuracy)]
         out.append(
             {
                 "solver": solver,
@@ -148,9 +146,9 @@ def ranking(rows: Sequence[Row]) -> list[Row]:
     return sorted(out, key=lambda r: (-r["right"], r["silently wrong"], r["seconds"]))
 
 
-def answer(rows: Sequence[Row]) -> str:
+def answer(rows: Sequence[Row], size: int = 7, accuracy: float = 1e-6) -> str:
     """Markdown: which solver for seven links at 1e-6, and why; empty where nothing was run on them."""
-    table = ranking(rows)
+    table = ranking(rows, size, accuracy)
     if not table:
         return ""
     best = table[0]
@@ -158,7 +156,7 @@ def answer(rows: Sequence[Row]) -> str:
     quick = min(enough, key=lambda r: r["seconds"], default=best)
     text = [
         f"Take **{best['solver']}**: right on {best['right']} of {best['problems']} problems of "
-        f"{LINKS} links at {ACCURACY:.0e}, {best['silently wrong']} times silently wrong, "
+        f"{size} links at {accuracy:.0e}, {best['silently wrong']} times silently wrong, "
         f"{milliseconds(best['seconds'])} ms (median). The fastest of those never silently wrong and "
         f"right at least nine tenths as often is **{quick['solver']}**: {quick['right']} of "
         f"{quick['problems']}, {milliseconds(quick['seconds'])} ms.",
@@ -231,7 +229,6 @@ def write_summary(
             sentences="".join(f"- {sentence}\n" for sentence in sentences(rows, time_limit)),
             minutes=sum(r["seconds"] for r in rows) / 60.0,
             limit=time_limit,
-            title=f"Which solver for {LINKS} links at {ACCURACY:.0e}",
             answer=answer(rows),
             told="\n".join(markdown_table(["solver", "told"], told)),
             table="\n".join(markdown_table([_HEADINGS.get(h, h) for h in _COLUMNS], cells)),

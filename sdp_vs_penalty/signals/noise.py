@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import ORDER, Pieces, autoregression, innovations
-from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
+from sdp_vs_penalty.signals.outliers import RARE, local_excess, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import (
     Repeat,
     consecutive,
@@ -46,8 +46,6 @@ SPECTRUM_KNOWN = "right within a factor of two"
 _FEWEST = 60
 #: Independent values that a median of squares is worth, a value: its efficiency.
 _MEDIAN_WORTH = 0.37
-#: Events are rare: what fills more than this share of the differences is noise of another kind.
-_MOST_EVENTS = 0.15
 #: By how much smaller than an event its repetition may be; seconds within which two windows are at the
 #: same phase of the motion.
 FAINT, SAME_PHASE = 1.5, 0.25
@@ -242,7 +240,7 @@ def _without_events(
                 swollen = max(float(np.sqrt(np.mean(white[back] ** 2))), 1.0)
                 odd &= local_excess(white / swollen, pieces, tests, degrees)
         good = ~odd
-        if good.mean() < 1.0 - _MOST_EVENTS:
+        if good.mean() < 1.0 - RARE:
             good[:] = True  # noise that is not stationary, rather than an event
     return rest, good
 

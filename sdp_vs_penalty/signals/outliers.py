@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -24,16 +25,13 @@ _MODULATION = (0.1, 10.0)
 _LENGTHS = (1, 2, 4, 8, 16, 32)
 #: From this length on the logarithm of a window's energy is nearly normal; and how far out an event is.
 _LOGARITHMIC, _FAR = 4, 5.0
-#: Seconds of the stretches of which the largest window is compared, the share of them that events may
-#: fill, how many others their tail is known from at least, and the family-wise probability of a false
-#: event beside a model's error.
-_STRETCH, _RARE, _FEWEST_BESIDE, FALSE_LONE = 0.5, 0.15, 10, 1e-2
-#: Lengths of the windows that are compared [rows].
-_LONE = (2, 8, 32)
+#: Events are rare: what fills more than this share of the rows is noise of another kind.
+RARE = 0.15
+#: Seconds of the stretches of which the largest window is compared, how many others their tail is known
+#: from at least, and the family-wise probability of a false event beside a model's error.
+_STRETCH, _FEWEST_BESIDE, FALSE_LONE = 0.5, 10, 1e-2
 #: How many stretches have to come near the jerk of one, and how near, for it to be comparable.
 _ALIKE, _LIKE = 3, 0.7
-#: The median of the square of a standard normal variable.
-_MEDIAN_SQUARE = 0.454936423119572
 
 
 def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, degrees: float) -> Mask:
@@ -83,7 +81,8 @@ def lone_windows(
     unlike = np.zeros(len(white), bool)
     for k in np.flatnonzero(sharp > np.sort(sharp)[-_ALIKE:].min(initial=np.inf) / _LIKE):
         unlike[stretches[k]] = True
-    for length in _LONE:
+    lengths = _LENGTHS[1::2]
+    for length in lengths:
         around = partial(np.convolve, np.ones(length), mode="same")
         energy, slowly = np.full(len(white), -np.inf), np.zeros(len(white), bool)
         for piece in pieces:  # of the window around each row
@@ -95,7 +94,7 @@ def lone_windows(
             own = np.where(kind, energy, -np.inf)
             largest = np.array([own[rows].max() for rows in stretches])
             known = np.sort(largest[np.isfinite(largest)])[::-1]
-            limit = _tail_limit(known, 2 * len(_LONE) * tests)
+            limit = _tail_limit(known, 2 * len(lengths) * tests)
             for row in np.flatnonzero(own > limit) - length // 2:
                 mask[max(row, 0) : row + length] = True
     return mask
@@ -117,7 +116,7 @@ def _tail_limit(values: Array, tests: int) -> float:
     if k < _FEWEST_BESIDE:
         return np.inf
     far = k * ((k * tests / FALSE_LONE) ** (1.0 / k) - 1.0)
-    for out in range(min(int(_RARE * len(values)), len(values) - k - 1), 0, -1):
+    for out in range(min(int(RARE * len(values)), len(values) - k - 1), 0, -1):
         threshold = float(values[out + k])
         limit = threshold + far * (float(np.mean(values[out : out + k])) - threshold)
         if values[out - 1] > limit:
@@ -150,7 +149,7 @@ def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
         return np.ones(len(wanted))
     size = np.maximum(np.mean(rates[used], axis=0), 1e-24)
     squares = white[used] ** 2
-    squares = np.minimum(squares, 9.0 * np.median(squares) / _MEDIAN_SQUARE)
+    squares = np.minimum(squares, (3.0 * robust_scale(white[used])) ** 2)
     law = nnls(np.column_stack([np.ones(len(squares)), rates[used] / size]), squares)[0]
     level = float(law.sum())
     if level <= 0.0:
@@ -160,5 +159,5 @@ def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
 
 
 def robust_scale(white: Array) -> float:
-    """Standard deviation of noise with a few events in it, from the median of its square."""
-    return float(np.sqrt(np.median(white**2) / _MEDIAN_SQUARE)) if len(white) else 1.0
+    """Standard deviation of noise with a few events in it, from the median of its size."""
+    return float(np.median(np.abs(white)) / ndtri(0.75)) if len(white) else 1.0

@@ -20,15 +20,15 @@ _SPECTRUM = 1 << 18
 _BENT = 0.01
 #: Share of it that the noise of a joint's positions may be behind a wider one.
 _NOISY = 0.03
-#: Above this share of the sample rate positions are noise; motion is what has so many times its power.
-_NOISE_FROM, _ABOVE = 0.3, 10.0
+#: Motion is what has so many times the power of the noise.
+_ABOVE = 10.0
 #: Width [Hz] over which a spectrum is smoothed before it is compared with the noise.
 _SMOOTH = 1.0
-#: In torque cut-offs: where the motion has ended. In sample rates: the last frequency, and the last one
-#: at which the band may begin.
+#: In torque cut-offs: where the motion has ended. In sample rates: the last frequency, and the one from
+#: which on a log holds noise alone.
 _MOTION_ENDS, _LAST, _LATEST = 2.0, 0.45, 0.33
-#: Windows are so many periods of the cut-off long, and at least so many samples; fewest windows.
-_PERIODS, _SHORTEST, _WINDOWS = 2.5, 32, 12
+#: Windows are so many periods of the cut-off long; fewest windows.
+_PERIODS, _WINDOWS = 2.5, 12
 #: Share of the windows that are quiet at least, and degree of the motion's course within one.
 _QUIET, _DEGREE = 0.15, 3
 #: Share of the windows that are no louder than the loud ones; so many times the quiet ones' amplitude is
@@ -113,7 +113,7 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
     found = []
     for j in np.flatnonzero(moving_joints(run)).tolist():
         power = _amplitude(part, part.q[:, j], length) ** 2
-        noise = float(power[f > _NOISE_FROM / part.dt].mean())
+        noise = float(power[f > _LATEST / part.dt].mean())
         wide = np.ones(max(1, int(_SMOOTH / f[1])))
         below = np.convolve(power, wide / len(wide), mode="same") < _ABOVE * noise
         motion = np.where(f < min(f[below], default=np.inf), power, 0.0) * seen
@@ -205,7 +205,7 @@ def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
 def _powers(part: Stretch, cutoff: float) -> Array | None:
     """(W, F, n) periodograms of windows of a stretch's torque, of unit mean for white noise of unit
     variance; None where it holds no window."""
-    length = max(_SHORTEST, 2 * round(0.5 * _PERIODS / cutoff / part.dt))
+    length = 2 * round(0.5 * _PERIODS / cutoff / part.dt)
     if part.count < length or cutoff * part.dt > _LATEST:
         return None
     window = np.hanning(length)[:, None]

@@ -27,7 +27,7 @@ from sdp_vs_penalty.simulation.simulate import (
 )
 
 #: Of a robot that describes no experiment: friction and noise relative to the torque it moves with.
-_FRICTION_SHARE, _NOISE_SHARE, _POSITION_STEP = 0.02, 0.001, 1e-5
+_FRICTION_SHARE, _NOISE_SHARE = 0.02, 0.001
 #: Keeps validation trajectories and their noise apart from the training ones at any seed.
 _VALIDATION_SEED = 100_000
 
@@ -126,5 +126,4 @@ def _assumed(problem: Problem) -> Experiment:
     # A motor whose links weigh nothing rubs all the same, and is measured with noise.
     size = np.where(size > 1e-6 * size.max(), size, 0.01 * size.max())
     phi = np.column_stack([2.0 * _FRICTION_SHARE * size, np.full(robot.n, 10.0), np.zeros(robot.n)])
-    steps = np.full(robot.n, _POSITION_STEP)
-    return replace(bare, friction=phi, sensor=Sensor.white(_NOISE_SHARE * size, steps))
+    return replace(bare, friction=phi, sensor=Sensor.white(_NOISE_SHARE * size))

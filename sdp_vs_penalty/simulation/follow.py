@@ -254,10 +254,13 @@ class _Loop:
         """(W, n) at the middle of a step of h [s], between samples k and k + 1, and (W, n, n) its fall
         with the velocity there."""
         w = 2.0 * np.pi * _BANDWIDTH
-        q, dq = ((1.0 - share) * x[k] + share * x[k + 1] for x in (self.course.q, self.course.dq))
+        q, dq = (
+            (1.0 - share) * x[k] + share * x[k + 1]
+            for x in (self.course.states.q, self.course.states.dq)
+        )
         half = 0.5 * h * state.dq + 0.125 * h * h * state.ddq
         pull = w * w * (q - state.q - half) + 2.0 * w * (dq - state.dq - 0.5 * h * state.ddq)
-        mass = self.plant.mass(self.course.q[k])
+        mass = self.plant.mass(self.course.states.q[k])
         return np.einsum("kij,kj->ki", mass, pull), (2.0 * w + 0.5 * h * w * w) * mass
 
 
@@ -275,10 +278,10 @@ class _Moving(NamedTuple):
     def at(cls, course: Course, k: NDArray[np.intp], servo: ServoLoop | None) -> Self:
         """As measured at samples k (W,). Raises InputError where a servo has no command."""
         if servo is None:
-            return cls(course.state(k), None)
+            return cls(course.states.rows(k), None)
         if course.sum is None:
             raise InputError("this run holds no commands", "log qcmd1..qcmdn", course.name)
-        return cls(course.state(k), course.sum[k])
+        return cls(course.states.rows(k), course.sum[k])
 
 
 def _step(
@@ -313,18 +316,23 @@ def _windows(
     horizon; and both at constant velocity."""
     dt = course.dt
     steps = max(1, round(HORIZON / dt))
-    starts = np.flatnonzero(course.moving[: len(course.t) - steps - 1])
+    starts = np.flatnonzero(course.moving[: len(course.torque) - steps - 1])
     if not len(starts):
-        starts = np.arange(len(course.t) - steps - 1)
+        starts = np.arange(len(course.torque) - steps - 1)
     at = starts[np.unique(np.linspace(0, len(starts) - 1, min(_WINDOWS, len(starts))).astype(int))]
-    moving, first = _Moving.at(course, at, servo), np.zeros((len(at), course.q.shape[1]))
+    moving, first = _Moving.at(course, at, servo), np.zeros((len(at), course.states.q.shape[1]))
     for k in range(steps):
         moving = _step(plant, moving, course, at + k, loop, servo)
         if k == 0:
-            first = moving.state.dq - course.dq[at + 1]
-    straight = course.q[at] + steps * dt * course.dq[at]
-    there = course.q[at + steps]
-    return first, moving.state.q - there, course.dq[at] - course.dq[at + 1], straight - there
+            first = moving.state.dq - course.states.dq[at + 1]
+    straight = course.states.q[at] + steps * dt * course.states.dq[at]
+    there = course.states.q[at + steps]
+    return (
+        first,
+        moving.state.q - there,
+        course.states.dq[at] - course.states.dq[at + 1],
+        straight - there,
+    )
 
 
 def _drawn(estimate: Estimate, seed: int) -> Array:
@@ -351,23 +359,23 @@ def _free_run(
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
     moving = _Moving.at(course, np.full(size, start), servo)
     q, added, left = [moving.state.q], [], False
-    end = len(course.t) - 1 if most is None else min(start + most, len(course.t) - 1)
+    end = len(course.torque) - 1 if most is None else min(start + most, len(course.torque) - 1)
     for k in range(start, end):
         at = np.full(size, k)
         if loop is not None:
             added.append(loop.torque(moving.state, at, 0.0, 0.0)[0][0])
         moving = _step(plant, moving, course, at, loop, servo)
         q.append(moving.state.q)
-        if not np.all(np.abs(moving.state.q[0] - course.q[k + 1]) <= limit):
+        if not np.all(np.abs(moving.state.q[0] - course.states.q[k + 1]) <= limit):
             left = True
             break
     motion, until = np.array(q), start + len(q)
-    error = motion[:, 0] - course.q[start:until]
+    error = motion[:, 0] - course.states.q[start:until]
     spread = None
     if size > 2:
         spread = _HALF * np.sqrt(np.nanmean((motion[:, 1:] - motion[:, :1]) ** 2, axis=(0, 1)))
     return FreeRun(
-        float(course.t[until - 1] - course.t[start]),
+        float(course.states.t[until - 1] - course.states.t[start]),
         left,
         _rms(error),
         np.abs(error).max(axis=0),
@@ -375,10 +383,10 @@ def _free_run(
         _rms(np.array(added)) if added else None,
         _rms(course.torque[start:until]),
         Measurements(
-            course.t[start:until], motion[:, 0], course.torque[start:until], names=(course.name,)
+            course.states.t[start:until], motion[:, 0], course.torque[start:until], names=(course.name,)
         ),
-        course.q[start:until],
-        not left and bool(course.t[-1] - course.t[end] > 1.0),
+        course.states.q[start:until],
+        not left and bool(course.states.t[-1] - course.states.t[end] > 1.0),
     )
 
 

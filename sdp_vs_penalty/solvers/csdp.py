@@ -17,7 +17,7 @@ CONES = frozenset({"nonnegative", "psd"})
 FINEST = 1e-8
 
 #: Its exit codes. Our problem is the one that CSDP calls the dual.
-_CLAIMS = {0: "optimal", 1: "unbounded", 2: "infeasible", 3: "inaccurate"}
+_CLAIMS = ("optimal", "unbounded", "infeasible", "inaccurate")
 
 _PARAMETERS = """axtol={axtol}
 atytol={atytol}
@@ -59,4 +59,5 @@ def _judge(text: str, code: int) -> tuple[str, str, int]:
     said = re.findall(r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*", text, re.M)
     line = next((s for s in text.splitlines() if said and s.startswith(said[-1])), f"exit code {code}")
     iterations = len(re.findall(r"^Iter:", text, re.M)) - 1
-    return _CLAIMS.get(code, "failed"), line, max(iterations, 0)
+    claims = _CLAIMS[code] if 0 <= code < len(_CLAIMS) else "failed"
+    return claims, line, max(iterations, 0)

@@ -22,7 +22,7 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.solvers.small_cones import KRONECKER, ORDER, SmallCones
+from sdp_vs_penalty.solvers.small_cones import ORDER, SmallCones
 
 #: Most steps: twice what the slowest of the shootout's instances needs.
 _STEPS = 60
@@ -88,8 +88,7 @@ class _Path:
         self.weight = cones.weight[:, None, None]
         self.logs = float(cones.weight @ np.log(np.where(cones.weight > 0.0, cones.weight, 1.0)))
         self.gram = 2.0 * (data.R.T @ data.R)
-        count = cones.rows + len(cones.weight) * KRONECKER
-        self.products = np.empty(count)
+        self.products = np.empty(cones.curvature.shape[1])
         self.kronecker = self.products[cones.rows :].reshape(-1, *(ORDER,) * 4)
 
     def _views(self, flat: Array) -> tuple[Array, Array]:

@@ -32,12 +32,10 @@ from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.certificate import DualEvidence, dual_evidence
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
-from sdp_vs_penalty.solvers.verified import factor
+from sdp_vs_penalty.solvers.verified import CORRECTIONS, factor
 
 Proof = dict[str, Any]
 
-#: How often y is shifted by what is left of the slope; each time the rest shrinks to rounding.
-_POLISH = 3
 #: Largest difference between the numbers of two statements of one problem, relative to themselves or
 #: their columns' norms: far above the rounding of two machines (1e-12), far below any option's change.
 _SAME = 1e-8
@@ -252,7 +250,7 @@ def _gram(factor: NDArray[np.floating]) -> list[str]:
 
 def _polished(exact: dict[str, Any], evidence: DualEvidence, bound: Array) -> list[Fraction]:
     """y, shifted until nothing is left of the slope wherever the data determine theta."""
-    for _ in range(_POLISH):
+    for _ in range(CORRECTIONS):
         _, slope = verify_proof.dual_bound(exact)
         shift = evidence.push(bound * np.array([float(x) for x in slope]))
         exact["y"] = [a - Fraction(float(b)) for a, b in zip(exact["y"], shift, strict=True)]

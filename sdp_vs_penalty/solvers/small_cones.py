@@ -18,7 +18,6 @@ from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 
 #: Order of the largest matrix; smaller ones are padded with ones on the diagonal.
 ORDER = 4
-SQUARE, KRONECKER = ORDER**2, ORDER**4
 #: Up to so many entries a product with the whole matrix takes less than the call of a sparse one.
 _DENSE = 1 << 16
 #: Rows, columns and values of a sparse matrix.
@@ -67,12 +66,12 @@ class SmallCones:
         firsts = np.cumsum([0, *members])
         pairs = [_row_pairs(kind, int(k), p) for kind, k in zip(rows, ends[:-1], strict=True)]
         for kind, k in zip(matrices, firsts[:-1], strict=True):
-            pairs.append(_block_pairs(kind, count + int(k) * KRONECKER, p))
+            pairs.append(_block_pairs(kind, count + int(k) * ORDER**4, p))
         entries = Entries.of([*rows, *matrices])
         shape = (len(entries.constant), p)
         slack_map = sparse.csr_matrix((entries.value, (entries.row, entries.column)), shape)
         small = math.prod(shape) <= _DENSE
-        curvature = _csr(pairs, (p * p, count + len(weight) * KRONECKER))
+        curvature = _csr(pairs, (p * p, count + len(weight) * ORDER**4))
         places = np.flatnonzero(np.diff(curvature.indptr))
         return cls(
             tuple(constraints),
@@ -176,7 +175,7 @@ def _row_pairs(kind: Alike, start: int, p: int) -> _Triplets:
 def _block_pairs(kind: Alike, start: int, p: int) -> _Triplets:
     """The same for <F_i, S^-1 F_j Z> = sum F_i[a, b] F_j[c, d] (S^-1)[a, c] Z[d, b]."""
     g, k = kind.indices.shape
-    flat = kind.coefficients.reshape(g, k, SQUARE)
+    flat = kind.coefficients.reshape(g, k, -1)
     own, entry = np.nonzero(np.any(flat != 0.0, axis=0))
     one, other = (x.ravel() for x in np.indices((len(own), len(own))))
     (a, b), (c, d) = np.divmod(entry[one], ORDER), np.divmod(entry[other], ORDER)
@@ -184,7 +183,7 @@ def _block_pairs(kind: Alike, start: int, p: int) -> _Triplets:
     row, column = kind.indices[:, own[one]], kind.indices[:, own[other]]
     value = flat[:, own[one], entry[one]] * flat[:, own[other], entry[other]]
     used = (row >= column) & (value != 0.0)
-    where = start + np.arange(g)[:, None] * KRONECKER + where
+    where = start + np.arange(g)[:, None] * ORDER**4 + where
     return (column * p + row)[used], where[used], value[used]
 
 

@@ -131,7 +131,7 @@ def lower_bound(
     R, rho, limit = (np.asarray(x, Long) for x in (data.R, data.rho, bound))
     y = np.asarray(y, Long)
     floor = Long(data.residual_norm) ** 2
-    for _ in range(0 if correct is None else _CORRECTIONS):
+    for _ in range(0 if correct is None else CORRECTIONS):
         assert correct is not None
         leftover = np.asarray(limit * (slope[0] + 2 * R.T @ y), float)
         if np.abs(leftover).sum() <= _MATTERS * float(y @ y + floor):
@@ -146,7 +146,7 @@ def lower_bound(
 
 
 #: Corrections of y at most, and what a leftover slope may cost of the loss without another one.
-_CORRECTIONS, _MATTERS = 3, 1e-12
+CORRECTIONS, _MATTERS = 3, 1e-12
 
 
 def proves_infeasible(

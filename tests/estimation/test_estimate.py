@@ -15,7 +15,7 @@ from random_robots import link_parameters, sines, tree
 
 from sdp_vs_penalty import Estimate, Measurements, Problem, compare, identify, load_estimate
 from sdp_vs_penalty.effects import Motion, effect_types
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -122,7 +122,7 @@ def test_the_file_holds_what_was_promised(two_link: Problem, tmp_path: Path) -> 
         data["provenance"]["versions"]
     )
     assert data["settings"]["weighting"] == "noise"
-    assert data["settings"]["entropy"] == DEFAULT_ENTROPY
+    assert data["settings"]["entropy"] == LmiSdp.entropy
     assert data["robot"]["gravity"] == [0.0, 0.0, -9.81]
     assert set(data["preprocessing"]) == {"state_cutoff", "torque_cutoff", "standstill"}
     assert {"violations", "loss", "upper", "lower", "gap"} <= set(data["certificate"])

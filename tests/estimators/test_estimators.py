@@ -23,7 +23,7 @@ from sdp_vs_penalty.estimators import (
     make_task,
 )
 from sdp_vs_penalty.estimators.estimator import joint_weights
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS, LmiSdpPlain
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain, LmiSdpThickness
 from sdp_vs_penalty.regression import Regression, compress
 from sdp_vs_penalty.regression.regression import Factor
 from sdp_vs_penalty.robot import inertia
@@ -143,7 +143,7 @@ def test_both_methods_meet_where_both_are_given_the_same(task: Task, two_link: P
     convex = replace(task, constraints=replace(task.constraints, nonconvex=()))
     free = replace(convex, box=np.where(np.arange(10)[:, None] >= 4, [-np.inf, np.inf], task.box))
     _, certificate = certify(free, make_estimator("penalty").fit(free))
-    _, sdp = certify(free, LmiSdp(entropy=0.0, thickness=DEFAULT_THICKNESS).fit(free))
+    _, sdp = certify(free, LmiSdp(entropy=0.0, thickness=LmiSdpThickness.thickness).fit(free))
     assert certificate.loss == pytest.approx(sdp.loss, rel=1e-3)
     assert max(certificate.violations[f] for f in ("minimum thickness", "body")) < 1e-9
 

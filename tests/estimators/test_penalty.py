@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimators import (
     make_task,
 )
 from sdp_vs_penalty.estimators.barycentric import barycentric_box
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.robot import inertia
@@ -63,7 +63,7 @@ def task_named(name: str, request: pytest.FixtureRequest) -> Task:
 
 
 #: The SDP that gets the arrays that `penalty` gets, and no more.
-SAME = LmiSdp(entropy=0.0, thickness=DEFAULT_THICKNESS)
+SAME = LmiSdp(entropy=0.0, thickness=LmiSdpThickness.thickness)
 
 
 def independent_margins(theta: Array, links: NDArray[np.intp], thickness: float) -> Array:
@@ -91,7 +91,7 @@ def test_penalty_reaches_the_sdp_and_is_feasible(name: str, request: pytest.Fixt
     # Every start, not only the best one.
     assert max(run["loss"] for run in fit.details["runs"]) < sdp.loss * (1.0 + 1e-3)
     assert certificate.worst <= 1e-9
-    assert independent_margins(theta, task.links, DEFAULT_THICKNESS).min() >= -1e-9
+    assert independent_margins(theta, task.links, LmiSdpThickness.thickness).min() >= -1e-9
     # Its own multipliers prove it.
     assert certificate.gap is not None
     assert -1e-9 <= certificate.gap < 1e-3
@@ -162,7 +162,7 @@ def test_on_the_real_panda(panda: Problem, data_folder) -> None:  # type: ignore
     theta, strong = certify(task, fit)
     assert abs(strong.loss / sdp.loss - 1.0) < 1e-3
     assert strong.worst <= 1e-9
-    assert independent_margins(theta, task.links, DEFAULT_THICKNESS).min() >= -1e-9
+    assert independent_margins(theta, task.links, LmiSdpThickness.thickness).min() >= -1e-9
     # The published weights leave triangle inequalities violated: measured, in every run.
     paper = PenaltyPaper(runs=2, evaluations=2000).fit(task)
     for r in paper.details["runs"]:

@@ -330,7 +330,7 @@ def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time() -> None
         _run("chain of 14 links", "other", group="chains"),
         _run("ill-conditioned a", "other", group="ill-conditioned"),
     ]  # fmt: skip
-    table = summary.ranking(rows)
+    table = summary.ranking(rows, 7, 1e-6)
     assert [(r["solver"], r["right"], r["silently wrong"]) for r in table] == [
         ("slow", 2, 0),
         ("quick", 1, 1),

@@ -49,7 +49,8 @@ def verb(
     if export is not None:
         _export(export, None if problems is None else _words(problems))
         return
-    text = accuracy or (_QUICK_ACCURACY if quick else ",".join(f"{a:g}" for a in runner.ACCURACIES))
+    usual = ",".join(f"{a:g}" for a in runner.Shootout.accuracies)
+    text = accuracy or (_QUICK_ACCURACY if quick else usual)
     limit = time_limit if time_limit is not None else _QUICK_LIMIT if quick else 60.0
     setup = runner.Shootout(
         out,

@@ -14,8 +14,8 @@ from sdp_vs_penalty.data.formats.columns import HEADER
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Bytes that are worked on at a time, and of a line above which a file is no table.
-PIECE, _LONGEST = 1 << 20, 1_000_000
+#: Bytes that are worked on at a time; a file with a longer line is no table.
+PIECE = 1 << 20
 _FORMATS = "give measurements as CSV text or .npz"
 
 
@@ -25,7 +25,7 @@ def pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
     row = 1
     with path.open("rb") as file:
         while text := file.read(PIECE):
-            text += file.readline(_LONGEST)
+            text += file.readline(PIECE)
             if b"\0" in text:
                 raise InputError("a binary file", _FORMATS, path)
             try:
@@ -33,7 +33,7 @@ def pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
             except UnicodeDecodeError as error:
                 raise InputError(f"not UTF-8 text (near row {row})", _FORMATS, path) from error
             rows = content.removesuffix("\n").replace("\r", "\n").split("\n")
-            long = next((k for k, line in enumerate(rows) if len(line) >= _LONGEST), None)
+            long = next((k for k, line in enumerate(rows) if len(line) >= PIECE), None)
             if long is not None:
                 raise InputError(f"row {row + long} is too long for a table", _FORMATS, path)
             yield row, rows

@@ -14,10 +14,6 @@ from sdp_vs_penalty.paper.figures import engines, figure_8, figure_10, torques
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.problem.load import load_problem
 
-#: Figure 4 of the paper is a photograph of a simulator's window: there is nothing to compute in it.
-LEFT_OUT = {4: "a photograph of V-REP's window"}
-
-
 #: By number the problem, and what draws the figure of its study.
 FIGURES: Mapping[int, tuple[str, Callable[[Study], Any]]] = {
     1: ("panda", torques.exciting_trajectory),
@@ -46,9 +42,9 @@ def make_figures(
     """
     for number in numbers:
         if number not in FIGURES:
-            why = f" ({LEFT_OUT[number]})" if number in LEFT_OUT else ""
             raise InputError(
-                f"figure {number} is not made{why}", f"choose from {', '.join(map(str, FIGURES))}"
+                f"figure {number} is not made",
+                f"choose from {', '.join(map(str, FIGURES))}; 4 is a photograph of V-REP's window",
             )
     try:
         import matplotlib

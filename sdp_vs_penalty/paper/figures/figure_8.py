@@ -14,8 +14,6 @@ from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Corners of a drawn circle, slices along a shape.
-_CORNERS, _SLICES = 40, 60
 #: x, y, z as everywhere in robotics: red, green, blue; here from the same palette, and labelled.
 _AXES = ((RED, "x"), (GREEN, "y"), (BLUE, "z"))
 
@@ -49,8 +47,8 @@ def draw(study: Study) -> Any:
     return figure
 
 
-def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:
-    """Axis of a link's shape, positions along it (m,) and its radius there (m,) [m].
+def radius_profile(problem: Problem, link: int, slices: int = 60) -> tuple[int, Array, Array]:
+    """Axis of a link's shape, positions along it (slices,) and its radius there (slices,) [m].
 
     Raises InputError for a shape without volume: no radius is positive anywhere in its range.
     """
@@ -62,7 +60,7 @@ def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:
         )
     along = cones[0].axis
     low, high = problem.box[link, 1 + along]
-    x = np.linspace(low, high, _SLICES)
+    x = np.linspace(low, high, slices)
     radius = np.min([c.radius + c.slope * x for c in cones], axis=0)
     if not (np.all(np.isfinite(x)) and high > low and radius.max() > 0.0):
         raise InputError(
@@ -74,11 +72,11 @@ def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:
 
 
 def _surface(problem: Problem, link: int) -> Array:
-    """(slices, corners, 3) points of a link's shape in its frame."""
+    """(slices, slices, 3) points of a link's shape in its frame."""
     along, x, radius = radius_profile(problem, link)
     across = [a for a in range(3) if a != along]
-    angle = np.linspace(0.0, 2.0 * np.pi, _CORNERS)
-    points = np.zeros((len(x), _CORNERS, 3))
+    angle = np.linspace(0.0, 2.0 * np.pi, len(x))
+    points = np.zeros((len(x), len(x), 3))
     points[:, :, along] = x[:, None]
     points[:, :, across[0]] = radius[:, None] * np.cos(angle)
     points[:, :, across[1]] = radius[:, None] * np.sin(angle)

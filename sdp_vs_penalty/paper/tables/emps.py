@@ -25,8 +25,6 @@ PROBLEMS = ("emps",)
 #: What the simulation is refined with: of the effects tried on halves of the tracking run alone, the one
 #: whose free run on the other half improved most for one parameter more.
 REFINED = ("asymmetric_viscous_friction",)
-#: Steps of the simulation within a sample of the log.
-_STEPS = 4
 
 
 def build(study: Study) -> Table:
@@ -110,15 +108,18 @@ def _constants(estimate: Estimate) -> tuple[float, ...]:
     return float(estimate.links[0, 0]), *map(float, others), *(0.0,) * (4 - len(others))
 
 
-def simulated(run: Measurements, constants: tuple[float, ...]) -> Array:
-    """(N,) position [m] from the measured force alone; dry friction implicit, so that it can stick."""
+def simulated(run: Measurements, constants: tuple[float, ...], substeps: int = 4) -> Array:
+    """(N,) position [m] from the measured force alone; dry friction implicit, so that it can stick.
+
+    substeps : within a sample of the log.
+    """
     mass, viscous, coulomb, offset, asymmetric = constants
     q, v = float(run.q[0, 0]), 0.0
     out = np.empty(len(run.t))
-    steps = np.diff(run.t, append=2.0 * run.t[-1] - run.t[-2]) / _STEPS
+    steps = np.diff(run.t, append=2.0 * run.t[-1] - run.t[-2]) / substeps
     for k, (force, h) in enumerate(zip(run.tau[:, 0].tolist(), steps.tolist(), strict=True)):
         out[k] = q
-        for _ in range(_STEPS):
+        for _ in range(substeps):
             free = v + h * (force - offset - viscous * v - asymmetric * abs(v)) / mass
             v = np.sign(free) * max(abs(free) - h * coulomb / mass, 0.0)
             q += h * v

@@ -18,7 +18,7 @@ from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.identify import certify, identify
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, make_task, no_progress
-from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, QUICK_BUDGET, PenaltyPaper
+from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, PenaltyPaper
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
@@ -271,7 +271,7 @@ class Study:
         if prior:
             return cast(Estimator, kind(joint_prior=1.0))
         if issubclass(kind, PenaltyPaper):
-            return kind(evaluations=PAPER_BUDGET if self.budget == "paper" else QUICK_BUDGET)
+            return kind(evaluations=PAPER_BUDGET if self.budget == "paper" else kind.evaluations)
         return cast(Estimator, kind())
 
     @cached_property

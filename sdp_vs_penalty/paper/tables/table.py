@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 #: Text is written as it is (published cells keep their printed digits), None is an empty cell.
 Cell = str | float | int | None
 
-#: LaTeX: powers of ten up to this are written out, text columns longer than this (characters) wrap.
-_LONGEST_POWER, _WRAPPED = 6, 80
+#: LaTeX: text columns longer than this (characters) wrap.
+_WRAPPED = 80
 _NUMBER = re.compile(r"([-+]?)(\d+)(?:\.(\d*))?(?:[eE]([-+]?)(\d+))?")
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -205,10 +205,10 @@ def number_column(cells: Sequence[str]) -> str:
     return f"S[table-format={sign}{whole or 1}.{decimals}{power}]"
 
 
-def plain_number(cell: str) -> str:
-    """A number without its power of ten where that is readable, all digits kept: 5.46e-01 -> 0.546."""
+def plain_number(cell: str, longest: int = 6) -> str:
+    """A number without its power of ten up to the ``longest``, all digits kept: 5.46e-01 -> 0.546."""
     match = _NUMBER.fullmatch(cell)
-    if match is None or match[5] is None or int(match[5]) > _LONGEST_POWER:
+    if match is None or match[5] is None or int(match[5]) > longest:
         return cell
     return f"{Decimal(cell):f}"
 

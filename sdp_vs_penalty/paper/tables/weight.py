@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from sdp_vs_penalty.estimators.penalty_paper import QUICK_BUDGET, PenaltyPaper
+from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.paper.tables.methods import certified_optimum
 from sdp_vs_penalty.paper.tables.study import Study, sentence
 from sdp_vs_penalty.paper.tables.table import Column, Table
@@ -13,7 +13,10 @@ NAME = "weight"
 SLOW = True
 
 #: Final weights [(N m)^2 per kg m^2, kg or m]; the authors' is 40. Loss evaluations of a run.
-WEIGHTS, BUDGETS = (40.0, 126.0, 400.0, 1260.0, 4000.0), (QUICK_BUDGET, 10 * QUICK_BUDGET)
+WEIGHTS, BUDGETS = (
+    (40.0, 126.0, 400.0, 1260.0, 4000.0),
+    (PenaltyPaper.evaluations, 10 * PenaltyPaper.evaluations),
+)
 _RUNS = 2
 
 

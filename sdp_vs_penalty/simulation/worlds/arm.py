@@ -13,8 +13,6 @@ from sdp_vs_penalty.robot._pinocchio import pin
 
 Array = NDArray[np.float64]
 ARMS = ("panda", "elbow", "desk", "scara")
-#: Torque noise of an arm over the Coulomb friction in its URDF.
-NOISE_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -60,14 +58,14 @@ class Arm:
         return np.asarray(np.reshape(J, (6, -1)) @ self.follows)
 
 
-def load_arm(name: str) -> Arm:
-    """One of ARMS."""
+def load_arm(name: str, noise: float = 0.1) -> Arm:
+    """One of ARMS; noise : of its torques over the Coulomb friction in its URDF."""
     path = Path(__file__).parent / f"{name}.urdf"
     model = pin.buildModelFromUrdf(str(path))
     rotary = np.array([joint.shortname().startswith("JointModelR") for joint in model.joints[1:]])
     limits = (model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit)
     lower, upper, speed, coulomb, viscous = map(np.array, (*limits, model.friction, model.damping))
-    sizes, n = (coulomb, viscous, rotary, NOISE_SHARE * coulomb), len(rotary)
+    sizes, n = (coulomb, viscous, rotary, noise * coulomb), len(rotary)
     ends = (lower, upper, speed)
     return Arm(name, path, model, *ends, *sizes, model.njoints - 1, np.eye(n), np.zeros(n))
 
