@@ -95,7 +95,7 @@ def main() -> None:
 def write(out: Path, rows: list[dict[str, Any]]) -> None:
     """Both files, of what was measured now and of what they hold of other parts."""
     from sdp_vs_penalty.files import as_csv, write_text
-    from sdp_vs_penalty.show import markdown_table
+    from sdp_vs_penalty.formatting import markdown_table
 
     table, new = out / "benchmarks.csv", {row["part"] for row in rows}
     if table.exists():

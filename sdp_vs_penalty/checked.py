@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 
@@ -48,7 +48,7 @@ def refuse_meaningless(
     errors = [(run, f) for run, f in found if f.severity == "error"]
     if errors:
         run, f = errors[0]
-        more = f"; {show.count(len(errors) - 1, 'more error')}" if len(errors) > 1 else ""
+        more = f"; {formatting.count(len(errors) - 1, 'more error')}" if len(errors) > 1 else ""
         raise InputError(
             f"{f.what.rstrip('.')}: {f.remedy}{more} (details: `check`)",
             f"fix the data (`check --fix`), or {otherwise} {verb} anyway",

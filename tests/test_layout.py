@@ -15,7 +15,7 @@ ROOT = Path(sdp_vs_penalty.__file__).parent
 PACKAGE = ROOT.name
 #: From what knows nothing to what may use everything; the files at the package's root count as rooms.
 ORDER = (
-    "version", "errors", "show", "files", "parallel", "plugins", "robot",
+    "version", "errors", "formatting", "files", "parallel", "plugins", "robot",
     "data", "effects", "signals", "problem", "regression", "solvers", "estimators",
     "estimation", "exporters", "diagnosis", "simulation", "checks", "checked", "shootout", "reports",
     "page", "paper", "cli", "__main__",

@@ -9,7 +9,7 @@ import numpy as np
 
 from challenge import judge
 from challenge.judge import Item, Record, counted, wilson
-from sdp_vs_penalty.show import markdown_table
+from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
 
 SINGLE = ("strong", "medium", "weak")

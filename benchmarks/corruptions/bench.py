@@ -36,7 +36,7 @@ from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import as_csv, write_text
-from sdp_vs_penalty.show import markdown_table
+from sdp_vs_penalty.formatting import markdown_table
 
 #: A model this many times worse on clean data is harmed.
 HARMFUL = 1.3

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.constants import PARTS
 from sdp_vs_penalty.checks.content import Content, content
 from sdp_vs_penalty.checks.issue import Issue
@@ -24,9 +24,9 @@ from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque
 from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 __all__ = ["Issue", "Report", "check"]
@@ -62,7 +62,7 @@ class Report(Shown):
     @property
     def verdict(self) -> str:
         """How many problems there are, and how well the arm's dynamics explain the torque."""
-        found = show.count(len(self.problems), "problem")
+        found = formatting.count(len(self.problems), "problem")
         if self.unexplained is None:
             why = "nothing to identify from" if self.mended.torque_logged else "no torque was logged"
             return f"{self.run}: {found}; {why}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.glance import Glance
 from sdp_vs_penalty.data.measurements import Measurements
 
@@ -80,7 +80,7 @@ def rule(kind: str, severity: str, what: str, sure: str, remedy: str) -> Callabl
 def joints_text(joints: Any) -> str:
     """ "joint 4", "joints 2 and 5", "joints 1, 2 and 3" from indices that count from 0."""
     numbers = [int(j) + 1 for j in joints]
-    return f"joint{'s' if len(numbers) > 1 else ''} {show.words(numbers)}"
+    return f"joint{'s' if len(numbers) > 1 else ''} {formatting.words(numbers)}"
 
 
 def rows_text(rows: Any) -> str:

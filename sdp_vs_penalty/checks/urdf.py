@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters.content import ROUNDING, Inertial
 from sdp_vs_penalty.exporters.splice import Document
@@ -59,7 +59,8 @@ class LinkCheck:
 
     def to_dict(self) -> dict[str, Any]:
         out: dict[str, Any] = {
-            "link": self.link, "mass": self.mass, "triangle_margin": show.finite(self.triangle_margin),
+            "link": self.link, "mass": self.mass,
+            "triangle_margin": formatting.finite(self.triangle_margin),
             "pseudo_inertia_margin": self.pseudo_inertia_margin, "consistent": self.consistent,
             "verdict": self.verdict, "radius_of_gyration": self.gyration,
             "plausible": self.consistent and not self.unlikely,
@@ -108,7 +109,7 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
         return ["The file has no inertials."]
     broken = [c.link for c in checks if not c.consistent]
     how = f"{', '.join(broken)} physically impossible." if broken else "all are consistent."
-    said = [f"{show.count(len(checks), 'inertial')} checked: {how}"]
+    said = [f"{formatting.count(len(checks), 'inertial')} checked: {how}"]
     said += [
         f"{c.link}: consistent but implausible: radius of gyration {c.gyration:.3g} m for "
         f"{c.mass:.3g} kg, and its body reaches {c.reach:.3g} m. The torques of a link that hardly "

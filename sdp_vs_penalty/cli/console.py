@@ -67,11 +67,6 @@ def next_step(words: Sequence[object]) -> None:
     say(f"Next: {shlex.join(['sdp-vs-penalty', *map(str, words)])}")
 
 
-def number(x: float | None, digits: int = 3) -> str:
-    """Three significant digits; a dash for what is unknown."""
-    return "-" if x is None or x != x else f"{x:.{digits}g}"
-
-
 def aligned(rows: Sequence[Iterable[float]]) -> list[list[str]]:
     """Figures of one table with the same decimals, so that the smallest shows three digits."""
     sizes = [abs(x) for row in rows for x in row if x != 0.0 and math.isfinite(x)]

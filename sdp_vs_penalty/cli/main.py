@@ -9,7 +9,6 @@ import errno
 import gc
 import inspect
 import os
-import re
 import sys
 import traceback
 import warnings
@@ -264,6 +263,4 @@ def explain(error: BaseException) -> tuple[str, int]:
 def _plain(message: str) -> str:
     """A usage error without the words of the library that converts the values."""
     message = " ".join(message.split()).rstrip(".?").replace("Value error, ", "")
-    for kind, words in (("integer", "a whole number"), ("number", "a number")):
-        message = re.sub(rf"Input should be a valid {kind}\b.*", f"{words} is needed", message)
     return message.replace("Input should be", "it must be")

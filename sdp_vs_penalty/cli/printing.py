@@ -10,21 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli.console import (
     aligned,
     details,
     explain,
     listing,
     next_step,
-    number,
     say,
     table,
 )
 from sdp_vs_penalty.diagnosis.show import event_lines
 from sdp_vs_penalty.estimation.verdict import changes
+from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.show import plain_unit
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.diagnosis.comparison import Comparison
@@ -44,9 +43,8 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
 
     fit : against the measurements that it came from; None for a black box's answers.
     """
-    data = (
-        f"{result.provenance['samples']} samples of {show.count(len(result.provenance['runs']), 'run')}"
-    )
+    runs = formatting.count(len(result.provenance["runs"]), "run")
+    data = f"{result.provenance['samples']} samples of {runs}"
     fitted = "" if fit is None else f", relative error {number(fit.relative_error_percent)} %"
     say(
         f"{result.problem.name} by {result.method} from {data}: {len(result.theta)} parameters{fitted}, "

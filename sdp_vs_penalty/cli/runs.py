@@ -57,7 +57,11 @@ def next_diagnosis(model: Path | str, estimate: Estimate, data: list[Path], wind
 
 
 def runs_for(
-    estimate: Estimate, data: list[Path], window: str | None, test: Path | None, test_window: str | None
+    estimate: Estimate,
+    data: list[Path],
+    window: str | None,
+    test: Path | None = None,
+    test_window: str | None = None,
 ) -> Runs:
     """The runs to fit and the run to test on, both possible for the model's robot."""
     from sdp_vs_penalty.data.files import load_measurements, windowed

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats import bag, csv, format_of, panda_folder, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice, Header
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate, without_traces
@@ -213,7 +213,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
     path : what messages call the run; word, first : how they count its samples.
     """
     if len(m.t) < 2:
-        raise InputError(f"the run has {show.count(len(m.t), 'sample')}", "record longer", path)
+        raise InputError(f"the run has {formatting.count(len(m.t), 'sample')}", "record longer", path)
 
     def where(row: int, column: str) -> str:
         return f"{word} {row + first}, column {column}"
@@ -236,7 +236,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
         how = "repeats" if m.t[row] == m.t[row + 1] else "runs backwards"
         raise InputError(
             f"{where(row + 1, 't')}: time {how} ({m.t[row]:.6g} s to "
-            f"{m.t[row + 1]:.6g} s; {show.count(len(stays), f'such {word}')})",
+            f"{m.t[row + 1]:.6g} s; {formatting.count(len(stays), f'such {word}')})",
             "delete them, or cut the file there",
             path,
         )

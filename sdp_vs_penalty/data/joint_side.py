@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from dataclasses import replace
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import problems_folder
@@ -20,8 +20,8 @@ def to_joints(measurements: Measurements, transmission: Transmission) -> Measure
     """
     if measurements.n != transmission.n:
         raise InputError(
-            f"the file has {show.count(measurements.n, 'joint')}, the transmission "
-            f"{show.count(transmission.n, 'motor')}",
+            f"the file has {formatting.count(measurements.n, 'joint')}, the transmission "
+            f"{formatting.count(transmission.n, 'motor')}",
             "name a log with one column a motor",
             measurements.names[0],
         )

@@ -12,11 +12,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.store import PART, Growing, joined, parts
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import Shown, Summary
 
 T = TypeVar("T")
 
@@ -76,7 +76,8 @@ class Measurements(Shown):
         with np.errstate(invalid="ignore"):
             steps = np.concatenate([np.zeros(0), *(np.diff(r.t) for r in runs)])
         rate = f", {1.0 / np.median(steps):.4g} Hz" if len(steps) and np.median(steps) > 0.0 else ""
-        title = f"Measurements: {show.count(len(runs), 'run')}, {show.count(self.n, 'joint')}"
+        both = formatting.count(len(runs), "run"), formatting.count(self.n, "joint")
+        title = f"Measurements: {', '.join(both)}"
         return title, [
             ("runs", ", ".join(self.names)),
             ("length", ", ".join(f"{x:.4g}" for x in lengths) + f" s{rate}, {self.samples} samples"),

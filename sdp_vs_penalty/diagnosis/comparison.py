@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
@@ -24,11 +24,11 @@ from sdp_vs_penalty.estimation.identify import identify as _identify
 from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.estimation.pose import readable
 from sdp_vs_penalty.estimation.verdict import Errors, Verdict, judge
+from sdp_vs_penalty.formatting import Shown, Summary, finite
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import Shown, Summary, finite
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_rows
 from sdp_vs_penalty.signals.window_subsample import subsample_sentence, window_subsample
 
@@ -314,7 +314,7 @@ def still_missing(found: Diagnosis, estimate: Estimate) -> str:
     there = {(e.name, j + 1) for e in estimate.model.effects for j in e.joints}
     whole = {e.name for e in estimate.model.effects if e.whole_robot}
     left = [
-        f"{f.effect} on {show.joints(f.joints)}" if f.joints else f.effect
+        f"{f.effect} on {formatting.joints(f.joints)}" if f.joints else f.effect
         for f in found.effects
         if f.effect not in whole and not (f.joints and {(f.effect, j) for j in f.joints} <= there)
     ]

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.retunes import Retune
@@ -19,8 +19,8 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_json
 from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
 
 EFFECT_MISSING, NOTHING_MISSING, UNKNOWN = "effect_missing", "nothing_missing", "unknown_effect"
@@ -173,7 +173,8 @@ class Diagnosis(Shown, Plain):
             text += f" The noise is {SPECTRUM_KNOWN}: no motion repeats."
         where = sorted({e.joint for e in self.events})
         if where:
-            text += f" Besides, {show.count(len(self.events), 'event')} on {show.joints(where)}."
+            events = formatting.count(len(self.events), "event")
+            text += f" Besides, {events} on {formatting.joints(where)}."
         return text
 
     @property
@@ -212,7 +213,7 @@ class Diagnosis(Shown, Plain):
         """What no effect explains, with its joints and size; "" where nothing of the kind is left."""
         if self.verdict != UNKNOWN:
             return ""
-        where = f" on {show.joints([j for j, _ in self.remains])}" if self.remains else ""
+        where = f" on {formatting.joints([j for j, _ in self.remains])}" if self.remains else ""
         size = max((rms for _, rms in self.remains), default=0.0)
         upto = f" ({size:.2g} N m or N RMS{' at most' if len(self.remains) > 1 else ''})" if size else ""
         return f"something{where} that no effect of the library explains{upto}"
@@ -293,7 +294,7 @@ def _named(found: Sequence[Finding | Retune]) -> str:
     for f in found:
         joints.setdefault(f.effect, set()).update(f.joints)
     return "; ".join(
-        f"{effect} on {show.joints(sorted(where))}" if where else effect
+        f"{effect} on {formatting.joints(sorted(where))}" if where else effect
         for effect, where in joints.items()
     )
 

@@ -17,9 +17,9 @@ from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
 from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.show import plain_unit
 
 
 @dataclass(frozen=True)

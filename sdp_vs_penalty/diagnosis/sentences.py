@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.remaining import Remainder
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
@@ -49,7 +49,7 @@ def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, floa
 
 def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> str:
     """What was found, in one or two sentences."""
-    unit = show.plain_unit(effect.parameters[effect.sized_by][0].unit)
+    unit = formatting.plain_unit(effect.parameters[effect.sized_by][0].unit)
     where = (
         "the whole robot"
         if effect.whole_robot
@@ -105,8 +105,8 @@ def _standstill(data: WhiteData, residual: Array) -> str:
     moving = np.sqrt(moving / np.maximum(moves.sum(axis=0), 1))
     said = ", ".join(f"{moving[j - 1]:.2g}" for j in mostly)
     return (
-        f"Most of the error that is left on {show.joints(mostly)} is of standstill, where dry friction "
-        f"holds any torque up to its own: in motion it is {said} N m or N."
+        f"Most of the error that is left on {formatting.joints(mostly)} is of standstill, where dry "
+        f"friction holds any torque up to its own: in motion it is {said} N m or N."
     )
 
 
@@ -117,8 +117,8 @@ def _turning(left: Remainder) -> str:
         return ""
     errors = ", ".join(f"{left.slow[j]:.2g}" for j in slow)
     return (
-        f"At low speed of {show.joints((slow + 1).tolist())}, {errors} N m or N RMS are left beyond the "
-        "noise: near reversals friction models are least accurate."
+        f"At low speed of {formatting.joints((slow + 1).tolist())}, {errors} N m or N RMS are left "
+        "beyond the noise: near reversals friction models are least accurate."
     )
 
 

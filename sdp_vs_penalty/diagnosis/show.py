@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -37,7 +37,7 @@ def event_lines(events: Sequence[Any], every: bool = False, most: int = 3) -> li
     events : with ``joint`` (from 1), ``t_start``, ``t_end`` [s] and ``frequency`` [Hz] or None.
     """
     if len(events) > most and not every:
-        where = show.joints(sorted({e.joint for e in events}))
+        where = formatting.joints(sorted({e.joint for e in events}))
         hums = sum(e.frequency is not None for e in events)
         hum = f", {hums} of them a hum" if hums else ""
         first, last = min(e.t_start for e in events), max(e.t_end for e in events)
@@ -53,7 +53,7 @@ def event_lines(events: Sequence[Any], every: bool = False, most: int = 3) -> li
 
 def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> Any:
     """RMSE of each joint as bars, models side by side, with the noise floor as steps."""
-    axes = show.axes(axes)
+    axes = formatting.axes(axes)
     width = 0.8 / len(errors)
     for k, (name, rmse) in enumerate(errors.items()):
         x = np.arange(1, len(rmse) + 1) + (k - 0.5 * (len(errors) - 1)) * width
@@ -67,7 +67,7 @@ def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> 
 
 def plot_residual(axes: Any, x: Array, residual: Array, xlabel: str, title: str) -> Any:
     """Measured minus modelled torque of one joint against one quantity."""
-    axes = show.axes(axes)
+    axes = formatting.axes(axes)
     axes.plot(x, residual, lw=0.8)
     axes.set(xlabel=xlabel, ylabel="measured - modelled [N m or N]", title=title)
     return axes
@@ -75,7 +75,7 @@ def plot_residual(axes: Any, x: Array, residual: Array, xlabel: str, title: str)
 
 def plot_ladder(axes: Any, steps: Sequence[str], errors: Array, floor: Array) -> Any:
     """Error over noise floor of each joint (steps, n) as effects are added one after the other."""
-    axes = show.axes(axes)
+    axes = formatting.axes(axes)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = errors / floor
     for j in range(errors.shape[1]):

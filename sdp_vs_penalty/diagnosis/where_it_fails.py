@@ -35,8 +35,8 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.formatting import Shown, Summary, finite, plain_unit, words
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import Shown, Summary, finite, plain_unit, words
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented

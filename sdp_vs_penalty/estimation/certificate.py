@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from sdp_vs_penalty.estimators.sdp_fit import FAR_GAP
 from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.robot.constraint import BarycentricBound
-from sdp_vs_penalty.show import Shown, Summary
 
 
 @dataclass(frozen=True, repr=False)

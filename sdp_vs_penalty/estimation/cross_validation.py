@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
@@ -26,12 +26,12 @@ from sdp_vs_penalty.estimation.pose import PoseOptions, pose, with_reference
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, make_task, no_progress
+from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import Regression, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -278,8 +278,8 @@ def _judged(split: PhaseFolds, fold: int, theta: Array, test: Regression, drives
 
 def _too_short(name: str, split: PhaseFolds) -> InputError:
     return InputError(
-        f"{show.count(split.count, 'fold')} with {split.guard:.3g} s kept clear on either side leave "
-        "nothing to train on or to judge",
+        f"{formatting.count(split.count, 'fold')} with {split.guard:.3g} s kept clear on either side "
+        "leave nothing to train on or to judge",
         "choose fewer folds, or record longer",
         name,
     )

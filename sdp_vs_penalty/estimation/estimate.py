@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Motion, Parameter
@@ -26,11 +26,11 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, write_text
+from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.problem.fields import problem_from_dict, problem_to_dict
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.motion import MotionRecord
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -57,7 +57,7 @@ def plot_parameters(parameters: Sequence[Parameter], theta: Array, std: Array, a
         if p.effect != "rigid_body" or p.name.removeprefix("m").isdigit():
             shown.setdefault(p.effect, []).append(k)
     panels = np.atleast_1d(
-        show.axes(axes, 1, len(shown), figsize=(3.0 * len(shown), 2.6), layout="constrained")
+        formatting.axes(axes, 1, len(shown), figsize=(3.0 * len(shown), 2.6), layout="constrained")
     )
     for panel, (effect, indices) in zip(panels, shown.items(), strict=False):
         names = [parameters[k].name for k in indices]
@@ -131,7 +131,7 @@ class Estimate(Shown):
         masses, nominal = theta[:, 0], self.nominal[first]
         known = [i for i in links if nominal[i] > 0.0]
         far = [i for i in known if not 1.0 / FAR_MASS < masses[i] / nominal[i] < FAR_MASS]
-        numbers = "s" * (len(links) > 1) + " " + show.words([i + 1 for i in links])
+        numbers = "s" * (len(links) > 1) + " " + formatting.words([i + 1 for i in links])
         said = (
             f"the data do not determine the mass of link{numbers}, only sums with others; the value "
             f"comes from the {self.sources[first[links[0]]]}"
@@ -139,7 +139,7 @@ class Estimate(Shown):
         if np.any(self.problem.guessed_links[links]):
             said += ", drawn to lengths, sizes and torque, not measured: no file states it"
         each = [f"{masses[i]:.3g} kg for {nominal[i]:.3g} (link {i + 1})" for i in far]
-        return f"{said}; far from nominal: {show.words(each)}." if far else f"{said}."
+        return f"{said}; far from nominal: {formatting.words(each)}." if far else f"{said}."
 
     @property
     def verdict(self) -> Verdict | None:

@@ -30,6 +30,7 @@ from sdp_vs_penalty.effects.payload import Payload
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
@@ -37,7 +38,6 @@ from sdp_vs_penalty.regression.partial import deviations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, PointTrajectory, random_trajectory
-from sdp_vs_penalty.show import Shown, Summary
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import CHANGES, ROUNDING
 from sdp_vs_penalty.files.plain import Plain
@@ -175,7 +175,7 @@ def _fit(errors: Errors) -> Line:
         none &= over > ABOVE_NOISE
         above = np.flatnonzero(over > ABOVE_NOISE)
         grade = "good" if not len(above) else "usable"
-        said = f"Error over noise, joint by joint: {', '.join(map(show.times, over))}"
+        said = f"Error over noise, joint by joint: {', '.join(formatting.number(x, 2) for x in over)}"
         if errors.source == SPECTRUM:
             said += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
         if not beyond <= NO_MODEL:
@@ -183,7 +183,7 @@ def _fit(errors: Errors) -> Line:
             said = f"{beyond:.3g} % relative error beyond the noise; {said[0].lower()}{said[1:]}"
     if none.any():
         grade = min(grade, "usable", key=GRADES.index)
-        where = show.joints((np.flatnonzero(none) + 1).tolist())
+        where = formatting.joints((np.flatnonzero(none) + 1).tolist())
         said += f"; no model of {where} (worse than the mean torque)"
     return Line(FIT, grade, f"{said}.")
 
@@ -210,7 +210,7 @@ def _left(fit: Line, over: Array | None) -> str:
     if over is None:
         return "Not known without a noise floor; `diagnose` names causes."
     above = (np.flatnonzero(over > ABOVE_NOISE) + 1).tolist()
-    where = f" on {show.joints(above)}" if above else ""
+    where = f" on {formatting.joints(above)}" if above else ""
     return f"Torque beyond the noise{where}; `diagnose` names causes."
 
 
@@ -234,7 +234,7 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
         word = "Links" if len(light) > 1 else "Link"
         verb = "weigh" if len(light) > 1 else "weighs"
         each = f"less than a thousandth of the arm ({float(np.sum(masses)):.3g} kg)"
-        return f"{word} {show.words(light)} {verb} {each}."
+        return f"{word} {formatting.words(light)} {verb} {each}."
     return ""
 
 

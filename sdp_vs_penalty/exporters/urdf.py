@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import (
@@ -204,7 +204,7 @@ def _order(path: str | Path, theirs: Robot, mine: Robot) -> list[int]:
     """For each joint of the file's tree the model's: by name where all names agree, else in order."""
     if (theirs.n, len(theirs.tree), theirs.links) != (mine.n, len(mine.tree), mine.links):
         raise InputError(
-            f"the file has {show.count(theirs.n, 'moving joint')}, the model {mine.n}",
+            f"the file has {formatting.count(theirs.n, 'moving joint')}, the model {mine.n}",
             "give the URDF of the robot that was identified",
             path,
         )

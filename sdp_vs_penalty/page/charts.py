@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
@@ -27,11 +26,16 @@ from sdp_vs_penalty.reports.plots import (
 
 
 def torque_chart(
-    run: Curves, joint: int, units: Sequence[str], span: tuple[float, float] | None = None
+    run: Curves,
+    joint: int,
+    units: Sequence[str],
+    span: tuple[float, float] | None = None,
+    stretches: Sequence[tuple[float, float, str]] = (),
 ) -> dict[str, Any]:
     """Measured and modelled torque of one joint (from 0), and below it what is left.
 
-    span : the seconds to look at; a long run shows more detail there.
+    span : the seconds to look at; a long run shows more detail there; stretches : where the error is
+    large, by cause.
     """
     t, cut = run.t - run.t[0], slice(None)
     if span is not None:
@@ -40,6 +44,7 @@ def torque_chart(
         cut = slice(min(low, len(t) - 1), max(high, low + 1))
     part = Curves(t[cut], run.torque[cut], {name: m[cut] for name, m in run.modelled.items()})
     plot = torque_figure([part], joint, units[joint], False, float(t[cut][0]))
+    plot.update_layout(shapes=shades(stretches, ("x", "x2")))
     if span is not None:
         plot.update_axes("x", range=list(span))
     return _ready(styled(plot, 420))
@@ -54,14 +59,18 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
     for row, name in enumerate(shown):
         for j in range(len(units)):
             line = {"color": COLOURS[j % len(COLOURS)], "width": 1.2}
-            named = {"name": f"joint {j + 1}", "legendgroup": f"{j}", "showlegend": row == 0}
+            named: dict[str, Any] = {
+                "name": f"joint {j + 1}",
+                "legendgroup": f"{j}",
+                "showlegend": row == 0,
+            }
             plot.add(trace("scatter", x=t, y=read[name][:, j], line=line, **named), row)
             there = read.get(f"repaired_{name}")
             if there is None or not (rows := np.isfinite(there[:, j])).any():
                 continue
-            cross: dict[str, Any] = {"mode": "markers", "name": f"joint {j + 1}, repaired"}
-            cross["marker"] = {"symbol": "x", "size": 5, "color": COLOURS[j % len(COLOURS)]}
-            plot.add(trace("scatter", x=t[rows], y=there[rows, j], legendgroup=f"{j}", **cross), row)
+            named |= {"mode": "markers", "name": f"joint {j + 1}, repaired", "showlegend": False}
+            cross = {"symbol": "x", "size": 5, "color": line["color"]}
+            plot.add(trace("scatter", x=t[rows], y=there[rows, j], marker=cross, **named), row)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
     torques = "/".join(dict.fromkeys(units))
     titles = (f"q [{kinds}]", f"dq [{kinds}/s]", f"tau [{torques}]")
@@ -69,11 +78,6 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
         plot.update_axes("y", row, title=said)
     plot.update_axes("x", len(shown) - 1, title="time [s]")
     return _ready(styled(plot, 460))
-
-
-def with_shades(made: dict[str, Any], stretches: Sequence[tuple[float, float, str]]) -> dict[str, Any]:
-    """A torque chart with the stretches in which the error is large, by cause."""
-    return {**made, "layout": {**made["layout"], "shapes": shades(stretches, ("x", "x2"))}}
 
 
 def asked_span(event: Any) -> tuple[float, float] | bool | None:
@@ -133,27 +137,9 @@ def residual_chart(
     return _ready(styled(plot, 320))
 
 
-def merged(first: Curves, last: Curves) -> Curves:
-    """The same run with the curves of two models."""
-    return Curves(first.t, first.torque, {**first.modelled, **last.modelled})
-
-
 def _ready(plot: Figure) -> dict[str, Any]:
-    """Plain lists; to be zoomed in time only."""
+    """Plain JSON; to be zoomed in time only."""
     plot.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
     plot.update_axes("y", fixedrange=True)
-    data: dict[str, Any] = json.loads(plot.to_json(_short))
+    data: dict[str, Any] = json.loads(plot.to_json())
     return {**data, "config": {"displayModeBar": False, "responsive": True}}
-
-
-def _short(values: ArrayLike) -> Any:
-    """Six significant digits of each.
-
-    >>> _short([0.12345678, -3e-9, 0.0])
-    [0.123457, -3e-09, 0.0]
-    """
-    x = np.asarray(values, float)
-    with np.errstate(divide="ignore"):
-        size = np.floor(np.log10(np.abs(x)))
-    scale = 10.0 ** np.where(np.isfinite(size), 5.0 - size, 0.0).clip(-300.0, 300.0)
-    return (np.round(x * scale) / scale).tolist()

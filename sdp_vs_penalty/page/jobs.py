@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import urdf
 from sdp_vs_penalty.data.cli_parsing import numbers, time_windows
 from sdp_vs_penalty.data.datasets import DATASETS
@@ -38,6 +38,7 @@ from sdp_vs_penalty.estimators import estimator_types, with_solver
 from sdp_vs_penalty.exporters import sdp
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.files import write_bytes, write_text
+from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page.options import number
 from sdp_vs_penalty.page.run_jobs import (
     Answer,
@@ -53,7 +54,6 @@ from sdp_vs_penalty.page.run_jobs import (
     simulate,
 )
 from sdp_vs_penalty.page.summary import drawn_arm, held, placed, save_arrays, summary
-from sdp_vs_penalty.page.wording import figure
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.fields import entries
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
@@ -92,11 +92,11 @@ def robot(request: Request, progress: Progress) -> Answer:
     return {
         "title": problem.title
         if problem.folder is not None
-        else f"{show.count(problem.robot.n, 'joint')}, from URDF",
+        else f"{formatting.count(problem.robot.n, 'joint')}, from URDF",
         "name": problem.name,
         "n": problem.robot.n,
         "joints": list(problem.robot.joint_names),
-        "units": [show.plain_unit(unit) for unit in problem.robot.torque_units],
+        "units": [formatting.plain_unit(unit) for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
         "drawn": drawn_arm(problem.robot, problem.nominal_links, hulls),
         "torque_side": problem.torque_side,

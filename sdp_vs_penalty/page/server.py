@@ -42,9 +42,6 @@ from sdp_vs_penalty.reports.pictures import LOOK as PICTURES
 PORT = 8137
 _COOKIE = "sdp-vs-penalty-page"
 _HERE = Path(__file__).parent
-#: Seconds for which a tab may draw, sleep or wait for a busy computer and go on where it was; the work
-#: of one that was closed ends after them.
-WAITS = 20.0
 
 
 class Page:
@@ -245,7 +242,7 @@ def make_app(page: Page) -> FastAPI:
         dark=None,
         tailwind=False,
         language="en-US",
-        reconnect_timeout=WAITS,
+        reconnect_timeout=uploads.SILENCE,
         show_welcome_message=False,
     )
     return app

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -23,7 +23,6 @@ from sdp_vs_penalty.page.options import FormField, words
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.worker_pool import Cancelled, WorkerPool, Working
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL
-from sdp_vs_penalty.reports.plots import Curves
 
 
 def internal_error(error: Exception) -> str:
@@ -122,18 +121,13 @@ class Session:
         return self.robot
 
     @property
-    def checked(self) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
-        """Each run with what the check says of it."""
-        return [(run, run["findings"]) for run in self.runs]
-
-    @property
     def meaningless(self) -> list[str]:
         """What the check holds against identifying from the runs for training, a sentence each."""
         return [
             f"{run['name']}: {f['what'].rstrip('.')}: {f['remedy']}"
-            for run, found in self.checked
+            for run in self.runs
             if run["use"] in ("train", "split")
-            for f in found
+            for f in run["findings"]
             if f["severity"] == "error"
         ]
 
@@ -161,11 +155,6 @@ class Session:
             for name, x in self._read[file].items()
             if name.rstrip("0123456789") + str(k) == name
         }
-
-    def curves(self, model: ModelStep, run: str) -> Curves:
-        """Measured and modelled torque of a run."""
-        read = self.recording(model, run)
-        return Curves(read["t"], read["torque"], {model.label: read["modelled"]})
 
     def changed(self) -> None:
         for watcher in list(self.watchers):
@@ -300,9 +289,9 @@ class Session:
         """Before the robot changes: what is dropped, said and kept, so that it can be brought back."""
         self.dropped = {name: getattr(self, name) for name in _OF_A_ROBOT}
         if self.robot is not None and self.runs:
-            what = [show.count(len(self.runs), "run")]
-            what += [show.count(len(self.history), "model")] if self.history else []
-            said = f"{self.robot['name']}: {show.words(what)} put aside with the robot."
+            what = [formatting.count(len(self.runs), "run")]
+            what += [formatting.count(len(self.history), "model")] if self.history else []
+            said = f"{self.robot['name']}: {formatting.words(what)} put aside with the robot."
             self.notice = Notice((said,), error=False, undo=True)
 
     def bring_back(self) -> None:

@@ -15,8 +15,8 @@ from sdp_vs_penalty.files.outputs import lives
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.worker_pool import WorkerPool
 
-#: Closed tabs that can be opened again: how many, and for how many seconds.
-_KEPT, _KEPT_FOR = 4, 4 * 3600.0
+#: Closed tabs that can be opened again.
+_KEPT = 4
 #: Tabs that can be open at once.
 MOST = 20
 #: How long a browser may take from its request until its tab is there, or is there again [s].
@@ -92,9 +92,8 @@ class Sessions:
         closed = sorted((s for s in self._all.values() if not _open(s)), key=lambda s: -s.left_at)
         now = time.monotonic()
         for k, session in enumerate(closed):
-            since = now - session.left_at
             # On a busy computer many tabs lose their connection at once, and come back.
-            if (k >= _KEPT and since > _CONNECTS) or since > _KEPT_FOR:
+            if k >= _KEPT and now - session.left_at > _CONNECTS:
                 session.cancel()
                 del self._all[session.token]
                 shutil.rmtree(session.folder, ignore_errors=True)

@@ -22,7 +22,7 @@ from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.page.wording import figure
+from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.reports.parameters import (
     half_axes,
     link_rows,

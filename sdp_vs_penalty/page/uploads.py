@@ -16,8 +16,9 @@ from sdp_vs_penalty.errors import InputError
 #: Bytes of one file, and of all files of a session.
 LARGEST_FILE, LARGEST_SESSION = 256 * 2**20, 2**30
 MOST_FILES = 100
-#: How long whoever sends a file may be silent [s].
-SILENCE = 30.0
+#: How long a browser may be silent, sleep or wait for a busy computer [s]: a file that it sends is then
+#: refused, and the work of a tab that was closed ends.
+SILENCE = 20.0
 
 #: Suffixes that the readers know, and that of the files of a Panda logger's folder.
 RUN_SUFFIXES = (*suffixes(), ".txt")

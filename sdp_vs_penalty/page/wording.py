@@ -2,25 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Finding
-from sdp_vs_penalty.show import plain_unit
-
-
-def figure(value: float | None, digits: int = 3) -> str:
-    """Significant digits; a dash for what is not known.
-
-    >>> figure(0.012345), figure(1608.2, 2), figure(None)
-    ('0.0123', '1608', '-')
-    """
-    if value is None or not math.isfinite(value):
-        return "-"
-    if 10.0**digits <= abs(value) < 1e6:
-        return f"{value:.0f}"
-    return f"{value:.{digits}g}"
+from sdp_vs_penalty.formatting import number as figure
+from sdp_vs_penalty.formatting import plain_unit
 
 
 def spoken(text: str) -> str:
@@ -42,7 +29,7 @@ def plain_name(effect: str) -> str:
 
 
 def where(joints: Sequence[int]) -> str:
-    return show.joints(joints) if joints else "whole robot"
+    return formatting.joints(joints) if joints else "whole robot"
 
 
 def physics(finding: Finding) -> str:

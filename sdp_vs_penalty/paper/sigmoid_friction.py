@@ -83,11 +83,6 @@ class SigmoidFit:
     rmse: Array
 
     @property
-    def hardly_identifiable(self) -> NDArray[np.bool_]:
-        """(n, 3) where the interval contains zero: the data do not even say the sign."""
-        return np.asarray((self.lower <= 0.0) & (self.upper >= 0.0))
-
-    @property
     def at_bound(self) -> NDArray[np.bool_]:
         """(n,) where phi_2 ran into the end of its range: a step, whose interval means nothing."""
         return np.asarray(self.phi[:, 1] > 0.99 * _SLOPE_RANGE[1])

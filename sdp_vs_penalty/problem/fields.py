@@ -17,11 +17,11 @@ import numpy as np
 
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.formatting import finite
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.show import finite
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 

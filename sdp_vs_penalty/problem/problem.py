@@ -20,6 +20,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.files import read_table
+from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS, DEFAULT_RADIUS, DEFAULT_REACH_FACTOR
 from sdp_vs_penalty.robot import constraint as build
@@ -28,7 +29,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.constraint import BarycentricBound, Constraint, ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 

@@ -162,23 +162,3 @@ def measured_run(problem: Problem) -> Measurements | None:
     """The authors' identification run of a robot (their four text files), or None without it."""
     file = real_file(problem.name, "exciting_traj_time.txt")
     return None if file is None else load_measurements(file.parent, joints=problem.robot.n)
-
-
-def commanded_coefficients(problem: Problem) -> tuple[Array, Array] | None:
-    """a, b (n, L) of the trajectory that the authors' generator commanded, or None without its file.
-
-    Raises InputError where gen_params.txt has not two rows a joint.
-    """
-    file = real_file(problem.name, "gen_params.txt")
-    if file is None:
-        return None
-    n = problem.robot.n
-    try:
-        rows = np.loadtxt(file, ndmin=2)
-    except ValueError as error:
-        raise InputError(
-            f"not rows of numbers ({error})", "give each row as many numbers", file
-        ) from error
-    if len(rows) != 2 * n:
-        raise InputError(f"{len(rows)} rows instead of {2 * n}", "give a and b of each joint", file)
-    return rows[:n], rows[n:]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -65,11 +65,10 @@ class Figure:
                 self.layout[name] = _merged(self.layout[name], changes)
         return self
 
-    def to_json(self, packed: Callable[[Any], Any] | None = None) -> str:
-        """For plotly's script; packed : what becomes of an array, by default its numbers in single
-        precision, which is finer than any screen."""
+    def to_json(self) -> str:
+        """For plotly's script; numbers of arrays in single precision, which is finer than any screen."""
         every = {"data": self.data, "layout": self.layout}
-        return json.dumps(every, default=packed or _packed, separators=(",", ":"))
+        return json.dumps(every, default=_packed, separators=(",", ":"))
 
 
 def _number(panel: int) -> str:

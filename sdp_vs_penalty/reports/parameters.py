@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.uncertainty import Interval, counts
 from sdp_vs_penalty.exporters.friction_table import friction_curves
+from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, friction_figure
-from sdp_vs_penalty.reports.section import Material, figure, number, table, text
+from sdp_vs_penalty.reports.section import Material, figure, table, text
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -68,8 +69,8 @@ def _row(i: Interval, source: str, nominal: float) -> Row:
 
 def cells(row: Row) -> tuple[str, ...]:
     """A parameter as text, in the order of HEADS."""
-    figures = (number(_seen(row[name])) for name in ("value", "low", "high", "nominal"))
-    unit = show.plain_unit(row["unit"])
+    figures = (number(_seen(row[name]), 4) for name in ("value", "low", "high", "nominal"))
+    unit = formatting.plain_unit(row["unit"])
     return row["name"], row["verdict"], row["source"], *figures, unit
 
 
@@ -98,12 +99,12 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
         rows.append(
             (
                 f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",
-                number(link[0]),
-                number(nominal[i, 0]),
+                number(link[0], 4),
+                number(nominal[i, 0], 4),
                 estimate.sources[at[10 * i]],
-                ", ".join(number(_seen(c), 3) for c in com),
-                *(number(g[i], 3) for g in gyration),
-                number(1e3 * thick[i], 3),
+                ", ".join(number(_seen(c)) for c in com),
+                *(number(g[i]) for g in gyration),
+                number(1e3 * thick[i]),
             )
         )
     return rows
@@ -123,7 +124,7 @@ def plausibility(estimate: Estimate) -> list[str]:
     none = [i + 1 for i in range(len(links)) if not (links[i, 0] > 0.0 and thick[i] > 0.0)]
     if none:
         word = "Links" if len(none) > 1 else "Link"
-        said.append(f"{word} {show.words(none)} cannot exist: no body has such an inertia.")
+        said.append(f"{word} {formatting.words(none)} cannot exist: no body has such an inertia.")
     else:
         thinnest = int(np.argmin(thick))
         said.append(

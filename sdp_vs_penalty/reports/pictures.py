@@ -9,7 +9,7 @@ from typing import Any
 
 from sdp_vs_penalty.diagnosis.causes import CAUSES
 from sdp_vs_penalty.estimation.constants import CHANGES
-from sdp_vs_penalty.show import plain_unit
+from sdp_vs_penalty.formatting import plain_unit
 
 #: How bars and legends look.
 LOOK = (Path(__file__).parent / "pictures.css").read_text()
@@ -57,7 +57,7 @@ def bars(
         sizes = {"alone": new} if after is None else {"before": old, "after": new}
         sizes |= {"noise": 1.0} if known else {}
         shapes = "".join(
-            f'<i class="{k}" style="width:{x / largest:.2%}"></i>' for k, x in sizes.items()
+            f'<i class="{k}" style="--wide:{x / largest:.4f}"></i>' for k, x in sizes.items()
         )
         name = f"joint {joints[j] if joints else j + 1}"
         rows.append(

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import plain_unit
 
 #: Okabe, Ito, "Color universal design" (2008), a violet for its yellow; readable on white and black.
 MEASURED = "#888888"

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-import numpy as np
-
 from sdp_vs_penalty.checks import Report
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
@@ -111,10 +109,6 @@ def figure(plot: Figure, caption: str = "", height: int = 215, group: str = "") 
 def packed(text: str) -> str:
     """Compressed, as text that cannot end a script element; draw.js unpacks it."""
     return base64.b64encode(gzip.compress(text.encode(), 4, mtime=0)).decode()
-
-
-def number(value: float | None, digits: int = 4) -> str:
-    return "-" if value is None or not np.isfinite(value) else f"{value:.{digits}g}"
 
 
 #: How the page looks, and what draws a figure once it is about to be seen, one at a time.

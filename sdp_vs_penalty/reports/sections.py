@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.comparison import predicted, still_missing
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.show import new_motion
@@ -20,6 +20,7 @@ from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import changes
+from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.reports.figure import trace
 from sdp_vs_penalty.reports.pictures import (
     SHADES,
@@ -35,12 +36,10 @@ from sdp_vs_penalty.reports.section import (
     Material,
     figure,
     marked,
-    number,
     table,
     text,
 )
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import plain_unit
 
 
 def verdict(material: Material) -> str:
@@ -78,8 +77,8 @@ def verdict(material: Material) -> str:
     m = material.measurements
     seconds = sum(float(run.t[-1] - run.t[0]) for run in m.runs())
     body += text(
-        f"{material.last.robot.name}, {show.count(material.last.robot.n, 'joint')}. Judged on "
-        f"{show.count(len(m.names), 'run')}, {len(m.t)} samples, {seconds:.3g} s: "
+        f"{material.last.robot.name}, {formatting.count(material.last.robot.n, 'joint')}. Judged on "
+        f"{formatting.count(len(m.names), 'run')}, {len(m.t)} samples, {seconds:.3g} s: "
         f"{', '.join(m.names)}. Measured and modelled torques passed the same low-pass at "
         f"{material.comparisons[0].band_hz:.3g} Hz."
     )
@@ -157,10 +156,10 @@ def history(material: Material) -> str:
     floor = material.comparisons[-1].noise_floor
     rows = []
     for j, unit in enumerate(material.last.robot.torque_units):
-        cells: list[object] = [f"{j + 1} [{show.plain_unit(unit)}]"]
+        cells: list[object] = [f"{j + 1} [{formatting.plain_unit(unit)}]"]
         for c in material.comparisons:
-            cells += [number(c.rmse[j]), number(c.r2[j])]
-        rows.append([*cells, "-" if floor is None else number(floor[j])])
+            cells += [number(c.rmse[j], 4), number(c.r2[j], 4)]
+        rows.append([*cells, "-" if floor is None else number(floor[j], 4)])
     totals: list[object] = ["all, relative error"]
     for c in material.comparisons:
         totals += [f"{c.relative_error_percent:.3f} %", ""]
@@ -213,8 +212,8 @@ def failures(material: Material) -> str:
         (
             str(f.joint),
             " ".join(sentences(f, material.last.robot.torque_units[f.joint - 1])),
-            number(f.rmse),
-            number(f.noise_floor),
+            number(f.rmse, 4),
+            number(f.noise_floor, 4),
         )
         for f in last
     ]
@@ -237,10 +236,10 @@ def findings(material: Material) -> str:
                 f.effect,
                 ", ".join(map(str, f.joints)) or "all",
                 f.confidence,
-                f"{number(f.size)} ± {number(f.std, 2)} {plain_unit(f.unit)}",
+                f"{number(f.size, 4)} ± {number(f.std, 2)} {plain_unit(f.unit)}",
                 ", ".join(f.indistinguishable_from) or "-",
-                *(number(x, 3) for x in fall),
-                number(found.noise_floor[joint], 3),
+                *(number(x) for x in fall),
+                number(found.noise_floor[joint]),
             )
         )
     heads = (
@@ -356,7 +355,7 @@ def provenance(material: Material) -> str:
         settings = ", ".join(f"{k}={v}" for k, v in e.settings.items())
         effects = ", ".join(effect.brief for effect in e.model.effects)
         p = e.preprocessing
-        filters = f"states {number(p.state_cutoff)} Hz, torque {number(p.torque_cutoff)} Hz"
+        filters = f"states {number(p.state_cutoff, 4)} Hz, torque {number(p.torque_cutoff, 4)} Hz"
         for what, value in (
             ("method", f"{e.method} ({settings})"),
             ("effects", effects),

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from lxml import etree
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_bytes
 from sdp_vs_penalty.robot import inertia
@@ -118,7 +118,7 @@ class _Reader:
         if not np.all(np.abs(values) < _LARGEST):
             raise self.fail(
                 f"line {element.sourceline}, <{element.tag} {attribute}={text[:40]!r}> must hold "
-                f"{show.count(len(default), 'finite number')}, below {_LARGEST:g}"
+                f"{formatting.count(len(default), 'finite number')}, below {_LARGEST:g}"
             )
         return list(values.tolist())
 

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.shootout.contestants import Contestant
 from sdp_vs_penalty.shootout.judge import CLASSES
 from sdp_vs_penalty.shootout.profile import accuracies, at_accuracy, plot_profile, reached
 from sdp_vs_penalty.shootout.results import Row, table_text
-from sdp_vs_penalty.show import markdown_table
 
 _KNOWN_LINKS = {"emps": 1, "two_link": 2, "tx40": 6, "ur10e": 6, "panda": 7}
 _COLUMNS = (

@@ -24,8 +24,8 @@ from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.output_error import Course, courses_of
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import Shown, Summary, Table
 
 Drive = Literal["torque", "pd", "servo"]
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline, interp1d
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types, parse_effects
@@ -51,7 +51,7 @@ RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
 
 @dataclass(frozen=True, repr=False)
-class HiddenRuns(show.Shown):
+class HiddenRuns(formatting.Shown):
     """runs : as logged; ideal : what perfect sensors and a perfect clock would have logged at the same
     instants; truth : what is hidden, for a scorer; hidden : the effects, sized."""
 
@@ -83,10 +83,10 @@ class HiddenRuns(show.Shown):
             save(run, folder / name)
         write_text(folder / "truth.json", json.dumps(self.truth, indent=1) + "\n")
 
-    def _summary(self) -> show.Summary:
+    def _summary(self) -> formatting.Summary:
         length = self.test.t[-1] - self.test.t[0]
         return f"Simulated runs: {self.truth['problem']}, seed {self.truth['seed']}", [
-            ("train", f"{show.count(len(self.train), 'run')} of {length:.3g} s"),
+            ("train", f"{formatting.count(len(self.train), 'run')} of {length:.3g} s"),
             ("test", f"1 run of {length:.3g} s"),
             ("model's effects", ", ".join(self.truth["model_effects"])),
         ]

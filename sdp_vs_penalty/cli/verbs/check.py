@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.data.cli_parsing import numbers
+from sdp_vs_penalty.cli.runs import as_told
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,9 +38,8 @@ def verb(
     from sdp_vs_penalty.checks import check, of_one_arm
     from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
     from sdp_vs_penalty.files import write_text
-    from sdp_vs_penalty.problem.load import load_problem
 
-    robot = load_problem(problem, None if gravity is None else numbers("--gravity", gravity, 3))
+    robot = as_told(problem, gravity)
     data = [file for path in data for file in run_files(path)]
     folder = fix is not None and (len(data) > 1 or not fix.suffix or fix.is_dir())
     if fix is not None and len(data) > 1 and fix.suffix:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sdp_vs_penalty.data.cli_parsing import time_windows
-
 #: Steps of the simulated loops at most: some seconds.
 _STEPS = 5_000
 
@@ -23,8 +21,7 @@ def verb(
 
     """
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.cli.runs import next_diagnosis
-    from sdp_vs_penalty.data.files import load_measurements, windowed
+    from sdp_vs_penalty.cli.runs import next_diagnosis, runs_for
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
     from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -32,8 +29,8 @@ def verb(
 
     estimates = {str(path): load_estimate(path) for path in models}
     newest, estimate = list(estimates.items())[-1]
-    whole = load_measurements(*data, names=estimate.robot.joint_names)
-    runs = windowed(whole, time_windows(window))
+    given = runs_for(estimate, data, window)
+    runs, whole = given.train, given.whole
     results = compare(estimates, runs, noise_from=whole)
     oldest = next(iter(estimates.values()))
     noise = results[0].noise

@@ -42,7 +42,7 @@ def verb(
     --motor-side: The problem's transmission, for a log of motors.
     --rate: Rate [Hz] of a table without header: q1..qn, dq1..dqn, tau1..taun.
     """
-    from sdp_vs_penalty import show
+    from sdp_vs_penalty import formatting
     from sdp_vs_penalty.problem.convert import convert
 
     names = joints.split(",") if joints else None
@@ -59,7 +59,7 @@ def verb(
     )
     velocity = "" if run.dq is None else ", velocities"
     _first_rows(run)
-    console.written(out, f"{len(run.t)} samples of {show.count(run.n, 'joint')}{velocity}")
+    console.written(out, f"{len(run.t)} samples of {formatting.count(run.n, 'joint')}{velocity}")
 
 
 def _first_rows(run: Measurements) -> None:

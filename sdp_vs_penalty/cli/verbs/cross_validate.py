@@ -29,15 +29,14 @@ def verb(
     --folds >=2: Stretches that each motion is cut into.
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.data.cli_parsing import numbers
+    from sdp_vs_penalty.cli.runs import as_told
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.estimation.cross_validation import cross_validate
     from sdp_vs_penalty.estimation.known_load import parsed_known
+    from sdp_vs_penalty.formatting import number, plain_unit
     from sdp_vs_penalty.parallel import Workers
-    from sdp_vs_penalty.problem.load import load_problem
-    from sdp_vs_penalty.show import plain_unit
 
-    robot = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
+    robot = as_told(problem, gravity)
     with console.progress("reading the measurements") as progress:
         runs = load_measurements(*data, joints=robot.robot.n, names=robot.robot.joint_names)
         result = cross_validate(
@@ -57,12 +56,9 @@ def verb(
         (f"{k}: {f.start:.3g}-{f.stop:.3g} s", f) for k, f in enumerate(result.folds, start=1)
     ]
     judged.append(("all", result))
-    rows = [
-        [name, console.number(f.relative_error_percent), *map(console.number, f.rmse)]
-        for name, f in judged
-    ]
+    rows = [[name, number(f.relative_error_percent), *map(number, f.rmse)] for name, f in judged]
     units = ", ".join(dict.fromkeys(map(plain_unit, robot.robot.torque_units)))
-    title = f"Relative error, and RMSE [{units}] of each joint below {console.number(result.band_hz)} Hz"
+    title = f"Relative error, and RMSE [{units}] of each joint below {number(result.band_hz)} Hz"
     heads = ("judged on", "error [%]", *(str(j + 1) for j in range(robot.robot.n)))
     console.table(title, heads, rows)
     console.save_json(json_, result.to_dict())

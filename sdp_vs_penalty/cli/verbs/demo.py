@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def _methods(made: Demo) -> None:
     """One row a method, judged on motion that none has seen."""
     rows = []
     for c in made.compared:
-        certificate, figure = c.estimate.certificate, console.number
+        certificate, figure = c.estimate.certificate, formatting.number
         over = None if c.noise_floor is None else float((c.rmse / c.noise_floor).max())
         thin = certificate.smallest_thickness
         rows.append(

@@ -6,8 +6,6 @@ import shlex
 import sys
 from pathlib import Path
 
-from sdp_vs_penalty.data.cli_parsing import time_windows
-
 
 def verb(
     models: list[Path],
@@ -28,24 +26,22 @@ def verb(
     --forward: Forward simulation of whole runs, however long it takes.
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.data.files import load_measurements, windowed
+    from sdp_vs_penalty.cli.runs import runs_for
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.reports import check_name, report
 
     check_name(out)  # before the minutes that a report may take
     short = len({path.name for path in models}) == len(models)
     estimates = {path.name if short else str(path): load_estimate(path) for path in models}
-    robot = next(iter(estimates.values())).robot
     with console.progress("reading the measurements") as progress:
-        whole = load_measurements(*data, names=robot.joint_names)
-        runs = windowed(whole, time_windows(window))
+        given = runs_for(next(iter(estimates.values())), data, window)
         command = shlex.join(["sdp-vs-penalty", *sys.argv[1:]])
         report(
             estimates,
-            runs,
+            given.train,
             out,
             commands=[command],
-            noise_from=whole,
+            noise_from=given.whole,
             findings=findings,
             forward=forward,
             progress=progress,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.columns import Choice, understood
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, Growing, joined, parts
@@ -139,8 +139,8 @@ def _row(path: Path, message: Any, at: Sequence[int], names: Sequence[str]) -> l
             out += [float(values[k]) for k in at]
         elif needed:
             raise InputError(
-                f"a message has {show.count(len(values), 'value')} of {field} for "
-                f"{show.count(len(message.name), 'joint')}",
+                f"a message has {formatting.count(len(values), 'value')} of {field} for "
+                f"{formatting.count(len(message.name), 'joint')}",
                 "record position and effort of every joint",
                 path,
             )

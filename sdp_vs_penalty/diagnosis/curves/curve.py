@@ -11,9 +11,9 @@ import numpy as np
 from sdp_vs_penalty.effects.curve_variable import WORDS, Variable
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.show import plain_unit
 
 #: What a finding cannot be told apart from where a curve stands instead of it.
 CURVE = MeasuredCurve.name

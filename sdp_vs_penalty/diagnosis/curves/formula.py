@@ -20,8 +20,8 @@ from sdp_vs_penalty.diagnosis.curves.laws import Law, dictionary
 from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit
 from sdp_vs_penalty.diagnosis.score import Score
 from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import plain_unit
 
 #: White energy of a law's column, per unit of its amplitude, below which rows do not see it.
 _UNSEEN = 1e-9

@@ -7,7 +7,6 @@ from functools import partial
 from sdp_vs_penalty.page.controls import button, check, drop, note, table, tag, tile
 from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import Stage, View, after_model
-from sdp_vs_penalty.page.wording import figure
 from sdp_vs_penalty.reports.sections import CERTIFICATE
 
 
@@ -54,12 +53,6 @@ METHODS = after_model("methods", "Compare methods", _draw_methods, lambda s: s.a
 
 def _draw_proof(view: View) -> None:
     session, model = view.session, view.session.current
-    said = f"Constraints: {model.constraints}; "
-    if model.gap is None:
-        said += "this method has no certified lower bound."
-    else:
-        said += f"nothing under them is better by more than {figure(model.gap, 2)} of the loss."
-    tag("p", said, "words")
     note(CERTIFICATE)
     table(["figure", model.label], model.about["certificate"], "Certificate", "numbers wraps")
     proved, told = session.answer("prove"), session.answers.get("verify")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, note, tag
@@ -23,7 +23,8 @@ def _draw_check(view: View) -> None:
     session = view.session
     _findings(session)
     names = [run["name"] for run in session.runs]
-    shown, parts = {"run": names[0]}, dict[str, Any]()
+    first = next((run["name"] for run in session.runs if run["findings"]), names[0])
+    shown, parts = {"run": first}, dict[str, Any]()
 
     def read() -> dict[str, Any]:
         (file,) = [run["view"] for run in session.runs if run["name"] == shown["run"]][:1]
@@ -41,7 +42,7 @@ def _draw_check(view: View) -> None:
 
     if len(names) > 1:
         with tag("div", style="pick"):
-            choice("Run", [(n, n) for n in names], names[0], look, "checked-run")
+            choice("Run", [(n, n) for n in names], first, look, "checked-run")
     with tag("div", style="pair"):
         drawn = data_chart(read(), session.arm["units"])
         parts["chart"] = chart(drawn, "Positions, velocities and torques of all joints over time")
@@ -56,11 +57,11 @@ def _draw_check(view: View) -> None:
 def _findings(session: Session) -> None:
     """What the check says, each with its repair; a tick where it says nothing."""
     with tag("p", style="row"):
-        for run, findings in session.checked:
-            if not findings:
+        for run in session.runs:
+            if not run["findings"]:
                 tag("span", f"✓ {run['name']}", "tick")
-    for run, findings in session.checked:
-        for found in findings:
+    for run in session.runs:
+        for found in run["findings"]:
             with tag("p", style=f"finding {found['severity']}"):
                 tag("strong", f"{run['name']}: {found['kind']}. ")
                 tag("span", f"{found['what']} What to do: {found['remedy']}.")
@@ -84,8 +85,8 @@ def _checked(session: Session) -> Verdict | None:
         return Verdict("bad", f"{session.meaningless[0]}.", "Check failed")
     warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
     if warned:
-        return Verdict("usable", f"It found {show.words(warned)}.", "Check")
-    return Verdict("good", f"Nothing wrong in {show.count(len(session.runs), 'run')}.", "Check")
+        return Verdict("usable", f"It found {formatting.words(warned)}.", "Check")
+    return Verdict("good", f"Nothing wrong in {formatting.count(len(session.runs), 'run')}.", "Check")
 
 
 _PART = Part("check", "", lambda session: bool(session.runs), _check_depends, _draw_check)

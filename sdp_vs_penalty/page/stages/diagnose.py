@@ -7,10 +7,11 @@ from functools import partial
 import numpy as np
 from nicegui import ui
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import event_lines
 from sdp_vs_penalty.estimation.verdict import changes
+from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page.charts import missing_chart
 from sdp_vs_penalty.page.controls import (
     button,
@@ -25,7 +26,7 @@ from sdp_vs_penalty.page.controls import (
 )
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import Stage, Verdict, View, after_model
-from sdp_vs_penalty.page.wording import figure, physics, plain_name, where
+from sdp_vs_penalty.page.wording import physics, plain_name, where
 from sdp_vs_penalty.reports.pictures import bars, change_of
 
 
@@ -110,7 +111,7 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         with tag("div", style="head"):
             tag("h4", f"{plain_name(finding.effect)} · {where(finding.joints)}")
             tag("span", finding.confidence, f"badge {finding.confidence}")
-        unit = show.plain_unit(finding.unit)
+        unit = formatting.plain_unit(finding.unit)
         size = f"{finding.size:.4g} ± {finding.std:.1g} {unit}".strip()
         said = finding.constants
         tag("p", f"Size {size}" + (f"; {said}" if said else ""), "size")
@@ -227,7 +228,7 @@ def _diagnosed(session: Session) -> Verdict | None:
     said = ""
     if found is not None and added:
         left = sum(f.text not in added for f in found.effects)
-        said = f"{show.count(left, 'more finding')} can be added." if left else ""
+        said = f"{formatting.count(left, 'more finding')} can be added." if left else ""
         said = said or "Diagnose again to see what is missing now."
     elif found is not None:
         said = found.headline

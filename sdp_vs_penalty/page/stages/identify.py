@@ -9,14 +9,13 @@ from nicegui import ui
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import new_motion
+from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page.arm import draw_arm, torque_errors
 from sdp_vs_penalty.page.charts import (
     asked_span,
     friction_chart,
-    merged,
     residual_chart,
     torque_chart,
-    with_shades,
 )
 from sdp_vs_penalty.page.controls import (
     button,
@@ -38,10 +37,10 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified
-from sdp_vs_penalty.page.wording import figure, plain_name, spoken, with_unit
+from sdp_vs_penalty.page.wording import plain_name, spoken, with_unit
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
-from sdp_vs_penalty.reports.plots import SIGNALS
+from sdp_vs_penalty.reports.plots import SIGNALS, Curves
 
 _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 
@@ -197,6 +196,7 @@ def _draw_fit(view: View) -> None:
     view.joint = min(view.joint, robot["n"] - 1)
     if view.run not in model.runs:
         view.run, view.span = model.runs[-1], None
+    steps = [session.history[0], model][-len(session.history) :]
     first = session.history[0].comparison
     floor = None if None in comparison["noise_floor"] else comparison["noise_floor"]
     after = comparison["rmse"] if len(session.history) > 1 else None
@@ -209,20 +209,16 @@ def _draw_fit(view: View) -> None:
         choice("Run", names, view.run, lambda name: view.look(run=name), "shown-run")
 
     def options() -> dict[str, Any]:
-        curves = session.curves(model, view.run)
-        if len(session.history) > 1:
-            curves = merged(session.curves(session.history[0], view.run), curves)
-        shown = torque_chart(curves, view.joint or 0, units, view.span)
-        return with_shades(shown, _stretches(view, model))
-
-    def reads() -> list[Any]:
-        steps = [session.history[0], model][-len(session.history) :]
-        return [session.recording(step, view.run) for step in steps]
+        modelled = {step.label: session.recording(step, view.run)["modelled"] for step in steps}
+        read = session.recording(model, view.run)
+        run = Curves(read["t"], read["torque"], modelled)
+        return torque_chart(run, view.joint or 0, units, view.span, _stretches(view, model))
 
     def against() -> dict[str, Any]:
         j = view.joint or 0
         floor = comparison["noise_floor"][j]
-        return residual_chart(reads(), j, view.signal, units[j], floor, view.span)
+        reads = [session.recording(step, view.run) for step in steps]
+        return residual_chart(reads, j, view.signal, units[j], floor, view.span)
 
     def zoom(event: Any) -> None:
         span = asked_span(event.args)
@@ -377,7 +373,6 @@ FIT = after_model(
 
 def _draw_parameters(view: View) -> None:
     about = view.session.current.about
-    tag("p", _determined(view.session.current), "words")
     for said in about["words"]:
         tag("p", said, "words")
     with details("Links, friction and every parameter", "parameters"):
@@ -408,16 +403,6 @@ def _tables(view: View) -> None:
     with tag("div", style="tall"):
         table(HEADS, rows, "Parameters with intervals", "numbers parameters", mark=2)
     button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
-
-
-def _determined(model: ModelStep) -> str:
-    """What decides the parameters."""
-    rows = model.about["rows"]
-    seen = sum(row["source"] == "data" for row in rows)
-    said = f"Constraints: {model.constraints}; the data determine {seen} of {len(rows)} parameters"
-    if model.on_bounds:
-        return f"{said}; {len(model.on_bounds)} lie on their bounds."
-    return f"{said}, the prior the others; torques need no more."
 
 
 PARAMETERS = after_model("parameters", "Parameters", _draw_parameters)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.urdf import HEADS
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.page.controls import (
@@ -200,7 +200,7 @@ def _real(view: View) -> None:
         note("Not downloaded. Run:")
         tag("code", f"sdp-vs-penalty fetch {robot['source']}")
     else:
-        note(f"Public measurements exist for {show.words(list(DATASETS))}.")
+        note(f"Public measurements exist for {formatting.words(list(DATASETS))}.")
 
 
 def _list(view: View) -> None:
@@ -245,10 +245,10 @@ def _measured(session: Session) -> Verdict | None:
     robot = session.robot
     if robot is None:
         return None
-    said = f"{robot['file'] or robot['name']} has {show.count(robot['n'], 'joint')}"
+    said = f"{robot['file'] or robot['name']} has {formatting.count(robot['n'], 'joint')}"
     if session.runs:
         kept = any(run["use"] in ("test", "split") for run in session.runs)
-        said += f"; {show.count(len(session.runs), 'run')}, "
+        said += f"; {formatting.count(len(session.runs), 'run')}, "
         said += f"{'part' if kept else 'nothing'} kept for testing"
     return Verdict("", f"{said}.")
 

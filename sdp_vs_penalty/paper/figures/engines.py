@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.paper.figures.style import LOOKS, legend_below, new_figure, title
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table_v import EngineResult, measured_runs, sinusoidal_runs
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import plain_unit
 from sdp_vs_penalty.simulation.engines.comparison import EngineRun
 
 

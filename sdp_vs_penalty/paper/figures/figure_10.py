@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.paper.figures.style import BLACK, ORANGE, RED, SKY, new_figure, title
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.wrenches import COMPONENTS, UNITS, wrench_study
-from sdp_vs_penalty.show import plain_unit
 
 _NAMES = dict(zip(COMPONENTS, ("$f_x$", "$f_y$", "$f_z$", "$n_x$", "$n_y$", "$n_z$"), strict=True))
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from sdp_vs_penalty.show import plain_unit
+from sdp_vs_penalty.formatting import plain_unit
 
 #: Okabe, Ito, "Color universal design" (2008).
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from sdp_vs_penalty.estimation.excitation import Excitation, Limits, Regressor, excite
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
-from sdp_vs_penalty.problem.published import commanded_coefficients
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory
 
 NAME = "II"
@@ -34,8 +31,7 @@ def build(study: Study) -> Table:
     return Table(
         NAME,
         f"Table II: exciting trajectory of {study.problem.title}",
-        "Published coefficients, and trajectories optimised by this program; nothing here is measured "
-        "but what the last note says.",
+        "Published coefficients, and trajectories optimised by this program; nothing here is measured.",
         tuple(Column(name, 5) for name in (*published[0], "trajectory")),
         tuple(rows),
         (
@@ -48,7 +44,6 @@ def build(study: Study) -> Table:
             "acceleration that the published trajectory itself uses; within the robot's limits: "
             "Franka's position and velocity limits, accelerations that reach the velocity limit in "
             "0.25 s. Collisions are not looked at.",
-            _commanded(study, paper),
         ),
     )
 
@@ -79,27 +74,3 @@ def _coefficients(trajectory: FourierTrajectory, name: str) -> list[tuple[Cell, 
             rows.append((f"{letter}_{k + 1}", *map(float, column), name))
     rows.append(("q_0", *map(float, trajectory.q_0), name))
     return rows
-
-
-def _commanded(study: Study, paper: FourierTrajectory) -> str:
-    coefficients = commanded_coefficients(study.problem)
-    if coefficients is None or study.run is None:
-        return "The authors' commanded run (gen_params.txt) is not at hand: nothing checked against it."
-    a, b = coefficients
-    apart = max(float(np.abs(a - paper.a).max()), float(np.abs(b - paper.b).max()))
-    commanded = replace(paper, a=a, b=b)
-    t, q = study.run.t - study.run.t[0], study.run.q
-    some = slice(None, None, 20)
-
-    def distance(lag: float) -> float:
-        return float(np.sqrt(np.mean((q[some] - commanded.states(t[some] - lag)[0]) ** 2)))
-
-    lags = np.arange(-0.1, 2.0, 0.01)
-    coarse = lags[np.argmin([distance(lag) for lag in lags])]
-    fine = coarse + np.arange(-0.01, 0.01, 0.0005)
-    lag = fine[np.argmin([distance(x) for x in fine])]
-    return (
-        f"The authors' gen_params.txt agrees with Table II to {apart:.1e} rad/s; their robot followed "
-        f"it {1e3 * lag:.0f} ms after its log begins, {1e3 * distance(lag):.1f} mrad off (root mean "
-        "square over all joints)."
-    )

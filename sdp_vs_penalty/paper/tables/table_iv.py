@@ -156,7 +156,7 @@ def _notes(study: Study, rows: Sequence[tuple[Cell, ...]]) -> tuple[str, ...]:
             "are not public."
         )
     if study.run is not None and "table_IV" in study.problem.published:
-        notes += [_sensitivity(study, rows), _contest(rows)]
+        notes.append(_sensitivity(study, rows))
     return tuple(notes)
 
 
@@ -177,20 +177,4 @@ def _sensitivity(study: Study, rows: Sequence[tuple[Cell, ...]]) -> str:
     return (
         f"The filter matters: behind {settings.torque_cutoff:g} and {wide.torque_cutoff:g} Hz the "
         f"errors on unseen motion are {', '.join(errors)}."
-    )
-
-
-def _contest(rows: Sequence[tuple[Cell, ...]]) -> str:
-    """On how many joints of the real run the published delta is better than the published p_hat."""
-    found = {str(row[0]): row[1:-3] for row in rows}
-    better = {
-        ending: sum(
-            float(a or 0.0) < float(b or 0.0)
-            for a, b in zip(found[f"delta_{ending}"], found[f"p_hat_{ending}"], strict=True)
-        )
-        for ending in ("measured", "repeatability")
-    }
-    return (
-        f"On the real run delta has a smaller error than p_hat on {better['measured']} joints in unseen "
-        f"motion, on {better['repeatability']} in repeated motion."
     )

@@ -86,9 +86,16 @@ def joints(numbers: Sequence[int]) -> str:
     return f"joint{'s' if len(numbers) > 1 else ''} {words(numbers)}"
 
 
-def times(x: float) -> str:
-    """ "3.5", "26", "180": a ratio in two digits, from 100 on a whole number."""
-    return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
+def number(x: float | None, digits: int = 3) -> str:
+    """Significant digits; whole numbers below a million without an exponent; a dash for what is unknown.
+
+    >>> number(0.012345), number(1608.2, 2), number(99.7, 2), number(None)
+    ('0.0123', '1608', '100', '-')
+    """
+    if x is None or not math.isfinite(x):
+        return "-"
+    text = f"{x:.{digits}g}"
+    return f"{x:.0f}" if "e+" in text and abs(x) < 1e6 else text
 
 
 def count(number: int, noun: str) -> str:
