@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -286,33 +287,31 @@ def compress(
     blocks_per_run : each run is cut into so many blocks of equal duration (at least 0.5 s each);
     workers : who does it, a run each; the factors come back and are merged in the order of the runs.
     """
-    settings = settings.resolve(measurements)
-    blocks: list[TimeBlock] = []
-    factors: list[Factor] = []
-    samples = 0.0
-    one = partial(_compress_run, model=model, settings=settings, blocks_per_run=blocks_per_run)
-    for index, (found, count) in enumerate(workers.map(one, measurements.runs())):
-        samples += count
-        for start, stop, own in found:
-            factors += [replace(factor, block=len(blocks)) for factor in own]
-            blocks.append(TimeBlock(index, start, stop))
-    return _regression(model, blocks, factors, samples)
+    blocks = _TimeBlocks.of(measurements.runs(), blocks_per_run)
+    found = compress_cells(measurements, model, settings.resolve(measurements), blocks, workers)
+    return found.select(sorted({f.block for f in found.factors}))
 
 
-def _compress_run(
-    run: Measurements, model: Model, settings: Preprocessing, blocks_per_run: int
-) -> tuple[list[tuple[float, float, list[Factor]]], float]:
-    """One run's blocks, from where to where [s] with their factors, and its independent samples."""
-    start, stop = float(run.t[0]), float(run.t[-1])
-    count = max(1, min(blocks_per_run, int((stop - start) / 0.5)))
-    edges = np.linspace(start, stop, count + 1)
-    growing, rows_in_all = _Growing(), 0
-    for rows in instrumented_rows(run, model, settings):
-        rows_in_all += len(rows.torque)
-        owner = np.searchsorted(edges, rows.motion.t, side="right") - 1
-        growing.take(rows, np.clip(owner, 0, count - 1))
-    found = [(float(edges[b]), float(edges[b + 1]), own) for b, own in growing.blocks()]
-    return found, rows_in_all / rows_per_sample(run, settings)
+@dataclass(frozen=True)
+class _TimeBlocks:
+    """Cells of time: ``edges`` [s] of each run's blocks, and the number of its first one."""
+
+    edges: tuple[Array, ...]
+    first: tuple[int, ...]
+
+    @classmethod
+    def of(cls, runs: Sequence[Measurements], per_run: int) -> _TimeBlocks:
+        spans = [(float(run.t[0]), float(run.t[-1])) for run in runs]
+        counts = [max(1, min(per_run, int((b - a) / 0.5))) for a, b in spans]
+        edges = (np.linspace(a, b, n + 1) for (a, b), n in zip(spans, counts, strict=True))
+        return cls(tuple(edges), tuple(np.cumsum([0, *counts[:-1]]).tolist()))
+
+    @property
+    def places(self) -> list[tuple[int, float, float]]:
+        return [(k, a, b) for k, own in enumerate(self.edges) for a, b in pairwise(own.tolist())]
+
+    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
+        return self.first[run] + np.searchsorted(self.edges[run][1:-1], t, side="right")
 
 
 class Cells(Protocol):

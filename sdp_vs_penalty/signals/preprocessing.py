@@ -367,11 +367,9 @@ def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[M
     count = sum(len(k) for _, k in places)
     if count == 0:
         raise no_rows(run, (width - 1) * filters.dt)
-    chosen = np.unique(np.linspace(0, count - 1, min(rows, count)).round().astype(int))
-    pieces, start = [], 0
+    pieces = []
     for part, k in places:
-        own = k[chosen[(chosen >= start) & (chosen < start + len(k))] - start]
-        start += len(k)
+        own = k[:: -(-count // rows)]
         # Only what the kernel reaches of a long run is looked at.
         for at in np.split(own, np.flatnonzero(np.diff(own) > width) + 1):
             if len(at):

@@ -61,20 +61,21 @@ class Solution:
 
 
 @cache
-def _triangle(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+def triangle(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Rows, columns and weights of svec's entries."""
     j, i = np.tril_indices(d)  # column by column of the upper triangle
     return i, j, np.where(i == j, 1.0, np.sqrt(2.0))
 
 
 def svec(matrix: Array) -> Array:
     """Upper triangle of symmetric (..., d, d), column by column, off-diagonals times sqrt(2)."""
-    i, j, weight = _triangle(matrix.shape[-1])
+    i, j, weight = triangle(matrix.shape[-1])
     return matrix[..., i, j] * weight
 
 
 def unsvec(vector: Array, d: int) -> Array:
     """Inverse of :func:`svec`."""
-    i, j, weight = _triangle(d)
+    i, j, weight = triangle(d)
     out = np.zeros((*vector.shape[:-1], d, d))
     out[..., i, j] = out[..., j, i] = vector / weight
     return out

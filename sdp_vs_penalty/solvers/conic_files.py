@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, triangle
 
 CBF_NAMES = {"zero": "L=", "nonnegative": "L+", "soc": "Q", "exp": "EXP"}
 
@@ -83,8 +83,8 @@ def svec_entries(cones: Sequence[Cone]) -> tuple[Any, Any, Any, Any]:
     parts = []
     for number, cone in enumerate(cones):
         i = j = np.arange(cone.size)
+        weight = np.ones(cone.size)
         if cone.kind == "psd":
-            j, i = np.tril_indices(cone.size)
-        weight = np.where(i == j, 1.0, 1.0 / np.sqrt(2.0))
-        parts.append((np.full(len(i), number), i, j, weight))
+            i, j, weight = triangle(cone.size)
+        parts.append((np.full(len(i), number), i, j, 1.0 / weight))
     return tuple(np.concatenate(x) for x in zip(*parts, strict=True))  # type: ignore[return-value]

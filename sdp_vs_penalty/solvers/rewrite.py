@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, triangle
 
 
 class NotApplicableError(ValueError):
@@ -243,18 +243,11 @@ def full_matrices(problem: ConicProblem) -> tuple[Rewritten, dict[str, object]]:
 def _expand(cone: Cone) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
     """From svec to all entries (column-major; symmetric, so row-major too), and from those to svec."""
     d = cone.size
-    j, i = np.tril_indices(d)  # svec runs over (i, j), i <= j, column by column
-    k = np.arange(len(i))
-    root = np.sqrt(2.0)
-    value = np.where(i == j, 1.0, 1.0 / root)
-    off = i != j
-    out = sparse.csr_matrix(
-        (
-            np.concatenate([value, value[off]]),
-            (np.concatenate([i * d + j, (j * d + i)[off]]), np.concatenate([k, k[off]])),
-        ),
-        (d * d, len(k)),
-    )
+    i, j, weight = triangle(d)
+    k, off = np.arange(len(i)), i != j
+    entries = np.concatenate([1.0 / weight, 1.0 / weight[off]])
+    places = np.concatenate([i * d + j, (j * d + i)[off]]), np.concatenate([k, k[off]])
+    out = sparse.csr_matrix((entries, places), (d * d, len(k)))
     # Column-major: entry (row j, column i) of the lower triangle stands at i * d + j.
-    home = sparse.csr_matrix((np.where(i == j, 1.0, root), (k, i * d + j)), (len(k), d * d))
+    home = sparse.csr_matrix((weight, (k, i * d + j)), (len(k), d * d))
     return out, home

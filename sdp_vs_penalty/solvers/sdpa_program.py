@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution, svec
 from sdp_vs_penalty.solvers.programs import run_program
 from sdp_vs_penalty.solvers.sdpa import CLAIMS
 
@@ -84,10 +84,8 @@ def _read(folder: Path, problem: ConicProblem) -> tuple[NDArray[np.float64], NDA
             at += cone.size
             continue
         d = cone.size
-        matrix = values[at : at + d * d].reshape(d, d)
+        z.append(svec(values[at : at + d * d].reshape(d, d)))
         at += d * d
-        j, i = np.tril_indices(d)
-        z.append(matrix[i, j] * np.where(i == j, 1.0, np.sqrt(2.0)))
     return (x, np.concatenate(z)) if len(x) == len(problem.q) and at == len(values) else None
 
 
