@@ -48,11 +48,11 @@ SIGMAS = 4.0
 MOST = 6
 
 # -- what arms and loggers differ by themselves, and from where on a model of a log means nothing ----
-#: Zeros and bases are calibrated to so much [rad]; beyond the second it is no calibration.
+#: Zeros and bases are calibrated to so much [rad]; beyond the second, as many times what is usual of
+#: anything else, it is no calibration, and makes a model wrong, not only worse.
 CALIBRATED, GROSS = (float(np.radians(x)) for x in (1.5, 10.0))
-#: Drives, and the rate of clocks, are calibrated to so much (natural logarithm); channels that differ by
-#: more than the second make a model wrong, not only worse.
-CALIBRATED_GAIN, WRONG_GAIN = 0.06, 0.5
+#: Drives, the rate of clocks and the size of gravity are known to so much (natural logarithm).
+CALIBRATED_GAIN = 0.06
 #: Drives and their drivers take as long [s].
 USUAL_DELAY = 0.01
 #: Other positions are asked for where more than this share of a torque's energy is left (3 % of it):
@@ -64,7 +64,8 @@ UNEXPLAINED = 1e-3
 #: and with torques from motor currents, whose friction is part of them. Twice as much is a warning, and
 #: so is quantisation that adds as much noise.
 TYPICAL = {"link": 0.05, "unknown": 0.05, "motor": 0.1}
-#: Above this share of the energy, half of the torque, the arm's dynamics do not make it.
+#: Above this share of the energy, half of the torque, the arm's dynamics do not make it; and up to this
+#: share of the base parameters, rotors included, an ordinary motion of a good arm leaves unseen.
 UNRELATED = 0.25
 #: A joint contradicts its neighbours where one arm leaves so many times the energy that the joint's own
 #: model leaves of it, and at least this share of the torque's energy.

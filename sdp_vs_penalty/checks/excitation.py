@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.checks.constants import CALIBRATED
+from sdp_vs_penalty.checks.constants import CALIBRATED, UNRELATED
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Scene
@@ -16,9 +16,6 @@ from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regressio
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-
-#: Up to this share of unseen base parameters is what an ordinary motion of a good arm leaves.
-_FEW = 0.1
 
 
 def find(problem: Problem, run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
@@ -31,7 +28,7 @@ def find(problem: Problem, run: Measurements, settings: Preprocessing) -> Iterat
     total, joint_of = len(known.base), {p.name: p.joint for p in model.parameters}
     joints = sorted({joint_of[name] - 1 for name in dark if joint_of[name]})
     yield Issue(
-        "poor excitation", "warning" if len(dark) > _FEW * total else "note",
+        "poor excitation", "warning" if len(dark) > UNRELATED * total else "note",
         joints_text(joints) if joints else "the robot",
         f"{len(dark)} of {total} base parameters are not identifiable from this motion: "
         f"{', '.join(dark)}.", "likely: by least squares, were its error white noise",

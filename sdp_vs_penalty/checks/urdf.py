@@ -21,9 +21,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
 from sdp_vs_penalty.robot.urdf import load_urdf, placed_links, read_inertial
 
-#: m: no link has its mass that far from its own centre, where nothing moves it.
-_FAR = 3.0
-
 
 @dataclass(frozen=True)
 class LinkCheck:
@@ -35,7 +32,7 @@ class LinkCheck:
     nearest : consistent Inertial nearest to that of the link, None where it is consistent already or
         has no positive mass; distance : |I - I_nearest| in the Frobenius norm [kg m^2]; gyration :
         sqrt(tr I / (2 m)) about the centre of mass [m]: how far out the mass lies, in the mean; reach :
-        how far its body does [m], from its geometry or the joints around it.
+        how far its body does [m], from its geometry or the joints around it (3: nothing moves it).
     """
 
     link: str
@@ -46,7 +43,7 @@ class LinkCheck:
     nearest: Inertial | None = None
     distance: float = 0.0
     gyration: float = 0.0
-    reach: float = _FAR
+    reach: float = 3.0
 
     @property
     def unlikely(self) -> bool:
@@ -81,14 +78,9 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
     bodies = link_bodies(robot, open_box, np.zeros_like(given), link_geometry(path))
     moving = zip(placed_links(path), bodies, strict=True)
     reach = {link.get("name"): body.reach for parts, body in moving for link, _ in parts}
-    return [
-        replace(
-            _check(str(link.get("name")), read_inertial(path, link)),
-            reach=reach.get(link.get("name"), _FAR),
-        )
-        for link in Document.read(path).root.findall("link")
-        if link.find("inertial") is not None
-    ]
+    links = [x for x in Document.read(path).root.findall("link") if x.find("inertial") is not None]
+    made = [_check(str(link.get("name")), read_inertial(path, link)) for link in links]
+    return [replace(c, reach=reach.get(c.link, c.reach)) for c in made]
 
 
 #: What :func:`table` writes of each link; margins that are negative are violated.

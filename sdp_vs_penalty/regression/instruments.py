@@ -114,7 +114,7 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
     known = np.array([q.name in model.known for q in model.parameters])
     for _ in range(_PASSES):
         Z = [_instruments(f, model, theta) for f in parts]
-        weights = 1.0 / np.maximum(left, 1e-12 * max(float(left.max()), 1e-300))
+        weights = 1.0 / np.maximum(left, 1e-12 * (float(left.max()) or 1.0))
         zz, zx, right = np.zeros((p, p)), np.zeros((p, p)), np.zeros(p)
         for f, own in zip(parts, Z, strict=True):
             weight, at = weights[joints.index(f.joint)], np.ix_(f.indices, f.indices)

@@ -274,7 +274,8 @@ def _drift_columns(t: Array, gap: Array, dq: Array) -> Array:
         decay = np.exp(-(t - start) / T) * -np.expm1(-gap / T)
         columns += [decay, decay * s, decay * dq]
     matrix = np.column_stack(columns)
-    return matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    size = np.linalg.norm(matrix, axis=0)
+    return matrix / np.where(size > 0.0, size, 1.0)
 
 
 def spectral_floor(runs: SegmentedRuns) -> Array | None:

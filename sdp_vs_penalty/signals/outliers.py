@@ -87,7 +87,8 @@ def lone_windows(
         energy, slowly = np.full(len(white), -np.inf), np.zeros(len(white), bool)
         for piece in pieces:  # of the window around each row
             if len(piece) >= length:
-                own = np.log(np.maximum(around(white[piece] ** 2), 1e-300))
+                with np.errstate(divide="ignore"):  # no energy: minus infinity
+                    own = np.log(np.maximum(around(white[piece] ** 2), 0.0))
                 energy[piece] = np.where(around(unlike[piece]) > 0.5, -np.inf, own)
                 slowly[piece] = around(slow[piece]) > 0.5
         for kind in (slowly, ~slowly):

@@ -121,9 +121,9 @@ def lawless(left: Array, laws: Array, share: Array) -> tuple[float, bool]:
     moves, stands = share < STILL, share > 0.5
     if not moves.any() or not stands.any():
         return 0.0, False
-    scale = np.linalg.norm(laws, axis=0) + 1e-300
-    fit = np.linalg.lstsq(laws / scale, left, rcond=1e-10)[0]
-    rest = (left - laws / scale @ fit) ** 2
+    size = np.linalg.norm(laws, axis=0)
+    laws = laws / np.where(size > 0.0, size, 1.0)
+    rest = (left - laws @ np.linalg.lstsq(laws, left, rcond=1e-10)[0]) ** 2
     usual = float(rest[moves].mean())
     variance = max(float(rest[stands].mean()) - usual, 0.0)
     if variance <= _LAWLESS**2 * usual:

@@ -7,7 +7,7 @@ derivative loop on the measured motion acts beside the measured torque, so that 
 what the loop has to add is then the model's error as a torque.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
@@ -222,17 +222,17 @@ def follow(
             f"model {estimate.problem.name}",
         )
     courses = [c for run in runs.runs() for c in courses_of(run, estimate, plant, 2.0 * HORIZON)]
-    loops = [_Loop(plant, course) if drive == "pd" else None for course in courses]
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
+    rides = [_Ride(plant, course, plant if drive == "pd" else None, servo) for course in courses]
     progress("simulating windows")
-    ahead = [_windows(plant, *both, servo) for both in zip(courses, loops, strict=True)]
-    one, far, naive_one, naive_far = (np.concatenate(x) for x in zip(*ahead, strict=True))
+    ahead = zip(*map(_windows, rides), strict=True)
+    one, far, naive_one, naive_far = (np.concatenate(x) for x in ahead)
     drawn = _drawn(estimate, seed)
     free = []
-    for course, loop in zip(courses, loops, strict=True):
-        progress(f"simulating {course.name} freely")
-        most = None if steps is None else 1 + steps // (len(courses) * _substeps(course))
-        free.append(_free_run(estimate, drawn[:1] if servo else drawn, course, loop, most, servo))
+    for ride in rides:
+        progress(f"simulating {ride.course.name} freely")
+        most = None if steps is None else 1 + steps // (len(courses) * ride.substeps)
+        free.append(_free_run(estimate, drawn[:1] if servo else drawn, ride, most))
     return Following(
         drive,
         estimate.robot.position_units,
@@ -243,96 +243,83 @@ def follow(
     )
 
 
-@dataclass(frozen=True)
-class _Loop:
-    """M(q) (w^2 e + 2 w de/dt) on a measured course: critically damped, w = 2 pi 5 Hz."""
-
-    plant: Plant
-    course: Course
-
-    def torque(self, state: State, k: NDArray[np.intp], share: float, h: float) -> tuple[Array, Array]:
-        """(W, n) at the middle of a step of h [s], between samples k and k + 1, and (W, n, n) its fall
-        with the velocity there."""
-        w = 2.0 * np.pi * _BANDWIDTH
-        q, dq = (
-            (1.0 - share) * x[k] + share * x[k + 1]
-            for x in (self.course.states.q, self.course.states.dq)
-        )
-        half = 0.5 * h * state.dq + 0.125 * h * h * state.ddq
-        pull = w * w * (q - state.q - half) + 2.0 * w * (dq - state.dq - 0.5 * h * state.ddq)
-        mass = self.plant.mass(self.course.states.q[k])
-        return np.einsum("kij,kj->ki", mass, pull), (2.0 * w + 0.5 * h * w * w) * mass
-
-
-def _substeps(course: Course) -> int:
-    return int(np.ceil(course.dt / _STEP - 1e-9))
-
-
 class _Moving(NamedTuple):
     """Simulated states, and where a servo drives them the integrals (W, n) of their positions."""
 
     state: State
     sum: Array | None
 
-    @classmethod
-    def at(cls, course: Course, k: NDArray[np.intp], servo: ServoLoop | None) -> Self:
+
+@dataclass(frozen=True)
+class _Ride:
+    """Plants along a measured course, and what drives them: the measured torque, a loop of the model's
+    own ``mass`` beside it, or a servo."""
+
+    plant: Plant
+    course: Course
+    mass: Plant | None
+    servo: ServoLoop | None
+
+    @property
+    def substeps(self) -> int:
+        """Steps within a sample, no longer than the simulation's."""
+        return int(np.ceil(self.course.dt / _STEP - 1e-9))
+
+    def at(self, k: NDArray[np.intp]) -> _Moving:
         """As measured at samples k (W,). Raises InputError where a servo has no command."""
-        if servo is None:
-            return cls(course.states.rows(k), None)
-        if course.sum is None:
-            raise InputError("this run holds no commands", "log qcmd1..qcmdn", course.name)
-        return cls(course.states.rows(k), course.sum[k])
+        path = self.course.sum
+        if self.servo is not None and path is None:
+            raise InputError("this run holds no commands", "log qcmd1..qcmdn", self.course.name)
+        return _Moving(self.course.states.rows(k), None if path is None else path[k])
+
+    def loop(
+        self, mass: Plant, state: State, k: NDArray[np.intp], share: float, h: float
+    ) -> tuple[Array, Array]:
+        """M(q) (w^2 e + 2 w de/dt), critically damped, w = 2 pi 5 Hz: (W, n) at the middle of a step of
+        h [s], between samples k and k + 1, and (W, n, n) its fall with the velocity there."""
+        w, seen = 2.0 * np.pi * _BANDWIDTH, self.course.states
+        q, dq = ((1.0 - share) * x[k] + share * x[k + 1] for x in (seen.q, seen.dq))
+        half = 0.5 * h * state.dq + 0.125 * h * h * state.ddq
+        pull = w * w * (q - state.q - half) + 2.0 * w * (dq - state.dq - 0.5 * h * state.ddq)
+        M = mass.mass(seen.q[k])
+        return np.einsum("kij,kj->ki", M, pull), (2.0 * w + 0.5 * h * w * w) * M
+
+    def step(self, moving: _Moving, k: NDArray[np.intp]) -> _Moving:
+        """From sample k (W,) of the course to the next."""
+        course, h = self.course, self.course.dt / self.substeps
+        state, path = moving
+        for m in range(self.substeps):
+            if self.servo is not None:
+                assert course.command is not None
+                assert path is not None
+                state, path = self.servo.step(state, path, course.command, h)
+                continue
+            share = (m + 0.5) / self.substeps
+            torque = (1.0 - share) * course.torque[k] + share * course.torque[k + 1]
+            more, damping = (
+                (0.0, None) if self.mass is None else self.loop(self.mass, state, k, share, h)
+            )
+            state = advance([self.plant], state, torque + more, h, damping)
+        return _Moving(state, path)
 
 
-def _step(
-    plant: Plant,
-    moving: _Moving,
-    course: Course,
-    k: NDArray[np.intp],
-    loop: _Loop | None,
-    servo: ServoLoop | None,
-) -> _Moving:
-    """From sample k (W,) of the course to the next, in steps no longer than the simulation's."""
-    count = _substeps(course)
-    h = course.dt / count
-    state, path = moving
-    for m in range(count):
-        if servo is not None:
-            assert course.command is not None
-            assert path is not None
-            state, path = servo.step(state, path, course.command, h)
-            continue
-        share = (m + 0.5) / count
-        torque = (1.0 - share) * course.torque[k] + share * course.torque[k + 1]
-        more, damping = (0.0, None) if loop is None else loop.torque(state, k, share, h)
-        state = advance([plant], state, torque + more, h, damping)
-    return _Moving(state, path)
-
-
-def _windows(
-    plant: Plant, course: Course, loop: _Loop | None, servo: ServoLoop | None
-) -> tuple[Array, Array, Array, Array]:
+def _windows(ride: _Ride) -> tuple[Array, Array, Array, Array]:
     """Errors (W, n) of windows all over the course: of velocity after one sample, of position at the
     horizon; and both at constant velocity."""
-    dt = course.dt
+    course, seen, dt = ride.course, ride.course.states, ride.course.dt
     steps = max(1, round(HORIZON / dt))
-    starts = np.flatnonzero(course.moving[: len(course.torque) - steps - 1])
+    starts = np.flatnonzero(course.moving[: len(seen.t) - steps - 1])
     if not len(starts):
-        starts = np.arange(len(course.torque) - steps - 1)
+        starts = np.arange(len(seen.t) - steps - 1)
     at = starts[np.unique(np.linspace(0, len(starts) - 1, min(_WINDOWS, len(starts))).astype(int))]
-    moving, first = _Moving.at(course, at, servo), np.zeros((len(at), course.states.q.shape[1]))
+    moving, first = ride.at(at), np.zeros((len(at), seen.q.shape[1]))
     for k in range(steps):
-        moving = _step(plant, moving, course, at + k, loop, servo)
+        moving = ride.step(moving, at + k)
         if k == 0:
-            first = moving.state.dq - course.states.dq[at + 1]
-    straight = course.states.q[at] + steps * dt * course.states.dq[at]
-    there = course.states.q[at + steps]
-    return (
-        first,
-        moving.state.q - there,
-        course.states.dq[at] - course.states.dq[at + 1],
-        straight - there,
-    )
+            first = moving.state.dq - seen.dq[at + 1]
+    straight = seen.q[at] + steps * dt * seen.dq[at]
+    there = seen.q[at + steps]
+    return first, moving.state.q - there, seen.dq[at] - seen.dq[at + 1], straight - there
 
 
 def _drawn(estimate: Estimate, seed: int) -> Array:
@@ -345,37 +332,31 @@ def _drawn(estimate: Estimate, seed: int) -> Array:
     return np.array([estimate.theta, *drawn])
 
 
-def _free_run(
-    estimate: Estimate,
-    drawn: Array,
-    course: Course,
-    loop: _Loop | None,
-    most: int | None,
-    servo: ServoLoop | None,
-) -> FreeRun:
-    plant, size = Plant(estimate.model, drawn), len(drawn)
+def _free_run(estimate: Estimate, drawn: Array, measured: _Ride, most: int | None) -> FreeRun:
+    ride = replace(measured, plant=Plant(estimate.model, drawn))
+    course, seen, size = ride.course, ride.course.states, len(drawn)
     units = estimate.robot.position_units
     limit = np.array([_LEFT[unit] for unit in units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
-    moving = _Moving.at(course, np.full(size, start), servo)
+    moving = ride.at(np.full(size, start))
     q, added, left = [moving.state.q], [], False
     end = len(course.torque) - 1 if most is None else min(start + most, len(course.torque) - 1)
     for k in range(start, end):
         at = np.full(size, k)
-        if loop is not None:
-            added.append(loop.torque(moving.state, at, 0.0, 0.0)[0][0])
-        moving = _step(plant, moving, course, at, loop, servo)
+        if ride.mass is not None:
+            added.append(ride.loop(ride.mass, moving.state, at, 0.0, 0.0)[0][0])
+        moving = ride.step(moving, at)
         q.append(moving.state.q)
-        if not np.all(np.abs(moving.state.q[0] - course.states.q[k + 1]) <= limit):
+        if not np.all(np.abs(moving.state.q[0] - seen.q[k + 1]) <= limit):
             left = True
             break
     motion, until = np.array(q), start + len(q)
-    error = motion[:, 0] - course.states.q[start:until]
+    error = motion[:, 0] - seen.q[start:until]
     spread = None
     if size > 2:
         spread = _HALF * np.sqrt(np.nanmean((motion[:, 1:] - motion[:, :1]) ** 2, axis=(0, 1)))
     return FreeRun(
-        float(course.states.t[until - 1] - course.states.t[start]),
+        float(seen.t[until - 1] - seen.t[start]),
         left,
         _rms(error),
         np.abs(error).max(axis=0),
@@ -383,10 +364,10 @@ def _free_run(
         _rms(np.array(added)) if added else None,
         _rms(course.torque[start:until]),
         Measurements(
-            course.states.t[start:until], motion[:, 0], course.torque[start:until], names=(course.name,)
+            seen.t[start:until], motion[:, 0], course.torque[start:until], names=(course.name,)
         ),
-        course.states.q[start:until],
-        not left and bool(course.states.t[-1] - course.states.t[end] > 1.0),
+        seen.q[start:until],
+        not left and bool(seen.t[-1] - seen.t[end] > 1.0),
     )
 
 

@@ -122,7 +122,7 @@ def least_squares_sdp(
     )
     rows, rho, out_of_reach = _independent_rows(data.R * unit, data.rho - data.R @ centre)
     r, offset = len(rho), data.residual_norm**2 + out_of_reach
-    loss_scale = float(np.sqrt(max(offset, 1e-12 * data.tau_squared, least_loss, 1e-300)))
+    loss_scale = float(np.sqrt(max(offset, 1e-12 * data.tau_squared, least_loss))) or 1.0
     finer = loss_scale / torque if fine else 1.0
     scale = np.where(seen, np.minimum(bound, finer * unit), unit)
     rows *= scale / unit

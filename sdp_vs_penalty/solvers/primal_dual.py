@@ -110,7 +110,7 @@ class _Path:
             path.both[1] = start.multipliers
         else:
             path.evaluate()
-            mu = _COLD * abs(path.value) / max(cones.degree, 1) + 1e-300
+            mu = _COLD * abs(path.value) / max(cones.degree, 1) or 1.0
             path.rows[1] = mu / path.rows[0]
             path.mats[1] = np.maximum(path.weight, mu) * np.linalg.inv(path.mats[0])
         return path if np.all(np.isfinite(path.both)) else None
@@ -172,7 +172,7 @@ class _Path:
         gap -= 2.0 * float(cones.weight @ logs) - ORDER * self.logs
         # Half the square of Newton's decrement: what the leftover slope costs.
         cost = 0.5 * float(self.leftover @ self.correction)
-        scale = max(self.loss, 1e-12 * self.data.tau_squared, 1e-300)
+        scale = max(self.loss, 1e-12 * self.data.tau_squared) or 1.0
         error = float((max(gap, 0.0) + max(cost, 0.0)) / scale)
         return error if math.isfinite(error) else math.inf
 
@@ -216,7 +216,7 @@ class _Path:
         cones = self.cones
         reach = min(1.0, 0.999 * self.direction(self.step, 0.0))
         now = self.complementarity(self.both)
-        left = self.complementarity(self.both + reach * self.ahead) / max(now, 1e-300)
+        left = self.complementarity(self.both + reach * self.ahead) / (now or 1.0)
         centring = min(max(left ** max(1.0, 3.0 * reach**2), 1e-7), 1.0)
         second = self.scaled(
             self.ahead_rows[0], self.ahead_mats[1], self.ahead_mats[0], self.ahead_rows[1]

@@ -1,17 +1,9 @@
 """Transformations of a log, one class each: those listed here are tried."""
 
 from sdp_vs_penalty.checks.transformation import Transformation
-from sdp_vs_penalty.checks.transformations.motion import (
-    Clock,
-    Degrees,
-    Exchange,
-    Mounting,
-    Sign,
-    Zero,
-)  # fmt: skip
-from sdp_vs_penalty.checks.transformations.torque import Change, Delay, Gain, Saturation, Weight
+from sdp_vs_penalty.checks.transformations import motion, torque
 
 TRANSFORMATIONS: tuple[Transformation, ...] = (
-    Degrees(), Clock(), Sign(), Exchange(), Mounting(), Weight(), Gain(), Delay(), Change(), Zero(),
-    Saturation(),
+    motion.Degrees(), motion.Clock(), motion.Sign(), motion.Exchange(), motion.Mounting(),
+    torque.Weight(), torque.Gain(), torque.Delay(), torque.Change(), motion.Zero(), torque.Saturation(),
 )  # fmt: skip

@@ -23,7 +23,7 @@ _RATES, _ROUND = (0.5, 0.75, 1.4, 2.0), (0.5, 2.0)
 #: All sets of signs are tried of arms with at most so many joints; of larger ones joint by joint.
 _MANY = 8
 #: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
-_EARTH, _ABOUT = 9.81, 0.25
+_EARTH = 9.81
 
 
 class Degrees(Transformation):
@@ -189,7 +189,7 @@ class Mounting(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         given = np.array(now.gravity)
         size = float(np.linalg.norm(given))
-        known = abs(size - _EARTH) < _ABOUT
+        known = _earthly(size)
         if any(w != 1.0 for w in now.weight) or 0.0 < size < 1.0:
             return
         for axis in (*np.eye(3), *-np.eye(3)):
@@ -208,7 +208,7 @@ class Mounting(Transformation):
         given = float(np.linalg.norm(assumed))
         cosine = assumed @ g / max(given * float(np.linalg.norm(g)), 1e-300)
         angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        straight, earthly = np.count_nonzero(np.abs(g) > 1e-9) == 1, abs(given - _EARTH) < _ABOUT
+        straight, earthly = np.count_nonzero(np.abs(g) > 1e-9) == 1, _earthly(given)
         x, y, z = (float(round(v, 2)) + 0.0 for v in g)
         kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
         if not earthly:
@@ -222,6 +222,10 @@ class Mounting(Transformation):
             mends=False, place="the base",
             figures={"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]},
         )  # fmt: skip
+
+
+def _earthly(size: float) -> bool:
+    return abs(size / _EARTH - 1.0) < c.CALIBRATED_GAIN
 
 
 def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repair]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -40,9 +41,10 @@ class Gain(Transformation):
             size = f"{1.0 / g:.3g} times too large" if g < 1.0 else f"{g:.3g} times too small"
             what = f"the torque of {joints_text([j])} is {size} beside those of its neighbours"
             at = lambda x, j=j, s=sign: repair.with_entries("gain", (j,), s * x)  # noqa: E731
+            gross = c.GROSS / c.CALIBRATED * c.CALIBRATED_GAIN
             yield Element(
                 "torque gain" if unit is None else "torque unit",
-                "error" if abs(np.log(g)) > c.WRONG_GAIN else "warning", (j,),
+                "error" if abs(np.log(g)) > gross else "warning", (j,),
                 f"{what}." if unit is None else f"{what}: it is in {unit}.",
                 f"multiply tau{j + 1} by {g:.3g}", choices(scene.n),
                 Number.factor(g, at, c.CALIBRATED_GAIN, 0.5, tuple(UNITS)), figures={"factor": g},
@@ -59,31 +61,25 @@ class Delay(Transformation):
                 yield from (now.with_entries(name, joints, x) for x in tried)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
-        for name in _LATE:
-            for joints, x in repair.changed(name, 0.0):
-                yield self._element(scene, repair, name, joints, x)
-
-    def _element(
-        self, scene: Scene, repair: Repair, name: str, joints: tuple[int, ...], x: float
-    ) -> Element:
-        every = len(joints) == scene.n
-        channel = "the torques" if every else f"tau{joints[0] + 1}"
-        beside = "the positions have not" if every else "the other torques have not"
-        if name == "lead":
-            kind, later = "delay", "later" if x > 0.0 else "earlier"
-            what = f"{1e3 * abs(x):.0f} ms {later} than the motion: {channel}; {beside} moved."
-            remedy = f"shift {channel} in time (and log all channels from one source)"
-        else:
-            kind, hertz = "filter", 1.0 / (2.0 * np.pi * max(x, 1e-6))
-            what = f"a causal low-pass of {hertz:.2g} Hz ({1e3 * x:.0f} ms) on {channel}; {beside} one."
-            remedy = f"log {channel} unfiltered, or filter every channel alike and without lag"
-        at = lambda v: repair.with_entries(name, joints, v)  # noqa: E731
-        return Element(
-            f"{'channel ' if not every else 'torque ' * (name == 'lag')}{kind}", "warning", joints,
-            what, remedy, choices(1 if every else scene.n),
-            Number(x, at, c.USUAL_DELAY, 0.06, lambda v: f"{1e3 * v:.0f} ms"), mends=name == "lead",
-            place="all torque channels" if every and scene.n > 1 else "", figures={"seconds": x},
-        )  # fmt: skip
+        for name, joints, x in ((k, *found) for k in _LATE for found in repair.changed(k, 0.0)):
+            every = len(joints) == scene.n
+            channel = "the torques" if every else f"tau{joints[0] + 1}"
+            beside = "the positions have not" if every else "the other torques have not"
+            if name == "lead":
+                kind, later = "delay", "later" if x > 0.0 else "earlier"
+                what = f"{1e3 * abs(x):.0f} ms {later} than the motion: {channel}; {beside} moved."
+                remedy = f"shift {channel} in time (and log all channels from one source)"
+            else:
+                kind, low = "filter", f"{1.0 / (2.0 * np.pi * max(x, 1e-6)):.2g} Hz ({1e3 * x:.0f} ms)"
+                what = f"a causal low-pass of {low} on {channel}; {beside} one."
+                remedy = f"log {channel} unfiltered, or filter every channel alike and without lag"
+            at = partial(repair.with_entries, name, joints)
+            yield Element(
+                f"{'channel ' if not every else 'torque ' * (name == 'lag')}{kind}", "warning", joints,
+                what, remedy, choices(1 if every else scene.n),
+                Number(x, at, c.USUAL_DELAY, 0.06, lambda v: f"{1e3 * v:.0f} ms"), mends=name == "lead",
+                place="all torque channels" if every and scene.n > 1 else "", figures={"seconds": x},
+            )  # fmt: skip
 
 
 class Weight(Transformation):
