@@ -23,6 +23,7 @@ from sdp_vs_penalty.checks.several import compare
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque
+from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.problem.load import as_problem
@@ -30,9 +31,6 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 __all__ = ["Issue", "Report", "check"]
-
-#: Samples that are looked at as a whole; of a longer run as many in windows.
-_MOST = 1 << 18
 
 
 @dataclass(frozen=True, repr=False)
@@ -125,15 +123,14 @@ def check(
     reports: list[Report] = []
     for run in measurements.runs():
         windows = [run]
-        if run.samples > _MOST:  # rows of windows count from their first
+        if run.samples > PARTS * PART:  # so many windows, whose rows count from their first
             try:
                 check_usable(run.names[0], run)
             except InputError as error:
                 issue = _stopped("unusable rows", error, "certain: read from the file")
                 reports.append(Report(run.names[0], (issue,), run, run, None))
-            length, name = _MOST // PARTS, run.names[0]
-            starts = np.linspace(0, run.samples - length, PARTS).astype(int).tolist()
-            windows = [run.rows(slice(k, k + length), f"{name} from sample {k + 1} on") for k in starts]
+            name, starts = run.names[0], np.linspace(0, run.samples - PART, PARTS).astype(int).tolist()
+            windows = [run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on") for k in starts]
         reports += [_check_run(problem, window, settings, thorough) for window in windows]
     return of_one_arm(reports)
 

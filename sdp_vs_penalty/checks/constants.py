@@ -91,8 +91,6 @@ SAMPLES_A_PERIOD = 30.0
 
 # -- the size of torques
 #: Shares of the effort limits between which torques have the right unit: a current is an order of
-#: magnitude smaller.
+#: magnitude smaller. As far as the second they may be from those of a nominal arm, beside what its
+#: masses allow: friction, another place of the masses, a gear that was left out.
 EFFORT = (0.2, 3.0)
-#: How far torques may be from those of a nominal arm, beside what its masses allow: friction, another
-#: place of the masses, a gear that was left out.
-MASS_SLACK = 4.0

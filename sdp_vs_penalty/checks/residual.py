@@ -146,7 +146,7 @@ def _possible(problem: Problem) -> tuple[float, float] | None:
         return None
     if not np.isfinite(high):
         low, high = 0.5 * masses, 2.0 * masses
-    return max(low, 0.1 * high) / masses / c.MASS_SLACK, high / masses * c.MASS_SLACK
+    return max(low, 0.1 * high) / masses / c.EFFORT[1], high / masses * c.EFFORT[1]
 
 
 def size(scene: Scene, repair: Repair) -> Iterator[Issue]:

@@ -22,8 +22,8 @@ from sdp_vs_penalty.signals.runs import spans
 Rows = NDArray[np.bool_]
 #: Units of time that loggers write, in seconds.
 _UNITS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
-#: Time steps [s] and speeds [rad/s or m/s] of a log that somebody would identify from.
-_STEPS, _SPEEDS = (2e-5, 0.5), (3e-3, 100.0)
+#: Time steps [s] of a log that somebody would identify from.
+_STEPS = (2e-5, 0.5)
 #: Share of rows from which on an odd one is a signal, and a row that repeats the one before no accident.
 _FEW = 1 / RUN
 #: The samples of the median that a spike is measured from.
@@ -79,11 +79,7 @@ def time_unit(g: Glance) -> Iterator[Finding]:
     if g.step <= 0.0 or not q.size or len(q) <= RUN:
         return
     speed = float(np.median(np.quantile(np.abs(q[10:] - q[:-10]), 0.9, axis=0))) / (10.0 * g.step)
-    fits = {
-        name: unit
-        for name, unit in _UNITS.items()
-        if _STEPS[0] <= g.step * unit <= _STEPS[1] and _SPEEDS[0] <= speed / unit <= _SPEEDS[1]
-    }
+    fits = {name: u for name, u in _UNITS.items() if _STEPS[0] <= g.step * u <= _STEPS[1]}
     if fits and "seconds" not in fits:
         name, factor = min(fits.items(), key=lambda fit: abs(np.log(speed / fit[1])))
         figures = {"unit": name, "factor": factor, "step": g.step, "speed": speed}

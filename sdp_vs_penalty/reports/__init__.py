@@ -35,7 +35,7 @@ _SECTIONS = {
     "Links on the arm": parameters.arm,
     "Friction": parameters.friction,
     "Certificate": sections.certificate,
-    "Data check": sections.data_check,
+    "Data check": sections.data,
     "Provenance": sections.provenance,
 }
 

@@ -330,7 +330,7 @@ def _violation(value: float | None) -> str:
     return "-" if value is None else ("0" if value == 0.0 else f"{value:.2g}")
 
 
-def data_check(material: Material) -> str:
+def data(material: Material) -> str:
     """What `sdp-vs-penalty check` says of the runs."""
     parts = []
     for report in material.checks:

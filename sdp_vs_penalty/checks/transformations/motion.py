@@ -16,6 +16,7 @@ from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation, choices
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 _QUARTER = 0.5 * np.pi
 #: True time over the file's that is tried; those of doubled and halved rates come first.
@@ -23,7 +24,7 @@ _RATES, _ROUND = (0.5, 0.75, 1.4, 2.0), (0.5, 2.0)
 #: All sets of signs are tried of arms with at most so many joints; of larger ones joint by joint.
 _MANY = 8
 #: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
-_EARTH = 9.81
+_EARTH = max(map(abs, STANDARD_GRAVITY))
 
 
 class Degrees(Transformation):
