@@ -26,14 +26,19 @@ def verb(what: Kind, name: str | None = None) -> None:
     if name is not None:
         console.details(headings, details(what, name))
         return
-    columns = _SHORT.get(what, range(len(headings)))
+    columns = [headings.index(heading) for heading in _SHORT.get(what, headings)]
     console.listing([headings[k] for k in columns], [[row[k] for k in columns] for row in rows])
     if len(columns) < len(headings):
         console.say(f"All about one of them: sdp-vs-penalty list {what.value} {rows[0][0]}")
 
 
 #: Which columns of a long listing are shown beside each other; all of them are of a single name.
-_SHORT = {"effects": (0, 1), "solvers": (0, 1, 3), "engines": (0, 1, 3), "datasets": (0, 2, 3)}
+_SHORT = {
+    "effects": ("name", "torque"),
+    "solvers": ("name", "here", "what it is"),
+    "engines": ("name", "version here", "formulation"),
+    "datasets": ("name", "licence", "what it is"),
+}
 
 
 def listing(kind: str) -> Listing:
