@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import FAR
@@ -194,7 +195,7 @@ def _refuse_twice(estimate: Estimate, effect: Effect) -> None:
         advice = "name another effect"
         if free and not effect.whole_robot:
             advice += f", or the joints without it: {effect.name}:{_joints(free)}"
-        where = "" if effect.whole_robot else f" on joints {_joints(twice)}"
+        where = "" if effect.whole_robot else f" on {formatting.joints([j + 1 for j in twice])}"
         raise InputError(f"the model already has {effect.name}{where}", advice)
 
 

@@ -157,8 +157,8 @@ def judge(
         last = Line(MISSING, "good" if fit.grade == "good" else "usable", said + believed)
     lines = [fit, _prediction(errors, forward), last]
     weakest_first = tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
-    noise = (None, "") if over is None else (tuple(map(float, over)), errors.source)
-    return Verdict(weakest_first, *noise, tuple(judged_on), remark)
+    ratios, source = (None, "") if over is None else (tuple(map(float, over)), errors.source)
+    return Verdict(weakest_first, ratios, source, tuple(judged_on), remark)
 
 
 def _fit(errors: Errors) -> Line:
