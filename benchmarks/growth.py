@@ -9,15 +9,13 @@ input error (imports).
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from speed import METHOD, Row, cpu
+from speed import METHOD, PROGRAM, Row, cpu, measured
 
 from sdp_vs_penalty import Estimate, identify
 from sdp_vs_penalty.data.measurements import Measurements
@@ -47,25 +45,6 @@ def write(path: Path, rows: int, model: Estimate) -> None:
             tau[:, 3] += 0.8 * np.exp(-((dq[:, 3] / 0.05) ** 2)) * np.tanh(dq[:, 3] / 0.005)
             q, tau = q + rng.normal(0.0, 2e-5, q.shape), tau + rng.normal(size=q.shape) * _NOISE
             np.savetxt(file, np.column_stack([t, q, tau]), ["%.3f"] + ["%.6f"] * n + ["%.4f"] * n, ",")
-
-
-#: Run by a small process: a child's peak begins with the memory of the process that starts it.
-_WORK = """
-import resource, subprocess, sys
-quiet = subprocess.DEVNULL
-subprocess.run([sys.executable, "-m", "sdp_vs_penalty", *sys.argv[1:]], stdout=quiet, stderr=quiet)
-used = resource.getrusage(resource.RUSAGE_CHILDREN)
-print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
-"""
-
-
-def measured(*words: str) -> tuple[float, float]:
-    """Processor time [s] and peak memory [MB] of one command."""
-    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    command, env = [sys.executable, "-c", _WORK, *words], {**os.environ, **threads}
-    done = subprocess.run(command, env=env, check=True, capture_output=True, text=True)
-    seconds, peak = map(float, done.stdout.split())
-    return seconds, peak
 
 
 def commands(run: str, model: str, out: str) -> dict[str, list[str]]:
@@ -128,11 +107,13 @@ def memory(run: Measurements, problem: Problem, counts: Sequence[int]) -> list[R
         true = identify(problem, run, check=False)
         true.save(Path(folder, "model.json"))
         log, model, out = (str(Path(folder, x)) for x in ("run.csv", "model.json", "out.json"))
-        imports = {v: measured(*words)[1] for v, words in commands(log + "x", model, out).items()}
+        imports = {
+            v: measured([*PROGRAM, *words])[1] for v, words in commands(log + "x", model, out).items()
+        }
         for count in counts:
             write(Path(log), count, true)
             for verb, words in commands(log, model, out).items():
-                seconds, most = measured(*words)
+                seconds, most = measured([*PROGRAM, *words])
                 note = f"peak memory {most - imports[verb]:.0f} MB beyond imports"
                 rows.append(Row(f"{verb}, {count} rows", seconds, None, "s", note))
                 print("  ", rows[-1].what, f"{seconds:.1f} s", note, file=sys.stderr, flush=True)

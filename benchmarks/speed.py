@@ -6,7 +6,6 @@ Parts of `benchmarks/run.py`, which says how they are started and writes what th
 from __future__ import annotations
 
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -183,13 +182,25 @@ def renewed(problem: Problem, run: Measurements) -> list[Row]:
     return [Row("renewed certified fit, CPU", *map(float, np.median(spent, axis=1)), "ms", note)]
 
 
-def process(command: list[str]) -> float:
-    """Processor time of a process [s], its bytecode in place."""
+PROGRAM = [sys.executable, "-m", "sdp_vs_penalty"]
+#: Run by a small process: a child's peak begins with the memory of the process that starts it.
+_WORK = """
+import resource, subprocess, sys
+quiet = subprocess.DEVNULL
+subprocess.run(sys.argv[1:], stdout=quiet, stderr=quiet)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+"""
+
+
+def measured(command: list[str]) -> tuple[float, float]:
+    """Processor time [s] and peak memory [MB] of a process on one thread, its bytecode in place."""
     env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(command, stdout=subprocess.DEVNULL, check=True, env=env)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    env |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    around = [sys.executable, "-c", _WORK, *command]
+    done = subprocess.run(around, env=env, check=True, capture_output=True, text=True)
+    seconds, peak = map(float, done.stdout.split())
+    return seconds, peak
 
 
 def processes(problem: Problem, run: Measurements) -> list[Row]:
@@ -197,21 +208,20 @@ def processes(problem: Problem, run: Measurements) -> list[Row]:
     with tempfile.TemporaryDirectory() as name:
         log, model, out = (str(Path(name, x)) for x in ("run.csv", "model.json", "report.html"))
         save(run, Path(log))
-        ours = [sys.executable, "-m", "sdp_vs_penalty"]
-        identified = [*ours, "identify", problem.name, "--data", log, "--out", model]
+        identified = [*PROGRAM, "identify", problem.name, "--data", log, "--out", model]
         commands = {
             "bare": [sys.executable, "-c", "import numpy, scipy.linalg, scipy.signal"],
             "imports of the script": [sys.executable, "-c",
                                       "import numpy, scipy.signal, pinocchio, cvxpy"],
             "identify without the check": [*identified, "--no-check"],
             "identify": identified,
-            "report": [*ours, "report", model, "--data", log, "--out", out],
+            "report": [*PROGRAM, "report", model, "--data", log, "--out", out],
         }  # fmt: skip
         for command in commands.values():
-            process(command)  # bytecode
+            measured(command)  # bytecode
         used: dict[str, list[float]] = {key: [] for key in commands}
         for _ in range(3):  # in turn
             for key, command in commands.items():
-                used[key].append(process(command))
+                used[key].append(measured(command)[0])
     bare, note = min(used.pop("bare")), "other: a process that imports numpy, scipy.linalg, scipy.signal"
     return [Row(f"{key} as a process, CPU", min(x), bare, "s", note) for key, x in used.items()]

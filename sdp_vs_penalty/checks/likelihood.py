@@ -256,13 +256,11 @@ class Likelihood:
 
     def left_out(self, repair: Repair) -> Array:
         """(PARTS, n) share of each part's energy that the arm of all other parts leaves of it."""
-        (parts, k), weights, out = self.parts(repair), self.score(repair).weights, []
-        for part in parts:
-            rest = Equations.of(parts.sum(axis=0) - part, k)
-            v = rest.all_of(rest.solved(weights))
-            whole = np.maximum(part[:, -1, -1], 1e-280)
-            out.append(np.maximum(np.einsum("jw,jwx,jx->j", v, part, v) / whole, FLOOR))
-        return np.array(out)
+        (parts, k), weights = self.parts(repair), self.score(repair).weights
+        rests = [Equations.of(parts.sum(axis=0) - part, k) for part in parts]
+        v = np.stack([rest.all_of(rest.solved(weights)) for rest in rests])
+        left = np.einsum("pjw,pjwx,pjx->pj", v, parts, v) / np.maximum(parts[..., -1, -1], 1e-280)
+        return np.maximum(left, FLOOR)
 
     def change(self, at: Callable[[float], Repair], value: float, h: float) -> tuple[float, float]:
         """By how much a number has to change, to first order, and the standard deviation of that.

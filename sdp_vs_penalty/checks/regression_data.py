@@ -15,12 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import (
-    BRISTLE_TRAVELS,
-    COULOMB_WIDTHS,
-    DENSE,
-    SLIDES,
-)  # fmt: skip
+from sdp_vs_penalty.checks.constants import BRISTLE_TRAVELS, COULOMB_WIDTHS, DENSE, SLIDES
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.effect import JointEffect, Motion

@@ -20,7 +20,7 @@ from sdp_vs_penalty.cli.console import (
     say,
     table,
 )
-from sdp_vs_penalty.diagnosis.show import event_lines
+from sdp_vs_penalty.diagnosis.sentences import event_lines
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.robot import inertia

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import FAR
@@ -40,13 +40,12 @@ from sdp_vs_penalty.estimation.identify import (
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.shape_constants import free_constants, sensitivities, settled
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
-from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
+from sdp_vs_penalty.estimation.uncertainty import beside_held
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
+from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.motion import record_motion
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 
 def add(
@@ -89,7 +88,11 @@ def add(
             *effects.beside_curves,
             *(c.effect(estimate.robot).text for c in effects.curves),
         )
-    texts = effects if isinstance(effects, str) else ",".join(map(_text, effects))
+    texts = (
+        effects
+        if isinstance(effects, str)
+        else ",".join(e if isinstance(e, str) else e.text for e in effects)
+    )
     wanted = parse_effects(texts, estimate.robot)
     if not wanted:
         raise InputError("No effect to add", "name one, such as presliding_hysteresis:7")
@@ -175,10 +178,6 @@ def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
     return out
 
 
-def _text(effect: Finding | Retune | str) -> str:
-    return effect if isinstance(effect, str) else effect.text
-
-
 def _joints_with(estimate: Estimate, effect: Effect) -> set[int]:
     """The joints (from 0) on which the model has the effect already."""
     return {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
@@ -196,7 +195,7 @@ def _refuse_twice(estimate: Estimate, effect: Effect) -> None:
         advice = "name another effect"
         if free and not effect.whole_robot:
             advice += f", or the joints without it: {effect.name}:{_joints(free)}"
-        where = "" if effect.whole_robot else f" on joints {_joints(twice)}"
+        where = "" if effect.whole_robot else f" on {formatting.joints([j + 1 for j in twice])}"
         raise InputError(f"the model already has {effect.name}{where}", advice)
 
 
@@ -232,15 +231,32 @@ def _add_frozen(
     part, certificate = certify(task, fit)
     theta = np.concatenate([estimate.theta, part])
     base = base_rows(problem, own)
+    # The new effects' intervals hold their shape constants' errors and those of what was kept.
+    constants = sensitivities(own.effects, [part[k] for k in own.indices])
+    reference = model.reference
+    if reference is not None:
+        reference = np.append(reference, np.zeros(sum(len(e.parameters) for e in constants)))
+    wide = Model(model.robot, (*model.effects, *constants), reference, model.gains)
+    uncertainty = beside_held(
+        problem,
+        own,
+        compress(measurements, wide, settings),
+        (estimate.model, estimate.theta, estimate.uncertainty),
+        part,
+        base,
+        gain_errors=gain_errors,
+    )
+    old, new_record = estimate.details, record(task, part, base, estimator.rest)
     before, new_motion = estimate.training_motion, record_motion(measurements, settings)
     return replace(
         estimate,
         model=model,
         theta=theta,
-        uncertainty=_beside(estimate, model, own, part, base, measurements, settings, gain_errors),
+        uncertainty=uncertainty,
         certificate=certify_beside(estimate, model, theta, certificate),
         details={
-            **_determined(estimate, record(task, part, base, estimator.rest)),
+            "undetermined": {**old.get("undetermined", {}), **new_record["undetermined"]},
+            "base_parameters": [*old.get("base_parameters", []), *new_record["base_parameters"]],
             "on_bounds": on_bounds(problem.constraints(model), theta),
         },
         provenance={
@@ -253,43 +269,6 @@ def _add_frozen(
             "verdict": None,  # that of the smaller model is not this one's
         },
         training_motion=None if before is None or new_motion is None else before.joined(new_motion),
-    )
-
-
-def _determined(estimate: Estimate, new: dict[str, Any]) -> dict[str, Any]:
-    """Who determines which parameter: of the model that was held, then of the new effects."""
-    old = estimate.details
-    return {
-        "undetermined": {**old.get("undetermined", {}), **new["undetermined"]},
-        "base_parameters": [*old.get("base_parameters", []), *new["base_parameters"]],
-    }
-
-
-def _beside(
-    estimate: Estimate,
-    model: Model,
-    own: Model,
-    part: Array,
-    base: BaseParameters,
-    measurements: Measurements,
-    settings: Preprocessing,
-    gain_errors: Array,
-) -> Uncertainty:
-    """Of the whole model: the new effects' intervals hold their shape constants' errors and those of the
-    parameters that were kept."""
-    constants = sensitivities(own.effects, [part[k] for k in own.indices])
-    reference = model.reference
-    if reference is not None:
-        reference = np.append(reference, np.zeros(sum(len(e.parameters) for e in constants)))
-    wide = Model(model.robot, (*model.effects, *constants), reference, model.gains)
-    return beside_held(
-        estimate.problem,
-        own,
-        compress(measurements, wide, settings),
-        (estimate.model, estimate.theta, estimate.uncertainty),
-        part,
-        base,
-        gain_errors=gain_errors,
     )
 
 

@@ -16,7 +16,7 @@ from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.store import Growing, parts
-from sdp_vs_penalty.diagnosis.show import new_motion, plot_errors, plot_residual
+from sdp_vs_penalty.diagnosis.sentences import new_motion, plot_errors, plot_residual
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
@@ -138,10 +138,11 @@ class Comparison(Shown):
         return plot_residual(axes, x, s.residual[:, j], label, title)
 
     def _summary(self) -> Summary:
+        floor = [] if self.noise_floor is None else [", ".join(f"{x:.3g}" for x in self.noise_floor)]
         return f"Comparison of {self.name}. {self.verdict.headline}", [
             *((f"{line.about} ({line.grade})", line.text) for line in self.verdict.lines),
             ("RMSE", ", ".join(f"{x:.3g}" for x in self.rmse)),
-            *_floor_row(self.noise_floor),
+            *(("noise floor", text) for text in floor),
             ("band", f"below {self.band_hz:.3g} Hz"),
             ("new motion", new_motion(self.new_motion_share)),
         ]
@@ -207,10 +208,6 @@ class Comparisons(list[Comparison]):
             "".join(f"<p>{escape(f'{c.name}: {c.verdict.headline}')}</p>" for c in self)
             + self.to_frame().to_html()
         )
-
-
-def _floor_row(floor: Array | None) -> list[tuple[str, str]]:
-    return [] if floor is None else [("noise floor", ", ".join(f"{x:.3g}" for x in floor))]
 
 
 def compare(

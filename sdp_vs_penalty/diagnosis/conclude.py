@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.constants import (
     ABSORBED,
     APART,
@@ -32,15 +33,16 @@ from sdp_vs_penalty.diagnosis.remaining import Remainder, refitted, remainder
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.sentences import REASONS, remarks, sentence, size_of
+from sdp_vs_penalty.diagnosis.sentences import REASONS, repeatability_warning, sentence, size_of
 from sdp_vs_penalty.diagnosis.sizes import Size, size_of_term, torque_errors
 from sdp_vs_penalty.diagnosis.where_it_fails import carriers
-from sdp_vs_penalty.diagnosis.whitening import spread_columns
+from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import REPETITION
+from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM_KNOWN
+from sdp_vs_penalty.signals.standstill import STILL
 
 #: Held-out errors (n,) of some of the findings, by their places.
 Alone = Callable[[Sequence[int]], Array]
@@ -268,4 +270,62 @@ def invisible_effects(search: Search) -> tuple[Invisible, ...]:
         Invisible(name, () if joint is None else (joint + 1,), share)
         for (name, joint), share in shares.items()
         if share > 1.0 - ABSORBED
+    )
+
+
+def remarks(
+    data: WhiteData, left: Remainder, residual: Array, held_out: str, new_share: float | None
+) -> tuple[str, ...]:
+    """Sentences about the diagnosis as a whole."""
+    found = [_noise(data.noise.source), _standstill(data, residual)]
+    if data.noise.source == REPETITION:
+        found.append(_turning(left))
+    found.append(repeatability_warning(new_share) or "")
+    if held_out == "folds":
+        found.append(
+            "Held-out errors come from folds by the phase of the motion: sizes from the other folds, "
+            "the choice of effects and constants from all rows. A test run (--test) judges both."
+        )
+    return tuple(text for text in found if text)
+
+
+def _noise(source: str) -> str:
+    if source == REPETITION:
+        return ""
+    if source == RESIDUAL:
+        return (
+            "No motion repeats and the log shows no steady noise above the motion's band (too slow, "
+            "smoothed before it was logged, or louder in motion), so noise and model error cannot be "
+            "separated: the noise shown is the error itself. Record a run with more than one period."
+        )
+    return (
+        f"No motion repeats: the noise is that of the torque's spectrum above the motion's band, "
+        f"{SPECTRUM_KNOWN}. Record a run with more than one period to know it better."
+    )
+
+
+def _standstill(data: WhiteData, residual: Array) -> str:
+    """Where most of what is left (M, n) is of standstill."""
+    keep, moves = data.rows.keep, data.rows.keep & (data.rows.still <= STILL)
+    every, moving = (np.sum(residual**2 * x, axis=0) for x in (keep, moves))
+    mostly = [int(j) + 1 for j in np.flatnonzero(every > 2.0 * moving)]
+    if not mostly:
+        return ""
+    moving = np.sqrt(moving / np.maximum(moves.sum(axis=0), 1))
+    said = ", ".join(f"{moving[j - 1]:.2g}" for j in mostly)
+    return (
+        f"Most of the error that is left on {formatting.joints(mostly)} is of standstill, where dry "
+        f"friction holds any torque up to its own: in motion it is {said} N m or N."
+    )
+
+
+def _turning(left: Remainder) -> str:
+    """Where most of what is left is of slow joints."""
+    slow = np.flatnonzero((left.slow > left.floor) & (left.slow > 2.0 * left.beyond))
+    if not len(slow):
+        return ""
+    errors = ", ".join(f"{left.slow[j]:.2g}" for j in slow)
+    return (
+        f"At low speed of {formatting.joints((slow + 1).tolist())}, {errors} N m or N RMS are left "
+        "beyond the noise: near reversals friction models are least accurate."
     )

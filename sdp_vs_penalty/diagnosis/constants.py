@@ -82,7 +82,5 @@ FAR = 3.0
 
 # Events.
 
-#: Events are rare: what fills more than this share of a joint's rows is something else.
-MOST_EVENTS = 0.15
 #: Share of a window's squares that its loudest rows hold, to which an event is cut down.
 MOST_OF_IT = 0.98

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -27,17 +27,13 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
-from sdp_vs_penalty.estimators.estimator import make_task
+from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
 from sdp_vs_penalty.signals.window_subsample import subsample_sentence, window_subsample
-
-
-def quiet(_: str) -> None:
-    """Says nothing of where the search stands."""
 
 
 def diagnose(
@@ -47,7 +43,7 @@ def diagnose(
     *,
     frozen: bool = False,
     seed: int = 0,
-    progress: Callable[[str], None] = quiet,
+    progress: Progress = no_progress,
     noise_from: Source = None,
     gain_uncertainty: float | None = None,
 ) -> Diagnosis:
@@ -217,11 +213,8 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Fou
         before = held.errors(names) if not out else out[-1].errors
         after = held.errors([*terms, *range(len(named), len(effects))])
         on = [curve.joint]
-        if (
-            lowers(before[on], after[on])
-            and not raises(before, after)
-            and judge.outside(curve.table) <= OUTSIDE
-        ):
+        helps = lowers(before[on], after[on]) and not raises(before, after)
+        if helps and judge.outside(curve.table) <= OUTSIDE:
             out.append(replace(curve, before=float(before[curve.joint]), errors=after))
     return replace(found, curves=tuple(out))
 

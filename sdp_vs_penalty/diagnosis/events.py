@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.constants import MOST_EVENTS, MOST_OF_IT
+from sdp_vs_penalty.diagnosis.constants import MOST_OF_IT
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, SAME_PHASE, differences
 from sdp_vs_penalty.signals.outliers import (
     FALSE_EVENT,
+    RARE,
     local_excess,
     lone_windows,
     robust_scale,
@@ -86,7 +87,7 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         found = local_excess(steady, rows.pieces(j), rows.n, degrees)
         if found.any() and noise.source != REPETITION:
             found &= _lone(white[:, j], rows, j)
-        if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
+        if found.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = found
     out |= _odd_ones(data, residual)
     return out & ~_of_reversals(out, residual**2, rows)
@@ -117,9 +118,12 @@ def _odd_ones(data: WhiteData, residual: Array) -> Mask:
     if not suspect.any():
         return suspect
     pairs = [(r.rows, later_rows(rows.segments, r)) for r in repeats]
-    out, near = suspect.copy(), _widened(suspect, rows)
-    width = np.ones(2 * _reach(rows) + 1)
-    energy = np.array([np.convolve(x, width, mode="same") for x in (residual**2).T]).T
+    # Within so many rows two windows are at the same phase.
+    width = np.ones(2 * max(1, round(SAME_PHASE * rows.rate)) + 1)
+    near, energy = (
+        np.array([np.convolve(x, width, mode="same") for x in y.T]).T for y in (suspect, residual**2)
+    )
+    out, near = suspect.copy(), near > 0.5
     for one, other in pairs:
         first_less = energy[one] <= energy[other]
         out[one] &= ~(near[other] & first_less)
@@ -127,16 +131,6 @@ def _odd_ones(data: WhiteData, residual: Array) -> Mask:
         np.logical_or.at(lost, other, near[one] & ~first_less)
         out &= ~lost
     return out
-
-
-def _reach(rows: SegmentedRuns) -> int:
-    """Rows within which two windows are at the same phase."""
-    return max(1, round(SAME_PHASE * rows.rate))
-
-
-def _widened(mask: Mask, rows: SegmentedRuns) -> Mask:
-    width = np.ones(2 * _reach(rows) + 1)
-    return np.array([np.convolve(m, width, mode="same") > 0 for m in mask.T]).T
 
 
 def _hums(data: WhiteData, residual: Array) -> list[Event]:

@@ -14,7 +14,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.retunes import Retune
-from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN, plot_ladder
+from sdp_vs_penalty.diagnosis.sentences import NOISE_UNKNOWN, plot_ladder
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_json

@@ -25,7 +25,6 @@ from sdp_vs_penalty.diagnosis.whitening import (
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.pose import with_reference
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import (
     Estimator,
@@ -127,10 +126,6 @@ def on_test(
     """Errors on a test run of models fitted to the runs that were searched."""
     settings = estimate.preprocessing
     model = model_beside(estimate, effects, changes=frozen)
-    if model.needs_reference and not frozen:
-        model = with_reference(
-            estimate.problem, model, lambda part: compress(data, part, settings), estimate.weighting
-        )
     train = compress(data, model, settings)
     there = compress(test, model, settings)
     if frozen:

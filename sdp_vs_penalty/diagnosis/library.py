@@ -174,7 +174,9 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool, keys: Set[Key] | Non
             if key in taken or (keys is not None and key not in keys) or not _at_rest(kind, rows, joint):
                 continue
             for effect in kind.candidates(model.robot, joint, start):
-                fast = effect.shape.get(effect.beyond_turning, np.inf) >= turning(rows, effect)
+                # The velocity over which dry friction turns round on the joint, in the model.
+                turning = rows.segments[0].motion.width(effect.joints[0])
+                fast = effect.shape.get(effect.beyond_turning, np.inf) >= turning
                 if fast and (warm or not effect.needs_temperature):
                     yield Form(key, effect)
 
@@ -187,11 +189,6 @@ def _at_rest(kind: type[Effect], rows: SegmentedRuns, joint: int | None) -> bool
         return not rows.holds[joint]
     # A joint that stood may have been held by friction that never turned round meanwhile.
     return bool(rows.holds[joint] or np.mean(rows.still[:, joint] > 0.5) > STANDS)
-
-
-def turning(rows: SegmentedRuns, effect: Effect) -> float:
-    """The velocity over which dry friction turns round on an effect's joint, in the model."""
-    return rows.segments[0].motion.width(effect.joints[0])
 
 
 def eligible(forms: Sequence[Form], picked: Sequence[Form], model: Model) -> list[bool]:

@@ -183,7 +183,7 @@ class Score:
         left = fit.residual - T @ beta
         drop = before - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
         drop -= float(np.sum((beta / known) ** 2))
-        V, v = self._sandwich(T, left, inverse)
+        V, v = self.sandwich(T, left, inverse, form.k)
         on = list(columns)
         count = float(fit.degrees[on].mean())
         v = max(1.0, v) + count / ALPHA
@@ -202,15 +202,14 @@ class Score:
         T = T * (np.sum(T**2, axis=(0, 1)) > ABSORBED * energy)
         return T, self.prior(fit, form, tuple(columns), energy)
 
-    def _sandwich(self, T: Array, left: Array, inverse: Array) -> tuple[Array, float]:
+    def sandwich(self, T: Array, left: Array, inverse: Array, freedom: float) -> tuple[Array, float]:
         """(k, k) the robust counterpart of T'T, of the clusters that make most of it, and how many times
-        more than independent rows they do."""
-        k = T.shape[2]
+        more than independent rows they do, by a fit with so much freedom."""
         scores = np.sum(T * left[:, :, None], axis=0)
         best, out = 1.0, np.tensordot(T, T, axes=((0, 1), (0, 1)))
         for u in cluster_sums(self.data.clusters, scores):
             S = u.T @ u
-            times = float(np.trace(inverse @ S)) / k
+            times = float(np.trace(inverse @ S)) / freedom
             if times > best:
                 best, out = times, S
         return out, best

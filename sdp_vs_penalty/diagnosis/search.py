@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence, Set
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from sdp_vs_penalty.diagnosis.library import Form, Key, Library, eligible
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Shape constants are refined on a lattice: ratio of neighbours at first, and how often it is halved, of
@@ -222,7 +223,7 @@ class Search:
 
         return tuple(t for t in found if t.key != term.key and not t.form.own and rivals(t))
 
-    def run(self, progress: Callable[[str], None] = lambda _: None) -> list[Term]:
+    def run(self, progress: Progress = no_progress) -> list[Term]:
         """Add, exchange, drop until nothing changes."""
         seen = set[tuple[str, ...]]()
         for _ in range(STEPS):

@@ -1,20 +1,19 @@
-"""Sentences of a diagnosis: what was found, why it is weak, and what is said of the whole."""
+"""Sentences and pictures of comparisons and diagnoses; plain values in, no models."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.remaining import Remainder
-from sdp_vs_penalty.diagnosis.show import repeatability_warning
-from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM_KNOWN
-from sdp_vs_penalty.signals.standstill import STILL
 
+#: What is said where no motion repeats: the residual was taken for noise, which it then equals.
+NOISE_UNKNOWN = "is not known: no motion repeats, so noise and model error cannot be separated."
 #: What is said of a weak finding, by the name of the reason; a finding with none is confident.
 REASONS: Mapping[str, str] = {
     "rivals": "another effect fits as well",
@@ -64,64 +63,79 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
     return text
 
 
-def remarks(
-    data: WhiteData, left: Remainder, residual: Array, held_out: str, new_share: float | None
-) -> tuple[str, ...]:
-    """Sentences about the diagnosis as a whole."""
-    found = [_noise(data.noise.source), _standstill(data, residual)]
-    if data.noise.source == REPETITION:
-        found.append(_turning(left))
-    found.append(repeatability_warning(new_share) or "")
-    if held_out == "folds":
-        found.append(
-            "Held-out errors come from folds by the phase of the motion: sizes from the other folds, "
-            "the choice of effects and constants from all rows. A test run (--test) judges both."
-        )
-    return tuple(text for text in found if text)
-
-
-def _noise(source: str) -> str:
-    if source == REPETITION:
-        return ""
-    if source == RESIDUAL:
-        return (
-            "No motion repeats and the log shows no steady noise above the motion's band (too slow, "
-            "smoothed before it was logged, or louder in motion), so noise and model error cannot be "
-            "separated: the noise shown is the error itself. Record a run with more than one period."
-        )
-    return (
-        f"No motion repeats: the noise is that of the torque's spectrum above the motion's band, "
-        f"{SPECTRUM_KNOWN}. Record a run with more than one period to know it better."
-    )
-
-
-def _standstill(data: WhiteData, residual: Array) -> str:
-    """Where most of what is left (M, n) is of standstill."""
-    keep, moves = data.rows.keep, data.rows.keep & (data.rows.still <= STILL)
-    every, moving = (np.sum(residual**2 * x, axis=0) for x in (keep, moves))
-    mostly = [int(j) + 1 for j in np.flatnonzero(every > 2.0 * moving)]
-    if not mostly:
-        return ""
-    moving = np.sqrt(moving / np.maximum(moves.sum(axis=0), 1))
-    said = ", ".join(f"{moving[j - 1]:.2g}" for j in mostly)
-    return (
-        f"Most of the error that is left on {formatting.joints(mostly)} is of standstill, where dry "
-        f"friction holds any torque up to its own: in motion it is {said} N m or N."
-    )
-
-
-def _turning(left: Remainder) -> str:
-    """Where most of what is left is of slow joints."""
-    slow = np.flatnonzero((left.slow > left.floor) & (left.slow > 2.0 * left.beyond))
-    if not len(slow):
-        return ""
-    errors = ", ".join(f"{left.slow[j]:.2g}" for j in slow)
-    return (
-        f"At low speed of {formatting.joints((slow + 1).tolist())}, {errors} N m or N RMS are left "
-        "beyond the noise: near reversals friction models are least accurate."
-    )
-
-
 def legend() -> str:
     """What `weak` means, in one sentence."""
     return f"weak = at least one of: {'; '.join(REASONS.values())}"
+
+
+def repeatability_warning(new_share: float | None) -> str | None:
+    """One sentence where most of the judged motion is the training motion again, else None."""
+    if new_share is None or new_share >= MOSTLY_NEW:
+        return None
+    percent = f"{100.0 * new_share:.0f}"
+    return (
+        f"{'None' if percent == '0' else f'Only {percent} %'} of the judged motion is new to the model: "
+        "these errors show repeatability; judge on another motion to see how it generalises."
+    )
+
+
+def new_motion(new_share: float | None) -> str:
+    """The share of the judged motion that the model has not been trained on, as text."""
+    return "not recorded" if new_share is None else f"{100.0 * new_share:.0f} %"
+
+
+def event_lines(events: Sequence[Any], every: bool = False, most: int = 3) -> list[str]:
+    """A line an event; one for all of them where they are more than ``most``, unless ``every``.
+
+    events : with ``joint`` (from 1), ``t_start``, ``t_end`` [s] and ``frequency`` [Hz] or None.
+    """
+    if len(events) > most and not every:
+        where = formatting.joints(sorted({e.joint for e in events}))
+        hums = sum(e.frequency is not None for e in events)
+        hum = f", {hums} of them a hum" if hums else ""
+        first, last = min(e.t_start for e in events), max(e.t_end for e in events)
+        return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hum}"]
+    kinds = (
+        "one-off event" if e.frequency is None else f"a hum of {e.frequency:.3g} Hz" for e in events
+    )
+    return [
+        f"{kind} on joint {e.joint}: {e.t_start:.2f} s to {e.t_end:.2f} s"
+        for kind, e in zip(kinds, events, strict=True)
+    ]
+
+
+def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> Any:
+    """RMSE of each joint as bars, models side by side, with the noise floor as steps."""
+    axes = formatting.axes(axes)
+    width = 0.8 / len(errors)
+    for k, (name, rmse) in enumerate(errors.items()):
+        x = np.arange(1, len(rmse) + 1) + (k - 0.5 * (len(errors) - 1)) * width
+        axes.bar(x, rmse, width, label=name)
+    if floor is not None:
+        axes.step(np.arange(1, len(floor) + 1), floor, where="mid", color="black", label="noise floor")
+    axes.set(xlabel="joint", ylabel="RMSE [N m or N]")
+    axes.legend()
+    return axes
+
+
+def plot_residual(axes: Any, x: Array, residual: Array, xlabel: str, title: str) -> Any:
+    """Measured minus modelled torque of one joint against one quantity."""
+    axes = formatting.axes(axes)
+    axes.plot(x, residual, lw=0.8)
+    axes.set(xlabel=xlabel, ylabel="measured - modelled [N m or N]", title=title)
+    return axes
+
+
+def plot_ladder(axes: Any, steps: Sequence[str], errors: Array, floor: Array) -> Any:
+    """Error over noise floor of each joint (steps, n) as effects are added one after the other."""
+    axes = formatting.axes(axes)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = errors / floor
+    for j in range(errors.shape[1]):
+        axes.plot(ratio[:, j], np.arange(len(steps)), marker="o", ms=3, label=f"joint {j + 1}")
+    axes.axvline(1.0, color="black", lw=0.8)
+    axes.set_yticks(np.arange(len(steps)), steps)
+    axes.invert_yaxis()
+    axes.set(xlabel="held-out RMSE / noise floor")
+    axes.legend(fontsize="small")
+    return axes

@@ -70,16 +70,10 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
 
 def _factor(search: Search, fit: Fit, T: Array, left: Array) -> Array:
     """(K, C) a factor of S, of the clusters that make it largest."""
-    scores = np.sum(T * left[:, :, None], axis=0)
-    best: Array | None = None
-    for u in cluster_sums(search.data.clusters, scores):
-        # As many degrees of freedom as there are clusters, less those that the fit has taken.
-        count = len(u)
-        u *= np.sqrt(count / max(count - T.shape[2], 1.0))
-        if best is None or np.sum(u**2) > np.sum(best**2):
-            best = u.T
-    assert best is not None
-    return best
+    sums = cluster_sums(search.data.clusters, np.sum(T * left[:, :, None], axis=0))
+    # As many degrees of freedom as there are clusters, less those that the fit has taken.
+    every = (u.T * np.sqrt(len(u) / max(len(u) - T.shape[2], 1.0)) for u in sums)
+    return max(every, key=lambda u: float(np.sum(u**2)))
 
 
 def _torque(T: Array, fit: Fit, errors: Array) -> Array:

@@ -1,36 +1,28 @@
 """Where a model fails: what its residual torque depends on, when it is large, at which frequencies.
 
 Nothing here names a physical effect (`diagnose` does); it shows what the error looks like, joint by
-joint, beside the noise. Shares are held out: a smooth function of the quantity is fitted to some
-stretches of the motion and judged on others, so that a share above zero is no accident of the fit, nor
-of a motion that comes back.
+joint, beside the noise. Causes are what a person sees in a log: a reversal, a standstill, high speed, a
+position, a wave per turn, time, another joint. Shares are held out: a smooth function of the quantity is
+fitted to some stretches of the motion and judged on others, so that a share above zero is no accident of
+the fit, nor of a motion that comes back.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.causes import (
-    NAMED_SHARE,
-    NEAR,
-    REVERSAL,
-    Stretch,
-    cause_columns,
-    failing_stretches,
-    from_reversal,
-    hats,
-    held_out_share,
-    states,
-)
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, with_estimate
+from sdp_vs_penalty.effects.effect import smooth_sign
+from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.noise_level import noise_level
@@ -40,15 +32,43 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
+from sdp_vs_penalty.signals.standstill import STILL
 from sdp_vs_penalty.signals.window_subsample import window_subsample
 
 if TYPE_CHECKING:
     import pandas
 
+REVERSAL, STANDSTILL, HIGH_SPEED = "reversal", "standstill", "high speed"
+POSITION, VELOCITY, ACCELERATION, LOAD = "position", "velocity", "acceleration", "load"
+WAVES, TIME, OTHER_JOINTS = "waves per turn", "time", "other joints"
+#: The rows of a heat map, in this order.
+CAUSES = (
+    REVERSAL, STANDSTILL, HIGH_SPEED, VELOCITY, POSITION, WAVES, ACCELERATION, LOAD, TIME, OTHER_JOINTS,
+)  # fmt: skip
+#: What a stretch is called whose cause none of these explains.
+UNNAMED = "no cause seen"
+#: Seconds around a velocity reversal that count as near it, and those over which an error follows it.
+NEAR, FOLLOWS = 0.15, 0.4
+#: Share of the largest speed from which on a joint is fast.
+_FAST = 0.75
+#: Hat functions of a quantity; an odd number, so that one of them sits at the reversal itself.
+_HATS = 9
+#: A stretch fails where the error's RMS over 2 NEAR is so many noise floors, or times its own RMS where
+#: the floor is not known; shorter ones than NEAR are not shown.
+_TIMES = 2.0
 #: Edges of the frequency bands [Hz].
 BANDS = (0.0, 1.0, 4.0, 16.0, 64.0, np.inf)
 #: Bins of one revolution for the order spectrum; eight show a wave.
 _BINS = 4096
+
+
+class Stretch(NamedTuple):
+    """Instants [s] of a run between which an error is large, and the cause that is seen there."""
+
+    run: str
+    start: float
+    stop: float
+    cause: str
 
 
 @dataclass(frozen=True)
@@ -56,7 +76,7 @@ class JointFailure(Plain):
     """How one joint's residual looks (joint from 1).
 
     rmse, noise_floor [N m or N]; explainable_share : 1 - floor^2 / rmse^2, of the residual's variance,
-    which repeats; held_out_shares : by cause (causes.py) the held-out share of the residual's variance
+    which repeats; held_out_shares : by cause the held-out share of the residual's variance
     that a function of it explains; reversal_lift : RMS within 0.15 s of velocity reversals over that
     elsewhere; reversal_asymmetry : (after - before) / (after + before) of the RMS there; band_shares :
     of the full-rate residual's energy in each of BANDS; orders : (waves per revolution, amplitude [N m],
@@ -88,14 +108,10 @@ class JointFailure(Plain):
         }
 
 
-#: Quantities at most that are named as what the error depends on.
-_MOST_NAMED = 3
-
-
-def dependences(failure: JointFailure) -> list[tuple[str, float]]:
-    """The quantities that the error depends on most, with the share that each explains."""
-    best = sorted(failure.held_out_shares.items(), key=lambda item: -item[1])[:_MOST_NAMED]
-    return [(name, share) for name, share in best if share >= NAMED_SHARE]
+def dependences(failure: JointFailure, most: int = 3) -> list[tuple[str, float]]:
+    """The quantities that the error depends on, the ``most`` important, with the share of each."""
+    best = sorted(failure.held_out_shares.items(), key=lambda item: -item[1])[:most]
+    return [(name, share) for name, share in best if share >= CHANGES]
 
 
 def sentences(failure: JointFailure, unit: str) -> list[str]:
@@ -105,7 +121,7 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     if named:
         out = [f"The error depends most on {words(named)}."]
     else:
-        out = [f"No cause explains {100.0 * NAMED_SHARE:.0f} % of the error."]
+        out = [f"No cause explains {100.0 * CHANGES:.0f} % of the error."]
     if REVERSAL in dict(found) and failure.reversal_lift > 1.0:
         out.append(
             f"Within {NEAR:g} s of the joint's reversals it is {failure.reversal_lift:.2g} times as "
@@ -211,8 +227,10 @@ def where_it_fails(
     return out
 
 
-def carriers(rows: SegmentedRuns, error: Array, joints: Iterable[int]) -> list[tuple[int, str, float]]:
-    """The variables that carry most of the error (M, n) of some joints (from 0): joint (from 1),
+def carriers(
+    rows: SegmentedRuns, error: Array, joints: Iterable[int], most: int = 3
+) -> list[tuple[int, str, float]]:
+    """The ``most`` variables that carry the error (M, n) of some joints (from 0): joint (from 1),
     variable, and the RMS [N m or N] that follows a smooth function of it on stretches left out."""
     folds, keep = folds_of(rows), np.asarray(rows.keep.all(axis=1), bool)
     known = states(rows)
@@ -229,7 +247,7 @@ def carriers(rows: SegmentedRuns, error: Array, joints: Iterable[int]) -> list[t
         for name, features in {**of_joints, f"ddq{j + 1}": hats(known["acceleration"][:, j])}.items():
             share = held_out_share(features[keep], own[keep], folds[keep])
             found.append((j + 1, name, size * float(np.sqrt(share))))
-    best = sorted(found, key=lambda one: -one[2])[:_MOST_NAMED]
+    best = sorted(found, key=lambda one: -one[2])[:most]
     return [one for one in best if one[2] > 0.0]
 
 
@@ -284,3 +302,139 @@ def _orders(full: list[tuple[Array, Array, float]]) -> tuple[tuple[int, float, f
     peaks = [k for k in find_peaks(amplitude)[0].tolist() if k > 1 and ratio[k] > 4.0]
     peaks.sort(key=lambda k: -amplitude[k])
     return tuple((k, float(amplitude[k]), float(ratio[k])) for k in peaks[:5])
+
+
+# What an error can depend on, as columns, and the stretches in which it is large.
+
+
+def states(rows: SegmentedRuns) -> dict[str, Array]:
+    """Filtered position, velocity, acceleration, torque and time of every row, each (M, n)."""
+
+    def stack(name: str) -> Array:
+        return np.concatenate([s.low_pass @ getattr(s.motion, name) for s in rows.segments])
+
+    return {
+        POSITION: stack("q"),
+        VELOCITY: stack("dq"),
+        ACCELERATION: stack("ddq"),
+        "torque": stack("torque"),
+        TIME: np.repeat(rows.t[:, None], rows.n, axis=1),
+    }
+
+
+def cause_columns(
+    known: dict[str, Array], rows: SegmentedRuns, j: int, orders: Sequence[int]
+) -> dict[str, Array]:
+    """By cause the columns (M, k) of which a joint's error (from 0) may be a combination; orders : the
+    waves per turn that its spectrum shows."""
+    x = {name: values[:, j] for name, values in known.items()}
+    direction = smooth_sign(x[VELOCITY])
+    fast = np.maximum(np.abs(x[VELOCITY]) - _FAST * np.abs(x[VELOCITY]).max(), 0.0)
+    still = np.asarray(rows.still[:, j] > STILL, float)
+    others = [hats(known[name][:, i]) for i in range(rows.n) if i != j for name in (VELOCITY, POSITION)]
+    return {
+        REVERSAL: _after_reversals(x[VELOCITY], rows),
+        STANDSTILL: np.column_stack([still, still * direction]),
+        HIGH_SPEED: np.column_stack([fast, fast * direction]),
+        VELOCITY: hats(x[VELOCITY]),
+        POSITION: hats(x[POSITION]),
+        WAVES: _waves(rows, j, orders),
+        ACCELERATION: hats(x[ACCELERATION]),
+        LOAD: np.hstack([hats(x["torque"]), hats(np.abs(x["torque"]) * direction)]),
+        TIME: hats(x[TIME]),
+        OTHER_JOINTS: np.hstack(others) if others else np.zeros((len(rows.t), 0)),
+    }
+
+
+def hats(x: Array) -> Array:
+    """(N, count) piecewise linear functions that add up to one, knots at quantiles."""
+    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _HATS)))
+    if len(knots) < 2:
+        return np.ones((len(x), 1))
+    return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
+
+
+def reversals(velocity: Array, rows: SegmentedRuns) -> NDArray[np.intp]:
+    """The rows before which a joint's velocity (M,) has its last old sign."""
+    same = rows.segment[1:] == rows.segment[:-1]
+    return np.flatnonzero((np.sign(velocity[1:]) != np.sign(velocity[:-1])) & same)
+
+
+def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
+    """(M,) seconds from the nearest reversal, below zero before it, infinite where there is none; and
+    the direction after it."""
+    away, direction = np.full(len(velocity), np.inf), np.zeros(len(velocity))
+    span = max(1, round(FOLLOWS * rows.rate))
+    for k in reversals(velocity, rows):
+        at = np.arange(max(k - span + 1, 0), min(k + 1 + span, len(velocity)))
+        at = at[rows.segment[at] == rows.segment[k]]
+        seconds = rows.t[at] - 0.5 * (rows.t[k] + rows.t[k + 1])
+        closer = np.abs(seconds) < np.abs(away[at])
+        away[at[closer]] = seconds[closer]
+        direction[at[closer]] = np.sign(velocity[k + 1])
+    return away, direction
+
+
+def _after_reversals(velocity: Array, rows: SegmentedRuns) -> Array:
+    """Any function of the time from a reversal, and that times the direction after it."""
+    away, direction = from_reversal(velocity, rows)
+    knots = np.linspace(-FOLLOWS, FOLLOWS, _HATS)
+    near = np.isfinite(away) & (np.abs(away) < FOLLOWS)
+    shape = np.column_stack(
+        [np.where(near, np.interp(away, knots, unit), 0.0) for unit in np.eye(len(knots))]
+    )
+    return np.hstack([shape, shape * direction[:, None]])
+
+
+def _waves(rows: SegmentedRuns, j: int, orders: Sequence[int]) -> Array:
+    """Filtered sine and cosine of each order of a joint's angle."""
+    parts = []
+    for s in rows.segments:
+        q = s.motion.q[:, j]
+        waves = [s.low_pass @ wave(k * q) for k in orders for wave in (np.cos, np.sin)]
+        parts.append(np.column_stack(waves) if waves else np.zeros((len(s.t), 0)))
+    return np.concatenate(parts)
+
+
+def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> float:
+    """1 - squared error of the prediction / squared error of none, over held-out folds; >= 0."""
+    left = total = 0.0
+    for f in np.unique(fold):
+        out = fold == f
+        if out.all() or not features.shape[1]:
+            return 0.0
+        A, b = features[~out], error[~out]
+        ridge = 1e-3 * np.trace(A.T @ A) / A.shape[1]
+        if ridge == 0.0:  # the cause does not occur
+            return 0.0
+        theta = np.linalg.solve(A.T @ A + ridge * np.eye(A.shape[1]), A.T @ b)
+        left += float(np.sum((error[out] - features[out] @ theta) ** 2))
+        total += float(np.sum(error[out] ** 2))
+    return max(0.0, 1.0 - left / total) if total > 0.0 else 0.0
+
+
+def failing_stretches(
+    error: Array, floor: float | None, velocity: Array, still: Array, rows: SegmentedRuns,
+    shares: dict[str, float],
+) -> tuple[Stretch, ...]:  # fmt: skip
+    """Where a joint's error (M,) is large, with the cause that is seen there."""
+    width = max(1, round(2.0 * NEAR * rows.rate))
+    size = np.sqrt(np.convolve(error**2, np.ones(width) / width, mode="same"))
+    limit = _TIMES * (floor or float(np.sqrt(np.mean(error**2))))
+    rest = {name: x for name, x in shares.items() if name not in (REVERSAL, STANDSTILL, HIGH_SPEED)}
+    best = max(rest, key=lambda name: rest[name], default=UNNAMED)
+    names = np.array([best if rest.get(best, 0.0) >= CHANGES else UNNAMED], dtype=object).repeat(
+        len(error)
+    )
+    names[np.abs(velocity) > _FAST * np.abs(velocity).max()] = HIGH_SPEED
+    names[np.abs(from_reversal(velocity, rows)[0]) <= NEAR] = REVERSAL
+    names[still > STILL] = STANDSTILL
+    names[size <= limit] = ""
+    ends = np.flatnonzero((names[1:] != names[:-1]) | (rows.segment[1:] != rows.segment[:-1])) + 1
+    edges = [0, *ends.tolist(), len(names)]
+    found = [
+        Stretch(rows.names[rows.run[a]], float(rows.t[a]), float(rows.t[b - 1]), str(names[a]))
+        for a, b in pairwise(edges)
+        if names[a]
+    ]
+    return tuple(s for s in found if s.stop - s.start >= NEAR)

@@ -120,10 +120,10 @@ def whitened(
     X, y = white_rows(rows, noise, model_columns(rows, estimate, frozen), rows.residual)
     if not frozen:  # the torque itself: some of the model's own columns may be replaced
         y = y + X @ estimate.theta
-    by_phase = stretches(rows, PHASE_CLUSTERS, whole)[1]
-    return WhiteData(
-        rows, noise, estimate, X, y, (time_clusters(rows), by_phase), informative(rows, noise), frozen
-    )
+    clusters = time_clusters(rows), stretches(rows, PHASE_CLUSTERS, whole)[1]
+    # Rows behind the past that whitening needs, each by its worth.
+    count = np.array([noise.worth[rows.pieces(j).predicted, j].sum() for j in range(rows.n)])
+    return WhiteData(rows, noise, estimate, X, y, clusters, count, frozen)
 
 
 def white_rows(
@@ -173,11 +173,6 @@ def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False)
             out[joint, first : first + M][:, c.indices] += segment.low_pass @ c.columns
         first += M
     return out
-
-
-def informative(rows: SegmentedRuns, noise: Noise) -> Array:
-    """(n,) rows that carry information: behind the past that whitening needs, each by its worth."""
-    return np.array([noise.worth[rows.pieces(j).predicted, j].sum() for j in range(rows.n)])
 
 
 def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:

@@ -27,7 +27,8 @@ LOAD_REACH = 0.3
 
 #: Smaller numbers are the rounding of a zero in every unit that is shown (kg, kg m^2, N m, ...).
 ROUNDING = 1e-9
-#: Share by which a joint's error, or a shape constant, changes before it is said or coloured [-].
+#: Share by which a joint's error or a shape constant changes, or of an error that something explains,
+#: before it is said or coloured [-].
 CHANGES = 0.05
 
 #: Folds of the motion by which a shape constant is confirmed, and a servo's law chosen [-]; stretches of

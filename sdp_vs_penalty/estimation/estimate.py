@@ -125,7 +125,7 @@ class Estimate(Shown):
     def unweighed(self) -> str:
         """A sentence about links whose mass the data do not determine, "" where they determine all."""
         first, theta = self.model.rigid_indices[::10], self.links
-        links = [i for i, k in enumerate(first) if self.sources[k] != "data"]
+        links = [i for i, k in enumerate(first) if self.sources[k] not in ("data", "given")]
         if not links:
             return ""
         masses, nominal = theta[:, 0], self.nominal[first]

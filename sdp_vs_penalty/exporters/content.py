@@ -12,6 +12,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 
 #: Effects with a place in a URDF, and in MJCF; MJCF alone has one for the rotor's inertia.
 _PLACES = {"viscous_friction": "damping", "coulomb_friction": "friction", "rotor_inertia": "armature"}
@@ -65,14 +66,7 @@ class Content:
                 "are no inertias to export",
                 "write .json instead",
             )
-        links = np.stack(
-            [
-                inertia.transform(robot.tree[carrier].link_frame) @ own
-                for carrier, own in zip(robot.link_joints, estimate.links, strict=True)
-            ]
-        )
-        for k, (carrier, link) in enumerate(zip(robot.link_joints, links, strict=True)):
-            require_consistent(link, f"link {k + 1} (on joint {robot.tree[carrier].name!r})")
+        links = about_joints(robot, estimate.links)
         values = {name: np.zeros(robot.n) for name in _PLACES.values()}
         for parameter, value in zip(model.parameters, estimate.theta, strict=True):
             place = _PLACES.get(parameter.effect)
@@ -113,6 +107,15 @@ def verdict_line(estimate: Estimate) -> str:
     if gains := ", ".join(f"{p.name} = {x:.6g} {p.unit}" for p, x, drive in both if drive):
         said = f"{said} Servo gains (kd holds viscous friction): {gains}"
     return re.sub(r"[^\x20-\x7e]", "?", said)
+
+
+def about_joints(robot: Robot, links: Array) -> Array:
+    """(links, 10) standard parameters about the joints' frames. InputError for an inconsistent link."""
+    carriers = [robot.tree[carrier] for carrier in robot.link_joints]
+    out = [inertia.transform(j.link_frame) @ own for j, own in zip(carriers, links, strict=True)]
+    for k, (joint, link) in enumerate(zip(carriers, out, strict=True), start=1):
+        require_consistent(link, f"link {k} (on joint {joint.name!r})")
+    return np.stack(out)
 
 
 def require_consistent(link: Array, name: str) -> None:

@@ -84,7 +84,7 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
         np.zeros((robot.links, 10)),
         (low, high),
         cones,
-        data.get("torque_side", "link"),
+        data.get("torque_side", "unknown"),
         Preprocessing(**settings),
         None if base is None else tuple(base),
         folder,
@@ -97,7 +97,17 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     nominal, sources = plausible_links(robot, given, bodies)
     if in_the_box:
         sources = tuple("bounds" if source == "inertial" else source for source in sources)
-    return replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
+    problem = replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
+    return _within_masses(problem)
+
+
+def _within_masses(problem: Problem) -> Problem:
+    """A nominal link outside of its mass bounds weighs their geometric mean, or the end that it has."""
+    links, (low, high) = problem.nominal_links, problem.box[:, 0].T
+    inside = np.clip(links[:, 0], low, high)
+    middle = np.where((low > 0.0) & np.isfinite(high), np.sqrt(low * high), inside)
+    factor = np.where(inside == links[:, 0], 1.0, middle / or_one(links[:, 0]))
+    return replace(problem, nominal_links=links * factor[:, None])
 
 
 def _ellipsoids_in_the_box(problem: Problem) -> Array:
@@ -213,13 +223,12 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
     """The same with other bounds, "m2=1:5,c2x=-0.1:,total=:20" [kg, m, kg m^2]; as it is for None.
 
     The names are those of a ``bounds.csv``, and ``total``; an end that is left out is none (a mass has
-    zero). A nominal link outside of its new mass is scaled to the nearer end. Raises InputError for
-    another text, a name of no link, or ends that are swapped.
+    zero). A nominal link outside of its new mass comes to the middle. Raises InputError for another
+    text, a name of no link, or ends that are swapped.
     """
     if text is None:
         return problem
-    places, box, links = entries(problem.robot.links), problem.box.copy(), problem.nominal_links.copy()
-    total = problem.total_mass
+    places, box, total = entries(problem.robot.links), problem.box.copy(), problem.total_mass
     for name, ends in (pairs("--bounds", text) or {}).items():
         low, _, high = ends.partition(":")
         mass = name.startswith(("m", "total"))
@@ -234,9 +243,7 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
                 f"--bounds {name}={ends}",
                 "write NAME=LOWER:UPPER, of m1, c1x, I1xx, total",
             ) from None
-    now = links[:, 0]
-    links *= (np.clip(now, *box[:, 0].T) / or_one(now))[:, None]
-    return replace(problem, box=box, total_mass=total, nominal_links=links)
+    return _within_masses(replace(problem, box=box, total_mass=total))
 
 
 def _from_urdf(path: Path) -> Problem:

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.diagnosis.causes import CAUSES
+from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.formatting import plain_unit
 

@@ -12,7 +12,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.comparison import predicted, still_missing
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.diagnosis.show import new_motion
+from sdp_vs_penalty.diagnosis.sentences import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.model import JointColumns

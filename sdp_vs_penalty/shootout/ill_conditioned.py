@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -26,8 +25,9 @@ Change = Callable[[Instance], Instance]
 GROUP = "ill-conditioned"
 
 
-def _panda(name: str = "", stop: float = 14.0) -> Instance:
-    return standard_instances.simulated(name, "panda", "one-step", "gyration", stop)
+def panda(stop: float = 14.0) -> Instance:
+    """What most of these start from."""
+    return standard_instances.simulated("", "panda", "one-step", "gyration", stop)
 
 
 def _with_data(instance: Instance, data: LeastSquares) -> Instance:
@@ -113,7 +113,7 @@ def raw_rows(name: str) -> Instance:
             stack.append(wide)
     raw = np.vstack(stack)
     data = LeastSquares.stacked([raw], len(raw))
-    made = _with_data(_panda(name), data)
+    made = replace(_with_data(panda(), data), name=name)
     regressor = np.ascontiguousarray(raw[:, :p])
     uncompressed = LeastSquares(regressor, raw[:, p], 0.0, data.tau_squared, len(raw))
     return replace(made, formulation="rows", raw=uncompressed)
@@ -149,17 +149,3 @@ CHANGES: dict[str, tuple[Change, str]] = {
 def changed(name: str, change: str, build: Callable[[], Instance]) -> Instance:
     """What ``build`` makes with one of CHANGES."""
     return replace(CHANGES[change][0](build()), name=name)
-
-
-BUILDERS: dict[str, Callable[[str], Instance]] = {
-    f"{GROUP} {change}": partial(
-        changed, change=change, build=partial(_panda, stop=1.0 if change == "rank-deficient" else 14.0)
-    )
-    for change in CHANGES
-} | {f"{GROUP} raw rows": raw_rows}
-QUICK = (
-    "ill-conditioned gram g mm",
-    "ill-conditioned float32 gram",
-    "ill-conditioned infeasible 1e-3",
-    "ill-conditioned noise-free",
-)

@@ -68,9 +68,14 @@ def catalogue() -> dict[str, Entry]:
     for n in (2, 7, 14, 30, 60):
         name = f"chain of {n} links"
         entries.append(Entry(name, "chains", partial(_chain, name, n, "gyration", 0), quick=n <= 7))
-    for name, make in ill_conditioned.BUILDERS.items():
-        quick = name in ill_conditioned.QUICK
-        entries.append(Entry(name, ill_conditioned.GROUP, partial(make, name), quick=quick))
+    group, whole = ill_conditioned.GROUP, ill_conditioned.panda
+    for change in ill_conditioned.CHANGES:
+        base = partial(whole, 1.0) if change == "rank-deficient" else whole
+        build = partial(ill_conditioned.changed, f"{group} {change}", change, base)
+        quick = change in ("gram g mm", "float32 gram", "infeasible 1e-3", "noise-free")
+        entries.append(Entry(f"{group} {change}", group, build, quick=quick))
+    name = f"{group} raw rows"
+    entries.append(Entry(name, group, partial(ill_conditioned.raw_rows, name)))
     return {entry.name: entry for entry in entries}
 
 

@@ -19,6 +19,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.forward import Plant, State, advance
 from sdp_vs_penalty.effects.servo_loop import ServoLoop
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.output_error import Course, courses_of
@@ -33,9 +34,8 @@ Drive = Literal["torque", "pd", "servo"]
 HORIZON, _WINDOWS, _STEP = 0.1, 200, 2e-3
 #: A free run has left the measured one beyond this error [rad, m]; bandwidth of the loop [Hz].
 _LEFT, _BANDWIDTH = {"rad": 0.5, "m": 0.1}, 5.0
-#: Parameters drawn from their intervals for the band of the free run, and half a 95 % band in
-#: standard deviations.
-_DRAWS, _HALF = 8, 1.96
+#: Parameters drawn from their intervals for the band of the free run.
+_DRAWS = 8
 
 
 @dataclass(frozen=True)
@@ -354,7 +354,7 @@ def _free_run(estimate: Estimate, drawn: Array, measured: _Ride, most: int | Non
     error = motion[:, 0] - seen.q[start:until]
     spread = None
     if size > 2:
-        spread = _HALF * np.sqrt(np.nanmean((motion[:, 1:] - motion[:, :1]) ** 2, axis=(0, 1)))
+        spread = NORMAL_95 * np.sqrt(np.nanmean((motion[:, 1:] - motion[:, :1]) ** 2, axis=(0, 1)))
     return FreeRun(
         float(seen.t[until - 1] - seen.t[start]),
         left,

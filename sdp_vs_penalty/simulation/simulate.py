@@ -87,9 +87,8 @@ class Sensor:
     @classmethod
     def white(cls, torque_std: ArrayLike, position_step: ArrayLike = 1e-5, rate: float = 1000.0) -> Self:
         """White torque noise (n,) [N m] and an encoder's step (n,) [rad]."""
-        std = np.asarray(torque_std, float)
-        none = np.zeros(len(std))
-        return cls(rate, std, np.zeros((len(std), 0)), none, none + position_step)
+        std, step = np.broadcast_arrays(np.asarray(torque_std, float), position_step)
+        return cls(rate, std, np.zeros((len(std), 0)), np.zeros(len(std)), step)
 
     def noise(self, count: int, rng: np.random.Generator) -> Array:
         """(count, n) samples of the torque noise at ``rate``, stationary from the first on."""

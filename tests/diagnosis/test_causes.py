@@ -8,7 +8,7 @@ import numpy as np
 from random_robots import repeating_run
 
 from sdp_vs_penalty import Problem, identify, where_it_fails
-from sdp_vs_penalty.diagnosis.causes import REVERSAL
+from sdp_vs_penalty.diagnosis.where_it_fails import REVERSAL
 
 
 def test_an_error_after_reversals_is_seen_there(two_link: Problem) -> None:

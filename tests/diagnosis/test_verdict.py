@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.diagnosis.conclude import in_pieces
+from sdp_vs_penalty.diagnosis.conclude import _turning, in_pieces
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.remaining import Remainder, remainder
-from sdp_vs_penalty.diagnosis.sentences import _turning
-from sdp_vs_penalty.diagnosis.show import event_lines
+from sdp_vs_penalty.diagnosis.sentences import event_lines
 from sdp_vs_penalty.signals.noise import REPETITION
 
 FLOOR = np.array([0.2, 3.0])

@@ -159,14 +159,16 @@ def test_a_heavy_axis_is_not_cut_to_the_default_mass(tmp_path: Path) -> None:
 
 
 def test_bounds_by_a_word() -> None:
-    """In place of the problem's; the rest stays, and a nominal link outside comes to the nearer end."""
+    """In place of the problem's; the rest stays, and a nominal link outside comes to their middle."""
     problem = load_problem("two_link")
     mass = problem.nominal_links[1, 0]
     made = with_bounds(problem, f"m2={2 * mass}:{3 * mass},c1x=-0.2:,total=:9")
     assert made.box[1, 0].tolist() == [2 * mass, 3 * mass]
     assert made.box[0, 1].tolist() == [-0.2, np.inf]
     assert made.total_mass == (0.0, 9.0)
-    assert made.nominal_links[1] == pytest.approx(2.0 * problem.nominal_links[1])
+    assert made.nominal_links[1] == pytest.approx(np.sqrt(6.0) * problem.nominal_links[1])
+    nearest = with_bounds(problem, f"m2=0:{mass / 2}")  # zero has no geometric mean
+    assert nearest.nominal_links[1] == pytest.approx(0.5 * problem.nominal_links[1])
     assert np.array_equal(made.nominal_links[0], problem.nominal_links[0])
     untouched = np.ones(problem.box.shape, dtype=bool)
     untouched[1, 0] = untouched[0, 1] = False

@@ -18,10 +18,8 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 _DEGREE = 3
-#: Splines along a position, along anything else, and along each variable of a pair.
-_POSITION, _OTHER, _PAIR = 32, 20, 9
-#: Values of the table that is written down, along one variable and along each of a pair.
-_POINTS, _PAIR_POINTS = 81, 25
+#: Splines along one variable, and along each of a pair.
+_ALONE, _PAIR = 32, 9
 
 
 @dataclass(frozen=True)
@@ -61,8 +59,10 @@ class Axis:
         level = 0.0 if self.count == _PAIR else (2.0 * np.pi / self.count) ** 2
         return np.asarray(second.T @ second + level * first.T @ first)
 
-    def points(self, count: int) -> Array:
-        """Where the curve is written down."""
+    @property
+    def points(self) -> Array:
+        """Where the curve is written down: at its knots, and at three values between each."""
+        count = 4 * (self.count - _DEGREE) + 1
         return np.array([-1.0, 1.0]) if self.is_sign else np.linspace(self.low, self.high, count)
 
 
@@ -102,8 +102,7 @@ class Basis:
     @property
     def grid(self) -> tuple[Array, ...]:
         """The values at which the curve is written down, per variable."""
-        count = _POINTS if len([a for a in self.axes if not a.is_sign]) == 1 else _PAIR_POINTS
-        return tuple(a.points(count) for a in self.axes)
+        return tuple(a.points for a in self.axes)
 
     @property
     def points(self) -> Array:
@@ -182,7 +181,7 @@ class Variables:
             if v.word == "sign(dq)":
                 low, high, count = -1.0, 1.0, 2
             else:
-                count = _PAIR if pair else (_POSITION if v.word == "q" else _OTHER)
+                count = _PAIR if pair else _ALONE
             if not high - low > 1e-6:
                 return None
             axes.append(Axis(v, low, high, count))
@@ -199,6 +198,10 @@ class Variables:
     def exact(self, basis: Basis) -> Array:
         """(M, size) filtered splines."""
         return self._filtered(basis.of_motion)
+
+    def of_law(self, basis: Basis, law: Callable[[Array], Array]) -> Array:
+        """(M, m) filtered columns of a law, which says them at points (P, v)."""
+        return self._filtered(lambda m: law(np.column_stack([a.variable.along(m) for a in basis.axes])))
 
     def supported(self, basis: Basis) -> Array:
         """(P, variables) the points of the basis's grid within a step of which the motion has been."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +13,13 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables, pairs_of
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
-from sdp_vs_penalty.diagnosis.curves.formula import LawFit, law_of, recognised, written
-from sdp_vs_penalty.diagnosis.curves.laws import Law
+from sdp_vs_penalty.diagnosis.curves.laws import LawFit, law_of, recognised, written
 from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit, band, smoothed
-from sdp_vs_penalty.diagnosis.library import Form
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.effects.effect import follows_alone
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
-
-#: Curves of a joint at most.
-_MOST = 2
-
 
 #: The score of a curve, the curve, and the law that it is.
 _Rated = tuple[float, SplineFit, LawFit | None]
@@ -92,28 +87,20 @@ def in_parts(search: Search) -> list[int]:
 def measured_curves(
     search: Search, left: Sequence[int], parts: Sequence[int], fold: NDArray[np.intp]
 ) -> list[Measured]:
-    """The curves of joints (from 0) on which something is ``left``, each beside all terms or instead of
+    """The curve of each joint (from 0) on which something is ``left``, beside all terms or instead of
     those of its joint alone; and of joints whose terms may be ``parts`` of one, instead of them.
     fold (M,) : for the values without each fold."""
     variables = Variables(search.data.rows, search.data.estimate.robot)
     out: list[Measured] = []
-    terms = list(search.terms)
     for joint in dict.fromkeys([*left, *parts]):
-        for _ in range(_MOST):
-            own = [t for t in terms if t.joints == {joint} and not _is_curve(t)]
-            rest = [t for t in terms if t not in own]
-            beside = _best(search, terms, joint, variables) if joint in left else None
-            alone = _best(search, rest, joint, variables) if own else None
-            if alone is not None and _instead(search.worth(own, rest), own, alone, beside):
-                beside, terms = alone, rest
-            else:
-                own = []
-            if beside is None:
-                break
-            _, f, law = beside
-            found = _measured(search, f, law, variables, fold, tuple(own))
-            out.append(found)
-            terms.append(_term(search, found))
+        own = [t for t in search.terms if t.joints == {joint}]
+        rest = [t for t in search.terms if t not in own]
+        beside = _best(search, search.terms, joint, variables) if joint in left else None
+        alone = _best(search, rest, joint, variables) if own else None
+        instead = alone is not None and _instead(search.worth(own, rest), own, alone, beside)
+        best = alone if instead else beside
+        if best is not None:
+            out.append(_measured(search, *best[1:], variables, fold, tuple(own) if instead else ()))
     return out
 
 
@@ -125,17 +112,6 @@ def _instead(worth: float, own: Sequence[Term], alone: _Rated, beside: _Rated | 
     least = EQUIVALENT + FORM * named
     simpler = law is not None and law.size < sum(t.form.k + t.form.constants for t in own)
     return named + (-least if beside is not None or simpler else least) < J
-
-
-def _is_curve(term: Term) -> bool:
-    return isinstance(term.form.effect, MeasuredCurve)
-
-
-def _term(search: Search, found: Measured) -> Term:
-    """The curve as a term beside which the next one is looked for."""
-
-    form = Form((found.table.text, found.joint), found.table)
-    return Term(form, search.data.columns(found.table), found.J, np.ones(1), np.zeros((1, 1)))
 
 
 def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variables) -> _Rated | None:
@@ -151,10 +127,10 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
         if tuple(x.name for x in v) not in taken
     ]
     every = [b for v in others if (b := variables.basis(v)) is not None]
-    gains = np.ones(data.n) if data.rows.gains is None else np.array(data.rows.gains)
+    gain = 1.0 if data.rows.gains is None else data.rows.gains[joint]
 
     def fitted(basis: Basis, raw: Array, robust: bool) -> SplineFit:
-        raw = gains[joint] * raw
+        raw = gain * raw
         columns = Columns.of(score, fit, data.white(raw, joint), joint, robust)
         return smoothed(basis, raw, columns, len(every))
 
@@ -162,16 +138,14 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
     close = [f for n in (1, 2) for f in [f for f in rough if len(f.basis.axes) == n][: CLOSELY // 2]]
     exact = [fitted(f.basis, variables.exact(f.basis), True) for f in close if f.J > APART]
 
-    def on_rows(law: Law, constants: Array, basis: Basis) -> Array:
-        parts = []
-        for s in data.rows.segments:
-            points = np.column_stack([a.variable.along(s.motion) for a in basis.axes])
-            parts.append(s.low_pass @ law.columns(points, constants))
-        return gains[joint] * np.concatenate(parts)
-
     rated: list[_Rated] = []
     for f in exact:
-        laws = recognised(f, lambda law, b, f=f: on_rows(law, b, f.basis), score, len(every))  # type: ignore[misc]
+        laws = recognised(
+            f,
+            lambda law, b, f=f: gain * variables.of_law(f.basis, lambda x: law.columns(x, b)),  # type: ignore[misc]
+            score,
+            len(every),
+        )
         law = law_of(laws, f)
         best = max([f.J, *(J for J, own in laws if own is law)])
         rated.append((best, f, law))
@@ -199,14 +173,7 @@ def _measured(
     else:
         points = np.vstack([points, unmeasured(f.basis, points)])
         values, grid = law.at(points), law.law.columns(points, law.constants)
-        parts = [
-            s.low_pass
-            @ law.law.columns(
-                np.column_stack([a.variable.along(s.motion) for a in f.basis.axes]), law.constants
-            )
-            for s in search.data.rows.segments
-        ]
-        raw = np.concatenate(parts)
+        raw = variables.of_law(f.basis, partial(law.law.columns, constants=law.constants))
         columns = Columns.of(
             search.score, f.columns.fit, search.data.white(raw, f.joint), f.joint, robust=False
         )

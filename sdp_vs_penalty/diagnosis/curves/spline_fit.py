@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.constants import ABSORBED_CURVE, ALPHA
 from sdp_vs_penalty.diagnosis.curves.bases import Basis
 from sdp_vs_penalty.diagnosis.score import Fit, Score
-from sdp_vs_penalty.diagnosis.whitening import cluster_sums
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Weights of the roughness that are tried, relative to the data's.
@@ -52,7 +51,10 @@ class Columns:
         if robust and len(s):
             T = fit.beside({joint: z})
             c = np.linalg.solve(D + raw / count + 1e-9 * np.trace(raw) * np.eye(len(s)), s)
-            v = _inflation(score, T, fit.residual - T @ c, D, raw / count)
+            A = D + raw / count
+            inverse = np.linalg.inv(A + 1e-9 * np.trace(A) * np.eye(len(s)))
+            freedom = max(float(np.trace(inverse @ D)), 1.0)
+            v = score.sandwich(T, fit.residual - T @ c, inverse, freedom)[1]
         return cls(fit, joint, z, C, D, s, raw, count, v + count / ALPHA)
 
     def score(self, drop: float, freedom: float, looked: int) -> float:
@@ -82,17 +84,6 @@ class Columns:
             pull = np.concatenate([q.T @ own + _HELD * theta, self.z[train].T @ y[self.joint][train]])
             out.append(np.linalg.solve(G, pull)[r:])
         return np.array(out)
-
-
-def _inflation(score: Score, T: Array, left: Array, D: Array, prior: Array) -> float:
-    """How many rows are worth one, by the clusters that make it most."""
-    k = T.shape[2]
-    inverse = np.linalg.inv(D + prior + 1e-9 * np.trace(D + prior) * np.eye(k))
-    scores, best = np.sum(T * left[:, :, None], axis=0), 1.0
-    freedom = max(float(np.trace(inverse @ D)), 1.0)
-    for u in cluster_sums(score.data.clusters, scores):
-        best = max(best, float(np.sum((u @ inverse) * u)) / freedom)
-    return best
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.show import event_lines
+from sdp_vs_penalty.diagnosis.sentences import event_lines
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page.charts import missing_chart

@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.show import new_motion
+from sdp_vs_penalty.diagnosis.sentences import new_motion
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page.arm import draw_arm, torque_errors
 from sdp_vs_penalty.page.charts import (

@@ -14,7 +14,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.engines import engine_types
 from sdp_vs_penalty.simulation.engines.comparison import (
-    STEP,
     EngineRun,
     PlayedMotion,
     Sinusoids,
@@ -136,7 +135,7 @@ def build(study: Study) -> Table:
             "Published rows: four engines inside V-REP, which is not on a package index; its versions "
             "and drivers are not ours, so that rows of the same engine need not agree.",
             f"simulated: sinusoidal velocities over 90 % of each joint's range, links of {METHOD} from "
-            f"the simulated run, engine less identified model, step {1e3 * STEP:g} ms. measured: the "
+            f"the simulated run, engine less identified model, step 1 ms. measured: the "
             f"filtered motion of the real run, links of {METHOD} from it, engine less measured torque "
             f"less identified friction, step {1e3 * MEASURED_STEP:g} ms.",
             "position and angle: largest distance of the last joint's frame from where the commanded "

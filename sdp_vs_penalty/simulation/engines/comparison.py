@@ -16,9 +16,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
 from sdp_vs_penalty.simulation.engines.engine import Engine, Followed
 
-#: Time step of all engines [s].
-STEP = 1e-3
-
 
 @dataclass(frozen=True)
 class PlayedMotion:
@@ -87,7 +84,7 @@ def play(
     links: Array,
     motion: Sinusoids | PlayedMotion,
     duration: float,
-    step: float = STEP,
+    step: float = 1e-3,
 ) -> EngineRun:
     """Let an engine that is present follow a motion. Raises InputError where it rejects a link.
 

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError, install_command
-from sdp_vs_penalty.exporters.content import Content, require_consistent
-from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.exporters.content import Content, about_joints
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -68,17 +67,13 @@ class Engine(ABC):
             raise InputError(
                 "engines take no robot with joints that follow others", "choose another robot"
             )
-        own = np.asarray(links, float).reshape(robot.n, 10)
         self.robot = robot
         #: (n, 10) about the joint frames.
-        self.links = np.stack(
-            [inertia.transform(j.link_frame) @ row for j, row in zip(robot.joints, own, strict=True)]
-        )
-        for k, (joint, link) in enumerate(zip(robot.joints, self.links, strict=True)):
-            label = f"link {k + 1} (on joint {joint.name!r})"
-            require_consistent(link, label)
+        self.links = about_joints(robot, np.asarray(links, float).reshape(robot.n, 10))
+        for k, (joint, link) in enumerate(zip(robot.joints, self.links, strict=True), start=1):
             if link[0] <= 0.0:
-                raise InputError("it has no mass, which physics engines refuse", "give it one", label)
+                where = f"link {k} (on joint {joint.name!r})"
+                raise InputError("it has no mass, which physics engines refuse", "give it one", where)
         self.load()
 
     @classmethod
