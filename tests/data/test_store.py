@@ -118,8 +118,8 @@ def test_a_long_run_is_checked_in_windows(monkeypatch: pytest.MonkeyPatch) -> No
     problem = load_problem("two_link")
     run = small_run(problem, seconds=16.0)
     home = sys.modules[check.__module__]
-    monkeypatch.setattr(home, "_MOST", 8 * len(run.t) // 10)
-    monkeypatch.setattr(home, "_WINDOW", 4 * len(run.t) // 10)
+    monkeypatch.setattr(home, "PARTS", 2)
+    monkeypatch.setattr(home, "PART", 4 * len(run.t) // 10)
     assert len(check(problem, run)) == 2
     run.q[len(run.t) // 2, 0] = np.nan
     first, *_ = check(problem, run)
