@@ -90,10 +90,9 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
 def _within_masses(problem: Problem) -> Problem:
     """A nominal link outside of its mass bounds weighs their geometric mean, or the end that it has."""
     links, (low, high) = problem.nominal_links, problem.box[:, 0].T
-    inside = np.clip(links[:, 0], low, high)
-    middle = np.where((low > 0.0) & np.isfinite(high), np.sqrt(low * high), inside)
-    factor = np.where(inside == links[:, 0], 1.0, middle / or_one(links[:, 0]))
-    return replace(problem, nominal_links=links * factor[:, None])
+    new, both = np.clip(links[:, 0], low, high), (low > 0.0) & np.isfinite(high)
+    new[both] = np.where(new == links[:, 0], new, np.sqrt(low * np.where(both, high, 1.0)))[both]
+    return replace(problem, nominal_links=links * (new / or_one(links[:, 0]))[:, None])
 
 
 def _ellipsoids_in_the_box(problem: Problem) -> Array:
