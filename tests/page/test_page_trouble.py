@@ -224,6 +224,18 @@ def test_other_sites_and_names_get_nothing(server: Server) -> None:
     assert status("POST", f"/s/guess/sent?key={server.key}", nobody) == 403
     assert status("GET", "/new", {**own, "Host": "evil.example"}) == 400
     assert status("GET", "/new", {**own, "Origin": "http://evil.example"}) == 403
+    for site in ("cross-site", "same-site"):  # a link on another page
+        link = {"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "navigate"}
+        assert status("GET", "/new", {**own, **link}) == 403
+    upgrade = {
+        "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+    }  # fmt: skip
+    socket_path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+    assert status("GET", socket_path, {**own, **upgrade, "Origin": "http://evil.example"}) == 403
+    assert status("GET", socket_path, {**own, **upgrade}) == 403
+    here = {"Origin": f"http://127.0.0.1:{server.port}"}
+    assert status("GET", socket_path, {**nobody, **upgrade, **here}) == 403
     for path in ("/s/guess/take/model.json", "/s/guess/take/..%2f..%2fetc%2fpasswd"):
         assert status("GET", path, own) == 404
     assert status("PUT", "/s/guess/files?name=a.csv&kind=runs", own) == 404
