@@ -29,8 +29,10 @@ APART = 10.0
 EQUIVALENT = 6.0
 #: A law is right to this share of what it explains: so much of it looks like something else.
 FORM = 0.04
-#: Candidates that are looked at closely, and of what may stand in the place of something else.
-LOOKED_AT, CLOSELY = 10, 4
+#: Candidates that are looked at closely, and of what may stand in the place of something else; and of a
+#: candidate's laws those that take at least this share of what its best one takes on the grids: refined,
+#: another may be best (a Stribeck friction's exponent, and with it its size by three quarters).
+LOOKED_AT, CLOSELY, LIKELY = 10, 4, 0.9
 #: Steps at most until nothing changes; and those in which a model and what refers to it are made to
 #: agree.
 STEPS, TURNS = 30, 2

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Hashable, Iterable, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM, LOOKED_AT, STEPS, TURNS
+from sdp_vs_penalty.diagnosis.constants import (
+    APART,
+    CLOSELY,
+    EQUIVALENT,
+    FORM,
+    LIKELY,
+    LOOKED_AT,
+    STEPS,
+    TURNS,
+)
 from sdp_vs_penalty.diagnosis.library import Form, Key, Library, eligible
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
@@ -118,14 +127,16 @@ class Search:
         # A width that is far from those on the grid says little there, and all where it is right.
         least = 0.5 * max(top, beyond) - 3.0 * APART
         likely = [t for t in found if (0.0 if t.form.own else least) < t.J]
-        return sorted((self.refined(fit, t, halvings=_COARSE) for t in likely), key=lambda t: -t.J)
+        ranked = sorted((self.refined(fit, t, halvings=_COARSE) for t in likely), key=lambda t: -t.J)
+        first = {t.key: t for t in reversed(ranked)}
+        return [t for t in ranked if first[t.key] is t]
 
     def _screened(
         self, fit: Fit, picked: Sequence[Form], most: int, on: frozenset[int] | None
     ) -> list[Term]:
-        """Of so many candidates that take most, and of the model's own shape constants, the best value
-        on the grids."""
-        best: dict[Key, tuple[float, Form, dict[int, Array]]] = {}
+        """Of so many candidates that take most the likely laws, and the best value of each of the
+        model's own shape constants, as they are on the grids."""
+        best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
         for batch in (*self.library.batches, *self.library.own):
             if on is not None and not on & set(batch.joints):
                 continue
@@ -135,13 +146,15 @@ class Search:
                 form = batch.forms[f]
                 if values[f] <= 0.0:
                     break
-                if free[f] and values[f] > best.get(form.key, (0.0,))[0]:
-                    best[form.key] = float(values[f]), form, batch.columns(int(f))
-        found, ranked = [], sorted(best.values(), key=lambda b: -b[0])
-        new = [b for b in ranked if not b[1].own][:most]
-        for _, form, columns in (*new, *(b for b in ranked if b[1].own)):
-            found.append(self.score.judged(fit, form, columns))
-            self._kept.setdefault(form.effect.text, columns)
+                if free[f] and values[f] > best.get(form.law, (0.0,))[0]:
+                    best[form.law] = float(values[f]), form, batch.columns(int(f))
+        found, tops = [], dict[Key, float]()
+        for value, form, columns in sorted(best.values(), key=lambda b: -b[0]):
+            if not form.own and len(tops) == most and form.key not in tops:
+                continue
+            if form.own or value >= LIKELY * tops.setdefault(form.key, value):
+                found.append(self.score.judged(fit, form, columns))
+                self._kept.setdefault(form.effect.text, columns)
         return found
 
     @staticmethod
