@@ -25,7 +25,7 @@ class Without:
     def find_spec(self, name, path=None, target=None):
         absent = name.split(".")[0] in {extras!r}
         return None if absent else PathFinder.find_spec(name, path, target)
-    find_distributions = PathFinder.find_distributions
+    find_distributions = staticmethod(PathFinder.find_distributions)
 sys.meta_path = [Without() if finder is PathFinder else finder for finder in sys.meta_path]
 from sdp_vs_penalty.cli import main as cli
 for words in {lines!r}:
