@@ -89,18 +89,7 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
             found &= _lone(white[:, j], rows, j)
         if found.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = found
-    out |= _odd_ones(data, residual)
-    return out & ~_of_reversals(out, residual**2, rows)
-
-
-def _of_reversals(mask: Mask, energy: Array, rows: SegmentedRuns) -> Mask:
-    """(M, n) the windows most of whose energy (M, n) is of rows in which the joint is slow: friction."""
-    out = np.zeros_like(mask)
-    for j in range(rows.n):
-        slowly, marked = energy[:, j] * (rows.slow[:, j] > SLOW), np.flatnonzero(mask[:, j])
-        for window in np.split(marked, np.flatnonzero(np.diff(marked) != 1) + 1):
-            out[window, j] = slowly[window].sum() > 0.5 * energy[window, j].sum()
-    return out
+    return out | _odd_ones(data, residual)
 
 
 def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
