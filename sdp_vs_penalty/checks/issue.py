@@ -78,9 +78,8 @@ def rule(kind: str, severity: str, what: str, sure: str, remedy: str) -> Callabl
 
 
 def joints_text(joints: Any) -> str:
-    """ "joint 4", "joints 2 and 5", "joints 1, 2 and 3" from indices that count from 0."""
-    numbers = [int(j) + 1 for j in joints]
-    return f"joint{'s' if len(numbers) > 1 else ''} {formatting.words(numbers)}"
+    """As :func:`formatting.joints`, from indices that count from 0."""
+    return formatting.joints([int(j) + 1 for j in joints])
 
 
 def rows_text(rows: Any) -> str:

@@ -30,7 +30,7 @@ from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, under_gravity
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 
 T = TypeVar("T")
 
@@ -200,7 +200,7 @@ class Likelihood:
             columns = np.concatenate([data.own[order], *(x[:, :, None] for x in shapes)], axis=2)
             columns = columns * data.heard.T[order][:, :, None]
             sizes = np.linalg.norm(columns, axis=1, keepdims=True)
-            columns = columns / np.where(sizes > 0.0, sizes, 1.0)
+            columns = columns / or_one(sizes)
             u, s, vt = np.linalg.svd(columns, full_matrices=False)
             kept = s > 1e-6 * s.max(axis=1, keepdims=True)
             u, back = u * kept[:, None], vt / np.where(kept, s, np.inf)[:, :, None]

@@ -29,7 +29,7 @@ import scipy.linalg
 from sdp_vs_penalty.diagnosis.constants import ABSORBED, ALPHA, STEPS
 from sdp_vs_penalty.diagnosis.library import Batch, Form
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 
 #: Share of a column below which what others leave of it is rounding.
 _DEPENDENT = 1e-5
@@ -137,7 +137,7 @@ class Score:
                 A[j][:, at : at + k] = z
             at += k
         norms = np.sqrt(np.sum(A[:, :, r:] ** 2, axis=(0, 1)))
-        A[:, :, r:] /= np.where(norms > 0.0, norms, 1.0)
+        A[:, :, r:] /= or_one(norms)
         G = np.zeros((n, at, at))
         G[:, :r, :r] = gram
         cross = A.transpose(0, 2, 1) @ A[:, :, r:]

@@ -30,6 +30,8 @@ LARGEST_RUN, LARGEST_MESH, LARGEST_TEXT, LARGEST_TOML = 2**34, 2**28, 2**26, 2**
 #: Memory that unpacking a file may take: bytes, and bytes a byte of it. Measured channels unpack to 3 to
 #: 20 times their size.
 _ROOM, _PER_BYTE = 384 * 2**20, 25
+#: Brackets within brackets in JSON and TOML; ours nest to 9.
+_DEEPEST = 100
 
 #: Device and inode of every file that the running command was given or has read. None outside of one:
 #: in a notebook a model may be written over the file that it came from.
@@ -226,6 +228,7 @@ def _built(
     text = read_text(path, largest)
     try:
         data = parse(text)
+        _require_shallow(data)
     except (ValueError, RecursionError) as error:
         what = "nested too deeply" if isinstance(error, RecursionError) else error
         raise InputError(f"not a {kind} file ({what})", "correct it, or name another", path) from error
@@ -245,3 +248,16 @@ def _built(
         RecursionError,
     ) as error:
         raise InputError(f"a field has the wrong content ({error})", remedy, path) from error
+
+
+def _require_shallow(data: Any) -> None:
+    """RecursionError for containers nested deeper than any of ours, which others copy recursively."""
+    level = [data]
+    for _ in range(_DEEPEST):
+        level = [part for part in level if isinstance(part, dict | list)]
+        level = [
+            child for part in level for child in (part.values() if isinstance(part, dict) else part)
+        ]
+        if not level:
+            return
+    raise RecursionError

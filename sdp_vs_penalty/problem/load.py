@@ -68,7 +68,7 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     cones = tuple(map(CentreOfMassCone.from_dict, data.get("centre_of_mass_cone", ())))
     base = data.get("base_parameters", {}).get("independent")
     none = np.zeros((robot.links, 10))
-    stated = (low, high), cones, data.get("torque_side", "unknown")
+    stated = (low, high), cones, data.get("torque_side", Problem.torque_side)
     settings = Preprocessing(**data.get("preprocessing", {}))
     problem = replace(
         Problem(folder.name, data["title"], robot, box, none, *stated, settings),
@@ -90,8 +90,9 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
 def _within_masses(problem: Problem) -> Problem:
     """A nominal link outside of its mass bounds weighs their geometric mean, or the end that it has."""
     links, (low, high) = problem.nominal_links, problem.box[:, 0].T
-    new, both = np.clip(links[:, 0], low, high), (low > 0.0) & np.isfinite(high)
-    new[both] = np.where(new == links[:, 0], new, np.sqrt(low * np.where(both, high, 1.0)))[both]
+    new = np.clip(links[:, 0], low, high)
+    middle = (new != links[:, 0]) & (low > 0.0) & np.isfinite(high)
+    new[middle] = np.sqrt(low[middle] * high[middle])
     return replace(problem, nominal_links=links * (new / or_one(links[:, 0]))[:, None])
 
 
@@ -239,5 +240,4 @@ def _from_urdf(path: Path) -> Problem:
     bodies = link_bodies(robot, box[:, 1:4], given_links, link_geometry(path))
     nominal, sources = plausible_links(robot, given_links, bodies)
     title = f"{robot.name} from {path.name}"
-    known = Problem(robot.name, title, robot, box, nominal, bodies=bodies, nominal_from=sources)
-    return replace(known, torque_side="unknown")
+    return Problem(robot.name, title, robot, box, nominal, bodies=bodies, nominal_from=sources)

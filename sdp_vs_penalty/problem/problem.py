@@ -100,7 +100,7 @@ class Problem(Shown):
     nominal_links: Array
     total_mass: tuple[float, float] = (0.0, np.inf)
     cones: tuple[CentreOfMassCone, ...] = ()
-    torque_side: str = "link"
+    torque_side: str = "unknown"
     preprocessing: Preprocessing = field(default_factory=Preprocessing)
     independent: tuple[str, ...] | None = None
     folder: Path | None = None

@@ -27,7 +27,7 @@ from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.instruments import instrumented, instrumented_rows
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, rows_per_sample
 
 
@@ -125,7 +125,7 @@ class LeastSquares:
         diagonal of (R^T R)^-1, zero for what the data do not determine.
         """
         norms = self.column_norms
-        unit = np.where(norms > 0.0, norms, 1.0)
+        unit = or_one(norms)
         scaled = np.where(norms > 0.0, self.R, 0.0) / unit
         if not scaled.any():
             return np.zeros(len(norms))
@@ -237,7 +237,7 @@ class Regression:
 def nearest_least_squares(data: LeastSquares, reference: Array, scale: Array) -> Array:
     """argmin |R theta - rho|, among the minimisers the one nearest to reference (scaled)."""
     norms = data.column_norms
-    size = np.where(norms > 0.0, norms, 1.0)
+    size = or_one(norms)
     unit = np.where(norms > 0.0, 1.0 / size, scale)
     scaled = np.where(norms > 0.0, data.R * unit, 0.0)
     step = np.linalg.lstsq(scaled, data.rho - data.R @ reference, rcond=1e-9)[0]

@@ -13,7 +13,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.sdp_fit import essential, interior_point
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.certificate import lower_bound
@@ -119,7 +119,7 @@ class Instance:
         # Rounding decides the signs of R's rows and, where R lacks rank, what of the residual stands in
         # the floor. Not so: the columns' sizes and angles to rho, and the least loss of any theta.
         norms = data.column_norms
-        seen = np.where(norms > 0.0, norms, 1.0)
+        seen = or_one(norms)
         size = np.sqrt(data.tau_squared) or 1.0
         cosines = np.where(norms > 0.0, data.R.T @ data.rho / seen / size, 0.0)
         digest.update((np.round(cosines, 7) + 0.0).tobytes())

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from sdp_vs_penalty.errors import Infeasible, InputError
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.reference import Reference
@@ -218,12 +218,12 @@ def relative_violation(
         value = c.value(theta)
         if c.cone == "psd":
             diagonal = np.abs(np.diagonal(c.value(inside)))
-            scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+            scale = 1.0 / np.sqrt(or_one(diagonal))
             margin = float(np.linalg.eigvalsh(value * np.outer(scale, scale))[0])
         else:
             local = bound[c.indices].reshape(-1, 1)
             size = np.maximum(np.abs(c.coefficients * local).max(axis=0), np.abs(c.constant))
-            size = np.where(size > 0.0, size, 1.0)
+            size = or_one(size)
             if c.cone == "soc":
                 margin = float(value[0] - np.linalg.norm(value[1:])) / float(size.max())
             else:

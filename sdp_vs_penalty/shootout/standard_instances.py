@@ -139,7 +139,9 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
         moment = 0.4 * 2.0 * (0.4 * r) ** 2
         nominal.append([2.0, 0, 0, 0, moment, 0, moment, 0, 0, moment])
     links = inertia.standard_from_barycentric(nominal)
-    return Problem(robot.name, f"random serial chain of {n} links", robot, box, links)
+    return Problem(
+        robot.name, f"random serial chain of {n} links", robot, box, links, torque_side="link"
+    )
 
 
 def _seeds(seed: int, n: int, draw: int) -> list[int]:

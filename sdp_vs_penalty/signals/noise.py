@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import smooth_sign
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.autoregression import ORDER, Pieces, autoregression, innovations
 from sdp_vs_penalty.signals.outliers import RARE, local_excess, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import (
@@ -275,7 +275,7 @@ def _drift_columns(t: Array, gap: Array, dq: Array) -> Array:
         columns += [decay, decay * s, decay * dq]
     matrix = np.column_stack(columns)
     size = np.linalg.norm(matrix, axis=0)
-    return matrix / np.where(size > 0.0, size, 1.0)
+    return matrix / or_one(size)
 
 
 def spectral_floor(runs: SegmentedRuns) -> Array | None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.runs import Stretch
 
@@ -122,7 +122,7 @@ def lawless(left: Array, laws: Array, share: Array) -> tuple[float, bool]:
     if not moves.any() or not stands.any():
         return 0.0, False
     size = np.linalg.norm(laws, axis=0)
-    laws = laws / np.where(size > 0.0, size, 1.0)
+    laws = laws / or_one(size)
     rest = (left - laws @ np.linalg.lstsq(laws, left, rcond=1e-10)[0]) ** 2
     usual = float(rest[moves].mean())
     variance = max(float(rest[stands].mean()) - usual, 0.0)

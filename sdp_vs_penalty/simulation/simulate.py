@@ -19,7 +19,7 @@ from scipy import signal
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory
 
@@ -158,5 +158,5 @@ def simulate(
 
 
 def _quantise(values: Array, step: Array) -> Array:
-    unit = np.where(step > 0.0, step, 1.0)
+    unit = or_one(step)
     return np.where(step > 0.0, np.round(values / unit) * unit, values)

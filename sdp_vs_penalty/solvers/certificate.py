@@ -22,7 +22,7 @@ import numpy as np
 import scipy.linalg
 from scipy import sparse
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Alike, ConstraintSet, cone_depths, project, safe_depth
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.objective import Objective
@@ -169,7 +169,7 @@ def _sizes(group: Alike, bound: Array) -> Array:
     if group.cone != "psd":
         return np.ones_like(group.constant)
     size = np.diagonal(group.terms(bound), axis1=1, axis2=2)
-    t = np.where(size > 0.0, size, 1.0) ** -0.5
+    t = or_one(size) ** -0.5
     return np.asarray(t[:, :, None] * t[:, None])
 
 

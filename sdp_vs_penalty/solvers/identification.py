@@ -16,7 +16,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Alike, Constraint, alike
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec, unsvec
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
@@ -297,7 +297,7 @@ def _scaled(
         columns = svec(scale[:, None] @ group.coefficients @ turned[:, None]) * local[:, :, None]
         return scale, svec(scale @ middle @ turned), columns
     size = np.abs(group.coefficients * local[:, :, None]).max(axis=1) + np.abs(group.constant)
-    size = np.where(size > 0.0, size, 1.0)
+    size = or_one(size)
     if group.cone == "soc":
         size = np.repeat(size.max(axis=1, keepdims=True), size.shape[1], axis=1)
     scale = 1.0 / size
@@ -332,7 +332,7 @@ def _whitening(values: Array) -> Array:
 def _sizes(values: Array) -> Array:
     """(g, d) the scaling that brings diagonals to one; for matrices that need not be definite."""
     diagonal = np.abs(np.diagonal(values, axis1=1, axis2=2))
-    return np.asarray(1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
+    return np.asarray(1.0 / np.sqrt(or_one(diagonal)))
 
 
 def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.solvers.small_cones import ORDER, SmallCones
 
 #: Most steps: twice what the slowest of the shootout's instances needs.
@@ -86,7 +86,7 @@ class _Path:
         self.target = np.empty(self.both.shape[1])
         self.target_rows, self.target_mats = (view[0] for view in self._views(self.target[None]))
         self.weight = cones.weight[:, None, None]
-        self.logs = float(cones.weight @ np.log(np.where(cones.weight > 0.0, cones.weight, 1.0)))
+        self.logs = float(cones.weight @ np.log(or_one(cones.weight)))
         self.gram = 2.0 * (data.R.T @ data.R)
         self.products = np.empty(cones.curvature.shape[1])
         self.kronecker = self.products[cones.rows :].reshape(-1, *(ORDER,) * 4)

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import (
     Constraint,
     ConstraintSet,
@@ -68,7 +68,7 @@ def factor(matrices: Array) -> Array:
         out[used] = np.linalg.cholesky(matrices[used])  # near entry by entry, in any system of units
     except np.linalg.LinAlgError:
         size = np.sqrt(np.abs(np.diagonal(matrices, axis1=1, axis2=2)))
-        size = np.where(size > 0.0, size, 1.0)[:, :, None]
+        size = or_one(size)[:, :, None]
         eigenvalues, vectors = np.linalg.eigh(matrices / size / np.swapaxes(size, 1, 2))
         out = size * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None]
     return out

@@ -157,7 +157,9 @@ def test_bad_npz(arrays: dict[str, Any], words: list[str], tmp_path: Path) -> No
 
 def test_files_and_folders_that_are_not_there(tmp_path: Path) -> None:
     refusal(lambda: load_measurements(tmp_path / "nowhere.csv"), "nowhere.csv", "no such file")
-    refusal(lambda: load_measurements(tmp_path), "no runs in this folder")
+    (tmp_path / "folder.csv").mkdir()
+    for folder in (tmp_path / "folder.csv", tmp_path):
+        refusal(lambda folder=folder: load_measurements(folder), "no runs in this folder")  # type: ignore[misc]
     refusal(load_measurements, "name at least one RUN.csv")
 
 
@@ -296,6 +298,7 @@ PROBLEM_CASES = {
     "gravity is one": ("[0.0, 0.0, -9.81]", "-9.81", ["gravity is -9.81, not a list", "m/s^2"]),
     "a nested list": ("a = [0.0, 0.3]", "a = [[0.0], [0.3]]", ["a: entry 1 is [0.0], not a number"]),
     "torque side": ('title = "t"', 'title = "t"\ntorque_side = "left"', ["'left'", "link, motor"]),
+    "brackets": ('title = "t"', f"title = {'[' * 150}{']' * 150}", ["nested too deeply"]),
 }
 
 
@@ -413,12 +416,23 @@ def test_bad_model(case: str, model: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"{", b"[]", b"3", b"\xff\xfe", b"[" * 100_000, b'{"format": "x"}']
+    ("content", "words"),
+    [
+        (b"", []),
+        (b"{", []),
+        (b"[]", []),
+        (b"3", []),
+        (b"\xff\xfe", []),
+        (b"[" * 100_000, ["nested too deeply"]),
+        # Less than the parser's own limit, and more than what copies it may.
+        (b'{"format": ' + b"[" * 200 + b"]" * 200 + b"}", ["nested too deeply"]),
+        (b'{"format": "x"}', []),
+    ],
 )
-def test_files_that_are_no_models(content: bytes, tmp_path: Path) -> None:
+def test_files_that_are_no_models(content: bytes, words: list[str], tmp_path: Path) -> None:
     path = tmp_path / "model.json"
     path.write_bytes(content)
-    refusal(lambda: load_estimate(path), str(path))
+    refusal(lambda: load_estimate(path), str(path), *words)
 
 
 # --- archives and words ---------------------------------------------------------------------------

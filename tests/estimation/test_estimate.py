@@ -39,7 +39,7 @@ def random_problem(rng: np.random.Generator, n: int) -> Problem:
     box[:, 0, 0] = 0.01
     nominal = np.array([link_parameters(rng, 0.5, thickness=0.05) for _ in range(n)])
     robot = tree(rng, n, link_frames=bool(rng.integers(2)))
-    return Problem("random", "random", robot, box, nominal)
+    return Problem("random", "random", robot, box, nominal, torque_side="link")
 
 
 def noisy_run(problem: Problem, seed: int, seconds: float = 8.0, noise: float = 0.2) -> Measurements:

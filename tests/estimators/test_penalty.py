@@ -51,7 +51,7 @@ def random_problem(seed: int, n: int) -> tuple[Problem, Array]:
     box[:, 0, 0] = 0.01
     nominal = np.array([link_parameters(rng, r) for r in robot.link_reach()])
     links = np.array([link_parameters(rng, r) for r in robot.link_reach()])
-    return Problem("random", "random", robot, box, nominal), links
+    return Problem("random", "random", robot, box, nominal, torque_side="link"), links
 
 
 def task_named(name: str, request: pytest.FixtureRequest) -> Task:

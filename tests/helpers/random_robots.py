@@ -142,7 +142,7 @@ def bare(robot: Robot) -> Problem:
     box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.01
     nominal, sources = plausible_links(robot, np.zeros((robot.n, 10)))
-    return Problem(robot.name, "by hand", robot, box, nominal, nominal_from=sources)
+    return Problem(robot.name, "by hand", robot, box, nominal, torque_side="link", nominal_from=sources)
 
 
 def task_of(problem: Problem) -> Task:

@@ -167,7 +167,10 @@ def test_every_contestant_on_every_small_instance(name: str, problem: str) -> No
     # Whatever is claimed, our bounds hold: no answer is better than the proved optimum.
     assert verdict.upper >= verdict.lower * (1.0 - 1e-12)
     if name in ("lmi-sdp", "clarabel", "penalty", "csdp", "sdpa"):
-        assert verdict.kind == "right"
+        # Where the optimum is 0 no multipliers lie inside of the cones; whether SDPA then ends early,
+        # and says so, depends on the processor's BLAS (with two of seven kernels of OpenBLAS).
+        admits = name == "sdpa" and reference(made).upper < 1e-20 and answer.claims == "inaccurate"
+        assert verdict.kind == "right" or admits
 
 
 def test_the_forms_users_write_have_the_same_optimum(two_link: Instance) -> None:

@@ -28,9 +28,8 @@ def suffixes(ability: str = "read") -> tuple[str, ...]:
 
 def format_of(path: Path) -> ModuleType | None:
     """The format of a file or folder by its suffix or content; None where nothing claims it."""
-    suffix = path.suffix.lower()
+    suffix, folder = path.suffix.lower(), path.is_dir()
     for home in formats():
-        folder = path.is_dir()
-        if home.reads(path) if folder and hasattr(home, "reads") else suffix in home.SUFFIXES:
+        if hasattr(home, "reads") and home.reads(path) if folder else suffix in home.SUFFIXES:
             return home
     return None
