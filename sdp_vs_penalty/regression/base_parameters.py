@@ -44,7 +44,7 @@ def base_parameters(
 
 
 def _together(model: Model, effects: Sequence[str]) -> tuple[Array, NDArray[np.intp], list[int]]:
-    """The same of several effects: B (b, k), where in theta its k parameters are, and the b that lead."""
+    """The same of several effects: B (b, k), where its k parameters are in theta, and the leading b."""
     part = Model(model.robot, tuple(e for e in model.effects if e.name in effects))
     names = [p.name for p in model.parameters]
     places = np.array([names.index(p.name) for p in part.parameters])

@@ -145,7 +145,7 @@ def test_a_random_feasible_robot_round_trips(seed: int) -> None:
     box = np.full((n, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.01
     nominal = np.array([link_parameters(rng, 0.5, thickness=0.05) for _ in range(n)])
-    problem = Problem("random", "random", robot, box, nominal)
+    problem = Problem("random", "random", robot, box, nominal, torque_side="link")
     truth = np.concatenate([link_parameters(rng, 0.5) for _ in range(n)])
     theta = with_friction(problem, truth, 0.4)
     run = simulated(problem, theta, seed % 1000, seconds=12.0)
