@@ -145,12 +145,15 @@ def test_a_random_feasible_robot_round_trips(seed: int) -> None:
     box = np.full((n, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.01
     nominal = np.array([link_parameters(rng, 0.5, thickness=0.05) for _ in range(n)])
-    problem = Problem("random", "random", robot, box, nominal)
+    problem = Problem("random", "random", robot, box, nominal, torque_side="link")
     truth = np.concatenate([link_parameters(rng, 0.5) for _ in range(n)])
     theta = with_friction(problem, truth, 0.4)
     run = simulated(problem, theta, seed % 1000, seconds=12.0)
-    estimate = identify(problem, run)
-    assert relative_torque_error(problem, estimate.theta, theta) < 1e-5
+    estimate, free = identify(problem, run), identify(problem, run, "ols", check=False)
+    # Constraints that the truth obeys cost nothing beside what the filters leave of dry friction.
+    error, least = (relative_torque_error(problem, e.theta, theta) for e in (estimate, free))
+    assert error < max(1e-5, 1.01 * least)
+    assert least < 1e-3
     assert estimate.certificate.worst == 0.0
     assert estimate.certificate.positive_mass_matrices == 1.0
     assert np.all(np.linalg.eigvalsh(inertia.pseudo_inertia(estimate.links)) >= 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty import InputError, Problem
+from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.regression import LeastSquares, compress
-from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.regression.base_parameters import base_parameters, base_rows, random_motion
 from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.signals import Preprocessing, filtered_torque
 
@@ -132,6 +133,33 @@ def test_base_parameters_of_the_panda_are_the_papers_43(panda: Problem) -> None:
     matrix, kept = base_parameters(model, panda.independent)
     assert matrix.shape == (43, 70)
     assert [model.parameters[k].name for k in kept] == list(panda.independent or ())
+
+
+SCARA = """<robot name="scara"><link name="base"/><link name="a"/><link name="b"/><link name="c"/>
+<joint name="1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
+<limit lower="-2.9" upper="2.9" effort="200" velocity="8"/></joint>
+<joint name="2" type="revolute"><parent link="a"/><child link="b"/><origin xyz=".4 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-2.7" upper="2.7" effort="100" velocity="10"/></joint>
+<joint name="3" type="prismatic"><parent link="b"/><child link="c"/><origin xyz=".35 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-.1" upper=".3" effort="400" velocity="1.5"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("which", ["scara", "panda"])
+def test_base_parameters_of_a_whole_model_are_independent(which: str, tmp_path: Path) -> None:
+    """As many as random motion can tell apart: beside an upright slide's weight, its offset is none."""
+    (tmp_path / "scara.urdf").write_text(SCARA)
+    problem = load_problem(tmp_path / "scara.urdf" if which == "scara" else which)
+    model = problem.model("rigid_body,rotor_inertia,viscous_friction,torque_offset")
+    motion = random_motion(problem.robot, 1)
+    columns = np.zeros((len(motion.t), problem.robot.n, len(model.parameters)))
+    for j, block in enumerate(model.columns(motion)):
+        columns[:, j, block.indices] = block.columns
+    columns = columns.reshape(-1, columns.shape[2])
+    base, seen = base_rows(problem, model), np.linalg.norm(columns, axis=0)
+    rank = np.linalg.matrix_rank(columns[:, seen > 1e-9] / seen[seen > 1e-9], tol=1e-8)
+    assert len(base.rows) == rank == (4 + 2 + 3 + 3 if which == "scara" else 43 + 5 + 7 + 7)
+    # The torque follows from them: their leading columns make every other one.
+    np.testing.assert_allclose(columns[:, base.leading] @ base.rows, columns, atol=1e-8 * seen.max())
 
 
 def test_base_parameters_of_the_two_link_robot_are_the_papers_8(two_link: Problem) -> None:
