@@ -11,7 +11,8 @@ import pytest
 
 from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
 from sdp_vs_penalty.paper import figures, wrenches
-from sdp_vs_penalty.paper.figures import FIGURES, make_figures, two_link as drawn, save
+from sdp_vs_penalty.paper.figures import FIGURES, make_figures, save
+from sdp_vs_penalty.paper.figures import two_link as drawn
 from sdp_vs_penalty.paper.tables import study, table_v
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
 
