@@ -8,18 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run_cli
 from small_runs import write_run
 
 from sdp_vs_penalty import InputError, load_problem
-from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.files import alone, protecting, read_bytes, read_json, reading, write_text, writing
 from sdp_vs_penalty.files.inputs import opened
-
-
-def run(*arguments: str | Path) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
-    return int(ended.value.code or 0)
 
 
 @pytest.fixture
@@ -43,7 +37,7 @@ def test_an_input_is_never_replaced(log, how, tmp_path, monkeypatch, capsys):
     elif how == "hard link":
         out = tmp_path / "other.csv"
         os.link(log, out)
-    assert run("identify", "two_link", *data, "--out", out) == 2
+    assert run_cli("identify", "two_link", *data, "--out", out) == 2
     assert "also an input" in capsys.readouterr().err
     assert log.read_bytes() == before
 
@@ -58,7 +52,7 @@ def test_what_only_a_reader_opens_is_protected_too(log, tmp_path):
     )
     (folder / "bounds.csv").write_text("parameter,lower,upper\nm1,0.1,9\n")
     before = (folder / "bounds.csv").read_bytes()
-    assert run("identify", folder, "--data", log, "--out", folder / "bounds.csv", "--no-check") == 2
+    assert run_cli("identify", folder, "--data", log, "--out", folder / "bounds.csv", "--no-check") == 2
     assert (folder / "bounds.csv").read_bytes() == before
 
 
@@ -66,7 +60,9 @@ def test_a_word_longer_than_a_file_name_is_no_trouble(log, tmp_path, capsys):
     effects = ",".join(["rigid_body", "viscous_friction", "coulomb_friction", *["torque_offset:1"] * 20])
     assert len(effects) > 255
     assert (
-        run("identify", "two_link", "--data", log, "--effects", effects, "--out", tmp_path / "m.json")
+        run_cli(
+            "identify", "two_link", "--data", log, "--effects", effects, "--out", tmp_path / "m.json"
+        )
         == 2
     )
     assert "appears twice" in capsys.readouterr().err

@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer.main
+from commands import run_cli
 from small_runs import write_run
 
 import sdp_vs_penalty
 from sdp_vs_penalty import Problem, __version__, load_estimate
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.cli.main import app, expand_many, main
+from sdp_vs_penalty.cli.main import app, expand_many
 from sdp_vs_penalty.cli.verbs.list import listing
 from sdp_vs_penalty.effects import effect_types
 
@@ -33,11 +34,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
     """Run the command line in this process: (exit code, stdout, stderr)."""
 
     def call(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as stop:
-            main([str(a) for a in arguments])
-        out, err = capsys.readouterr()
-        assert isinstance(stop.value.code, int)
-        return stop.value.code, out, err
+        return run_cli(*arguments), *capsys.readouterr()
 
     return call
 
@@ -51,9 +48,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory, two_link: Problem) -> list[Pa
 @pytest.fixture(scope="module")
 def model(runs: list[Path]) -> Path:
     path = runs[0].parent / "model.json"
-    with pytest.raises(SystemExit) as stop:
-        main(["identify", "two_link", "--data", *map(str, runs), "--out", str(path)])
-    assert stop.value.code == 0
+    assert run_cli("identify", "two_link", "--data", *runs, "--out", path) == 0
     return path
 
 

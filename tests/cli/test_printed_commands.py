@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import HEAVY, SCARA, write_folder, write_urdf
+from commands import run_cli
 from small_runs import small_run, write_run
 
 from sdp_vs_penalty import InputError, Problem, diagnose, identify, load_estimate, load_problem
@@ -309,10 +310,9 @@ def test_what_cannot_be_chosen_is_said(
     (tmp_path / "findings.json").write_text(_json(twelve_found))
     (tmp_path / "old.json").write_text(_json(twelve_found).replace('"text"', '"txet"'))
     (tmp_path / "none.json").write_text(_json(replace(twelve_found, effects=())))
-    with pytest.raises(SystemExit) as stop:
-        main(["add", "model.json", *words.split(), "--data", "run.csv", "--out", "model2.json"])
+    code = run_cli("add", "model.json", *words.split(), "--data", "run.csv", "--out", "model2.json")
     err = capsys.readouterr().err
-    assert stop.value.code == 2, err
+    assert code == 2, err
     assert said in err
     assert err.count("\n") == 1
     assert not (tmp_path / "model2.json").exists()
