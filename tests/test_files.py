@@ -1,14 +1,12 @@
 """Outputs: whole or not at all, never over an input, whatever the name under which it is reached."""
 
 import os
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import run_cli
+from commands import PROGRAM, python, run_cli
 from small_runs import write_run
 
 from sdp_vs_penalty import InputError, load_problem
@@ -99,8 +97,7 @@ def test_a_device_stays_a_device(tmp_path):
 
 
 def test_standard_output_can_be_named(log):
-    command = [sys.executable, "-m", "sdp_vs_penalty", "convert", str(log), "--out", "/dev/stdout"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=log.parent)
+    done = python(*PROGRAM, "convert", log, "--out", "/dev/stdout", cwd=log.parent)
     assert done.returncode == 2  # the suffix is the format
     assert "suffix" in done.stderr
 
