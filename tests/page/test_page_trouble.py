@@ -46,20 +46,6 @@ def simulating(context: BrowserContext, server: Server, robot: str = "panda", pa
 
 
 @pytest.mark.slow
-def test_cancel_ends_the_work(context, server):
-    page = simulating(context, server)
-    page.wait_for_selector(".working .status:has-text('simulating')")
-    (worker,) = busy(server)
-    page.click(key("cancel"))
-    page.wait_for_selector(".notice[role=status] p:has-text('Cancelled: nothing was changed.')")
-    _, alive = psutil.wait_procs([worker], 5.0)
-    assert not alive
-    assert page.locator("table.runs").count() == 0
-    page.click(key("simulate"))  # and it goes on
-    page.wait_for_selector("table.runs")
-
-
-@pytest.mark.slow
 def test_a_closed_tab_leaves_nothing_running_and_is_found_again(context, server):
     page = open_page(context, server)
     address = page.url

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import THREE, write_urdf
 
 from sdp_vs_penalty import InputError, Measurements, load_problem
 from sdp_vs_penalty.estimators import Estimator, PenaltyPaper
@@ -114,15 +115,7 @@ def test_unknown_names_are_refused_before_anything_is_written(tmp_path):
 
 
 def test_any_urdf_has_tables_too(tmp_path, without_data):
-    urdf = tmp_path / "arm.urdf"
-    urdf.write_text(
-        """<robot name="arm"><link name="base"/><link name="a"/><link name="b"/>
-        <joint name="j1" type="revolute"><parent link="base"/><child link="a"/>
-          <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="9"/></joint>
-        <joint name="j2" type="revolute"><parent link="a"/><child link="b"/>
-          <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
-          <limit lower="-2" upper="2" velocity="1" effort="9"/></joint></robot>"""
-    )
+    urdf = write_urdf(tmp_path / "arm.urdf", "arm", THREE[1:])
     made = build_tables(None, SmallStudy(load_problem(urdf)))
     assert [table.name for table in made] == list(DEFAULT_TABLES)
     assert "the problem's nominal links" in made[0].caption
