@@ -15,9 +15,7 @@ from sdp_vs_penalty.estimators import Estimator, PenaltyPaper
 from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
 from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
-from sdp_vs_penalty.paper.tables.table import (
-    Table,
-)
+from sdp_vs_penalty.paper.tables.table import Table
 from sdp_vs_penalty.problem.published import barycentric_names
 from sdp_vs_penalty.regression import LeastSquares, triangular
 from sdp_vs_penalty.robot import inertia
