@@ -18,6 +18,7 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.reports.figure import Figure
 from sdp_vs_penalty.reports.pictures import LOOK as PICTURES
 from sdp_vs_penalty.reports.plots import styled
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Rows
 from sdp_vs_penalty.simulation.follow import Following
 
@@ -27,17 +28,18 @@ class Material:
     """Everything that the sections show, computed once.
 
     models : by name, in the order in which effects were added; the last one is looked at closely;
-    plants : the same without their drives, whose torque a log without torque is given; rows : of each
-    model the filtered rows of each run; failures : of the first model and of the last;
+    plant : that one without its drives, whose torque a log without torque is given; judged : of each
+    model the filtered rows of each run, and their modelled torque (M, n); failures : of the first model
+    and of the last;
     commands : that made this report; forward : the last model run forward, or the sentence why it
     cannot; diagnosis : of one of the models, where there is one.
     """
 
     models: Mapping[str, Estimate]
-    plants: Mapping[str, Estimate]
+    plant: Estimate
     measurements: Measurements
     comparisons: Sequence[Comparison]
-    rows: Mapping[str, list[Rows]]
+    judged: Mapping[str, Sequence[tuple[Rows, Array]]]
     failures: Mapping[str, Sequence[JointFailure]]
     checks: Sequence[Report]
     commands: Sequence[str]
@@ -132,14 +134,6 @@ def page(title: str, sections: Sequence[tuple[str, str, str]], script: str) -> s
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head>"
         f"<body><main><h1>{escape(title)}</h1><nav>{links}</nav>{bodies}</main>"
         # Last, so that text and tables are there before the script is unpacked and read.
-        f'<script type="application/gzip" id="plotly">{packed(_unwrapped(script))}</script>'
+        f'<script type="application/gzip" id="plotly">{packed(script)}</script>'
         f"<script>{_DRAW}</script></body></html>\n"
     )
-
-
-def _unwrapped(script: str) -> str:
-    """Plotly's script without the function around it, which a browser would read twice."""
-    head, begins, rest = script.partition("() => {\n")
-    body, ends, _ = rest.rpartition("return Plotly;")
-    known = begins and ends and body.startswith('"use strict";var Plotly=')
-    return f"{head[: head.find('*/') + 2]}\n{body}" if known else script
