@@ -140,7 +140,7 @@ def page(title: str, sections: Sequence[tuple[str, str, str]], script: str) -> s
 
 
 def _unwrapped(script: str) -> str:
-    """Plotly's script without the function around it, which a browser reads twice: 2.1 s of script, not 1.3."""
+    """Plotly's script without the function around it, which a browser reads twice: 2.1 s, not 1.3."""
     head, begins, rest = script.partition("() => {\n")
     body, ends, _ = rest.rpartition("return Plotly;")
     known = begins and ends and body.startswith('"use strict";var Plotly=')

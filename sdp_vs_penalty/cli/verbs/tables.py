@@ -32,9 +32,7 @@ def verb(
 
     if all_:
         if names or problem:
-            raise InputError(
-                "--all makes each table of its own problem", "leave out names and --problem"
-            )
+            raise InputError("--all makes every table", "leave out names and --problem")
         names = list(all_tables())
     with console.progress("tables") as progress:
         workers = Workers(jobs, scheduler)
