@@ -338,6 +338,13 @@ def test_an_error_of_our_own_is_no_traceback(run, runs, tmp_path, monkeypatch):
     assert_one_sentence(err, "ZeroDivisionError", "--debug")
 
 
+def test_without_docstrings_it_says_so() -> None:
+    command = [sys.executable, "-OO", *PROGRAM[1:], "check", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert_one_sentence(done.stderr, "-OO", "-O")
+
+
 @pytest.mark.skipif(os.name == "nt", reason="signals differ")
 def test_ctrl_c_leaves_the_old_file(runs, tmp_path):
     """SIGINT in the middle of an identification: exit 130 and the file as it was."""

@@ -24,7 +24,7 @@ from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.estimation import separation
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
-from sdp_vs_penalty.page.worker_pool import WorkerPool
+from sdp_vs_penalty.page.worker import WorkerPool
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.simulation import experiment, hidden_runs
 

@@ -35,11 +35,11 @@ from sdp_vs_penalty.page.charts import (
     missing_chart,
     torque_chart,
 )
-from sdp_vs_penalty.page.options import fields_of
+from sdp_vs_penalty.page.controls import fields_of
 from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
-from sdp_vs_penalty.page.worker_pool import JobProcess, WorkerPool
+from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
 from sdp_vs_penalty.reports.plots import (
     Curves,
     envelope,
@@ -423,7 +423,7 @@ def test_a_worker_that_the_system_ends_is_a_sentence(pool):
 
 def test_every_error_of_a_job_is_a_sentence(monkeypatch):
     def fails(error: Exception) -> dict[str, Any]:
-        def job(request: Any, progress: Any) -> dict[str, Any]:
+        def job(asked: Any) -> dict[str, Any]:
             raise error
 
         monkeypatch.setitem(jobs.JOBS, "fails", job)
@@ -714,7 +714,7 @@ def test_the_page_over_tls(tmp_path):
 
 
 def test_jobs_of_all_tabs_wait_for_each_other(sessions, monkeypatch):
-    monkeypatch.setattr("sdp_vs_penalty.page.worker_pool.AT_ONCE", 1)
+    monkeypatch.setattr("sdp_vs_penalty.page.worker.AT_ONCE", 1)
 
     async def story() -> tuple[str, Session]:
         first, second = sessions.new(), sessions.new()
