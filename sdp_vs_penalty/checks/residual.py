@@ -109,7 +109,8 @@ def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
     def two(first: NDArray[np.bool_]) -> Array:
         """(n,) what two arms leave of these parts and of the others."""
         logs = (parts[first].sum(axis=0), parts[~first].sum(axis=0))
-        return np.sum([Equations.of(x, k).fitted(scene.moving.astype(float))[1] for x in logs], axis=0)
+        left = [Equations.of_part(x, k).fitted(scene.moving * 1.0)[1][:, 0] for x in logs]
+        return np.asarray(left[0] + left[1])
 
     number = np.arange(len(parts))
     stripes, cuts = two(number % 2 == 0), number[3:-2]  # neither may be short

@@ -99,7 +99,7 @@ class Search:
         far = number.apart if number.value in number.snaps else number.reach
         values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
         here, *sides = self.scene.judged.scores([number.at(x) for x in values])
-        if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < 0.5 * c.SIGNIFICANT**2:
+        if 0.5 * self.samples * (min(s.score for s in sides) - here.score) < 0.5 * c.SIGNIFICANT**2:
             return False
         return abs(number.value) > number.tolerance + c.SIGMAS * self.deviation(number)
 
@@ -117,7 +117,7 @@ class Search:
             assert number is not None
             ends = number.value - number.reach, number.value + number.reach
             best = float(minimize_scalar(
-                lambda x, at=number.at: self.scene.tried.score(at(float(x))).misfit,
+                lambda x, at=number.at: self.scene.tried.score(at(float(x))).score,
                 bounds=ends, method="bounded", options={"xatol": 0.05 * number.tolerance, "maxiter": 14},
             ).x)  # fmt: skip
             near = [x for x in number.snaps if abs(x - best) < number.tolerance]
