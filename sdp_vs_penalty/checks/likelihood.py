@@ -66,8 +66,8 @@ class Equations:
         return cls.of(full[:, :-1, :-1], full[:, :-1, -1:], full[:, -1, -1:], k)
 
     def left_of(self, full: Array, theta: Array) -> Array:
-        """(n,) squared residuals that parameters (s,), with the own ones they go with, leave of rows with
-        such Gram matrices (n, w, w)."""
+        """(n,) squared residuals that parameters (s,), with the own ones they go with, leave of
+        rows with such Gram matrices (n, w, w)."""
         mine = self.own[..., :-1] @ theta - self.own[..., -1]
         shared = np.broadcast_to(np.append(theta, -1.0), (len(mine), len(theta) + 1))
         v = np.hstack([-mine, shared])
@@ -78,9 +78,9 @@ class Equations:
         gram = np.tensordot(weights.T, self.gram, 1)
         return solve(gram, np.einsum("jk,jsk->ks", weights, self.cross)[..., None])[..., 0]
 
-    def fitted(self, asked: Array) -> tuple[Array, Array]:
+    def fitted(self, asked: NDArray[np.bool_]) -> tuple[Array, Array]:
         """(K, s) parameters at the maximum of L, by reweighting each joint, and (n, K) squared residuals
-        there, at least FLOOR of the whole; asked (n,) 0 for joints that are not."""
+        there, at least FLOOR of the whole; asked (n,) : which joints move."""
         left = self.whole
         for _ in range(ROUNDS):
             theta = self.solved(asked[:, None] / left)
@@ -225,7 +225,7 @@ class Likelihood:
             y = np.stack([self.channels(repairs[i]) for i in places], axis=2)
             cross = np.concatenate([np.swapaxes(x, 1, 2) @ y for x in (rows.basis, rows.raw)], axis=1)
             fit = Equations.of(rows.gram, cross, np.sum(y**2, axis=1), rows.basis.shape[2])
-            theta, left = fit.fitted(self.data.moving * 1.0)
+            theta, left = fit.fitted(self.data.moving)
             for k, i in enumerate(places):
                 numbers = theta[k], left[:, k], fit.whole[:, k], fit.gram
                 out[i] = Score(self, rows, y[..., k], *numbers)
@@ -276,8 +276,8 @@ class Likelihood:
 
 @dataclass
 class Score:
-    """One arm fitted to one repaired log: channels (n, M), theta (s,), left and whole (n,) [(N m)^2], gram
-    (n, s, s) of the shared columns without what the own ones explain."""
+    """One arm fitted to one repaired log: channels (n, M), theta (s,), left and whole (n,) [(N m)^2],
+    gram (n, s, s) of the shared columns without what the own ones explain."""
 
     of: Likelihood
     rows: Rows
@@ -323,8 +323,9 @@ class Score:
         values = np.sum(states * (self.channels - self.rows.raw @ self.theta), axis=2)
         gradients = -np.einsum("ajm,jms->ajs", states, self.rows.raw)
         noise = self.left / samples * np.sum(states**2, axis=2)
+        turned = np.outer([1.0, 0.0], gradients[1].sum(axis=0))
         value = np.append(values[0], slopes @ self.theta + [values[1].sum(), 0.0])
-        gradient = np.vstack([gradients[0], slopes + [gradients[1].sum(axis=0), 0.0 * self.theta]])
+        gradient = np.vstack([gradients[0], slopes + turned])
         normal = np.tensordot(self.weights * samples, self.gram, 1)
         spread = np.append(noise[0], [noise[1].sum(), 0.0])
         spread += np.sum(gradient.T * solve(normal, gradient.T), axis=0)

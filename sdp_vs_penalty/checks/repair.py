@@ -111,6 +111,8 @@ class Repair:
 
     def apply(self, run: Measurements) -> Measurements:
         """The log repaired; gravity, weight and events are the model's matter and are left alone."""
+        if self.leaves_log:
+            return run
         t, q, tau = run.t, self.positions(run.q), run.tau[:, list(self.tau_order)]
         dq = None
         if run.dq is not None:

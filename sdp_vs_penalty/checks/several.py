@@ -13,9 +13,9 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import ODDS, SLOW_ODDS
-from sdp_vs_penalty.checks.content import Content
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations
 from sdp_vs_penalty.checks.repair import Repair
@@ -43,19 +43,21 @@ _WORDS = {
 }  # fmt: skip
 
 
-def compare(contents: Sequence[Content], names: Sequence[str]) -> Iterator[tuple[int, Issue]]:
-    """(run, issue) where a run's arm is not that of the others; none for a single run."""
-    scenes, repairs = [x.scene for x in contents if x.scene], [x.repair for x in contents]
-    if len(scenes) < 2:
+def compare(logs: Sequence[tuple[Scene, Repair, str]]) -> Iterator[tuple[int, Issue]]:
+    """(number, issue) where the arm of a log is not that of the others; none for a single one.
+
+    logs : rows, net repair and name of each."""
+    if len(logs) < 2:
         return
+    scenes, repairs, names = zip(*logs, strict=True)
     samples = float(np.mean([s.samples for s in scenes]))
     runs = [_equations(s, r) for s, r in zip(scenes, repairs, strict=True)]
-    asked = np.stack([s.moving * 1.0 for s in scenes])
+    asked = np.stack([s.moving for s in scenes])
     alone = np.stack([x.fitted(a)[1][:, 0] for x, a in zip(runs, asked, strict=True)])
     theta, one = _one_arm(runs, asked)
 
     def gain(left: Array) -> float:
-        return 0.5 * samples * float(np.log(one / left)[asked > 0.0].sum())
+        return 0.5 * samples * float(np.log(one / left)[asked].sum())
 
     apart, least = gain(alone), ODDS + SLOW_ODDS  # friction is never quite the same again
     if apart < least:
@@ -89,17 +91,21 @@ def compare(contents: Sequence[Content], names: Sequence[str]) -> Iterator[tuple
 
 def _changes(scene: Scene, repair: Repair, theta: Array) -> Iterator[tuple[str, int, Array]]:
     """Kind, joint and columns (n, M, r) of what may be different in a run, beside an arm's torque."""
-    torque = scene.judged.raw(repair) @ theta
+    torque = scene.likelihood.raw(repair) @ theta
     for j in scene.joints:
         yield "torque gain", j, (torque * np.eye(scene.n)[j][:, None])[:, :, None]
         if j in scene.revolute:
             at = partial(repair.with_entries, "zero", (j,))
-            yield "encoder offset", j, -scene.judged.slope(at, repair.zero[j], 0.01, theta)[:, :, None]
-    yield "another load", scene.n - 1, scene.judged.last_link(repair)
+            yield (
+                "encoder offset",
+                j,
+                -scene.likelihood.slope(at, repair.zero[j], 0.01, theta)[:, :, None],
+            )
+    yield "another load", scene.n - 1, scene.likelihood.last_link(repair)
 
 
 def _equations(scene: Scene, repair: Repair, more: Array | None = None) -> Equations:
-    parts, k = scene.judged.parts(repair, 1, more)
+    parts, k = scene.likelihood.parts(repair, 1, more)
     return Equations.of_part(parts[0], k)
 
 
@@ -109,9 +115,9 @@ def _widened(run: Equations, count: int) -> Equations:
     return replace(run, gram=gram, cross=np.pad(run.cross, ((0, 0), (0, count), (0, 0))))
 
 
-def _one_arm(runs: Sequence[Equations], asked: Array) -> tuple[Array, Array]:
+def _one_arm(runs: Sequence[Equations], asked: NDArray[np.bool_]) -> tuple[Array, Array]:
     """(s,) one arm of all runs, whose joints stand side by side; (runs, n) what it leaves of each."""
     names = ("gram", "cross", "energy", "whole")
-    both = (np.concatenate([getattr(r, name) for r in runs]) for name in names)
-    theta, left = Equations(*both, runs[0].own).fitted(asked.ravel())
+    both = {name: np.concatenate([getattr(r, name) for r in runs]) for name in names}
+    theta, left = replace(runs[0], **both).fitted(asked.ravel())
     return theta[0], left.reshape(asked.shape)
