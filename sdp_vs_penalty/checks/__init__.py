@@ -213,10 +213,9 @@ def _channels(
     if not glance.moving.any():
         return list(channel_rules.idle(glance)), None
     settings = settings.resolve(run)
-    glance = replace(glance, settings=settings)
     told = [
         *channel_rules.idle(glance),
-        *channel_rules.quantised(glance),
+        *channel_rules.quantised(glance, settings),
         *channel_rules.sample_rate(glance),
     ]
     if not run.torque_logged:  # rows, clock and positions are all there is

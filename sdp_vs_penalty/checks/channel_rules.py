@@ -11,7 +11,7 @@ from sdp_vs_penalty.checks.glance import Glance, constant_parts, lattice_step
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.data.plausibility import beside_range
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import low_passed
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, low_passed
 from sdp_vs_penalty.signals.runs import spans
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
@@ -104,11 +104,11 @@ def clipped(g: Glance) -> Iterator[Issue]:
             )  # fmt: skip
 
 
-def quantised(g: Glance) -> Iterator[Issue]:
+def quantised(g: Glance, settings: Preprocessing) -> Iterator[Issue]:
     """Noise from rounding, in the band that identification uses, beside the signal itself."""
-    assert g.settings.state_cutoff is not None
-    cutoff, run, robot = g.settings.state_cutoff, g.run, g.robot
-    motion, tau = low_passed(run, g.settings, 500)
+    assert settings.state_cutoff is not None
+    cutoff, robot = settings.state_cutoff, g.robot
+    motion, tau = low_passed(g.run, settings, 500)
     # A second derivative weighs the power of rounding errors with (2 pi f)^4.
     twice = (2.0 * np.pi * cutoff) ** 2 / np.sqrt(5.0)
     signals = {

@@ -12,9 +12,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import LONG, RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
-from sdp_vs_penalty.checks.glance import Glance, constant_parts, evened, lattice_step, with_steps
+from sdp_vs_penalty.checks.glance import Glance, constant_parts, lattice_step, with_steps
 from sdp_vs_penalty.checks.issue import Issue, joints_text, rows_text
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.runs import spans
@@ -66,8 +66,10 @@ def _deleted(
 
 
 def missing(g: Glance) -> Iterator[Issue]:
+    parts = {"t": g.run.t[:, None], **g.run.groups}.items()  # nan compares false
+    finite = np.all([np.all(np.abs(x) <= LARGEST_VALUE[k], axis=1) for k, x in parts], axis=0)
     what = "{rows} rows with values that are not finite numbers, or that no robot measures."
-    yield from _deleted(g, {"": ~g.finite}, "missing numbers", what, remedy="delete those rows")
+    yield from _deleted(g, {"": ~finite}, "missing numbers", what, remedy="delete those rows")
 
 
 def time_unit(g: Glance) -> Iterator[Issue]:
@@ -142,6 +144,13 @@ def uneven(g: Glance) -> Iterator[Issue]:
         for s in (share, 0.5)
     )
     ratio = float(np.median(rough_time / np.maximum(rough_rows, 1e-300)))
+
+    def evened(r: Measurements) -> Measurements:
+        t = r.t.copy()
+        for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(t) > pause) + 1):
+            t[part] = np.linspace(t[part[0]], t[part[-1]], len(part))
+        return replace(r, t=t)
+
     if ratio >= TIMES:
         yield Issue(
             "jittered time stamps", "error" if spread > 1.0 else "warning", "column t",
@@ -150,7 +159,7 @@ def uneven(g: Glance) -> Iterator[Issue]:
             "time stamps are not.",
             "likely: if the sampling itself jittered, q would be smoother over the recorded times",
             "space the time stamps evenly (and log the samples' own time)",
-            lambda r: evened(r, pause), {"percent": 100.0 * spread, "ratio": ratio},
+            evened, {"percent": 100.0 * spread, "ratio": ratio},
         )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 
@@ -19,10 +19,8 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 _QUARTER = 0.5 * np.pi
-#: True time over the file's that is tried; those of doubled and halved rates come first.
-_RATES, _ROUND = (0.5, 0.75, 1.4, 2.0), (0.5, 2.0)
-#: All sets of signs are tried of arms with at most so many joints; of larger ones joint by joint.
-_MANY = 8
+#: True time over the file's that is tried.
+_RATES = (0.5, 0.75, 1.4, 2.0)
 #: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
 _EARTH = max(map(abs, STANDARD_GRAVITY))
 
@@ -76,7 +74,7 @@ class Clock(Transformation):
             f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
             "torques does not fit the weight.",
             f"multiply t by {factor:.3g} (find out the log's true rate)", c.ODDS,
-            Number.factor(factor, lambda x: replace(repair, rate=x), c.CALIBRATED_GAIN, 0.4, _ROUND),
+            Number.factor(factor, lambda x: replace(repair, rate=x), c.CALIBRATED_GAIN, 0.4, _RATES),
             place="column t", figures={"factor": factor},
         )  # fmt: skip
 
@@ -85,10 +83,8 @@ class Sign(Transformation):
     """Joints and torques that count the other way: the torque's sign, the position's, or both."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        n = scene.n
-        sets = product((False, True), repeat=n) if n <= _MANY else [*np.eye(n, dtype=bool), (True,) * n]
-        for turned in sets:
-            yield now.times("gain", np.flatnonzero(turned).tolist(), -1.0)
+        for turned in (range(scene.n), *((j,) for j in range(scene.n))):
+            yield now.times("gain", turned, -1.0)
         for j in scene.joints:
             yield now.times("scale", (j,), -1.0)
             yield now.times("scale", (j,), -1.0).times("gain", (j,), -1.0)
