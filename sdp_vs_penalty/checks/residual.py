@@ -146,25 +146,35 @@ def size(scene: Scene, repair: Repair) -> Iterator[Issue]:
     needed = float(np.linalg.norm(heard * fits.nominal(repair, still=False)))
     ratio = max(float(np.linalg.norm(channels)), 1e-300) / max(needed, 1e-300)  # of 1e-300 squares are 0
     effort = np.array([j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints])
-    over = np.nan
-    if np.isfinite(effort).any():
-        over = float(np.nanmax(np.abs(channels).max(axis=0) / effort))
+    each = np.abs(channels).max(axis=0) / effort
+    over = float(np.nanmax(each)) if np.isfinite(effort).any() else np.nan
     masses, (low, high) = float(problem.nominal_links[:, 0].sum()), problem.total_mass
     known, weighs = masses > 0.0 and not np.all(problem.guessed_links), f"{low:g} to {high:g}"
     if not np.isfinite(high):
         low, high, weighs = 0.5 * masses, 2.0 * masses, f"{masses:.3g}"
+    odd = np.flatnonzero(each > c.EFFORT[1])
+    by_size = "likely: judged by size alone"
+    convert = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
+    if known and 0 < len(odd) <= 0.3 * scene.n:
+        for j in odd.tolist():
+            yield Issue(
+                "torque unit", "error", joints_text([j]),
+                f"the torque of joint {j + 1} is too large, {each[j]:.3g} times what the joint is made "
+                "for: its unit is not that of the others.", by_size, convert, None,
+                {"joints": [j + 1], "times_effort_limit": float(each[j])},
+            )  # fmt: skip
+        return
     # Least and largest ratio of measured to nominal torque.
     least, most = 1e-2, 1.0
     if known:
         least, most = max(low, 0.1 * high) / masses / c.EFFORT[1], high / masses * c.EFFORT[1]
     large, small, far = known and ratio > most, known and ratio < least, over > c.EFFORT[1]
     times = f"{ratio:.3g} times what" if large else f"{1.0 / ratio:.3g} times less than"
-    told, convert = (
+    told, right = (
         f"{times} an arm of {weighs} kg needs",
-        "if the torques are right, correct the problem's masses",
+        "if they are right, correct the problem's masses",
     )
     figures = {"times_effort_limit": over, "times_nominal": ratio if known else None}
-    by_size = "likely: judged by size alone"
     if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
         yield Issue(
             "masses of the problem", "error", "the problem",
@@ -177,12 +187,9 @@ def size(scene: Scene, repair: Repair) -> Iterator[Issue]:
         factor = next((u for u in UNITS if far and u < 0.1 and least <= measured * u <= most), None)
         told = f"{over:.3g} times what the joints are made for" if far else told
         how = f"they are in {UNITS[factor]}" if factor else "their unit is not N m"
-        remedy = (
-            f"convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001; {convert}"
-        )
         yield Issue(
             "torque unit", "error", "all torque channels", f"the torques are too large, {told}: {how}.",
-            by_size, f"multiply by {factor:g}" if factor else remedy,
+            by_size, f"multiply by {factor:g}" if factor else f"{convert}; {right}",
             None if factor is None else lambda r: replace(r, tau=r.tau * factor), figures,
         )  # fmt: skip
     elif small:
@@ -190,7 +197,7 @@ def size(scene: Scene, repair: Repair) -> Iterator[Issue]:
             "torque channel kind", "warning", "all torque channels",
             f"the torques are {told}: they are motor currents, or torques on the motor side of the "
             "gear. A model of them is unscaled: its ratios are right, its kilograms are not.", by_size,
-            f"multiply each channel by its drive gain (N m per A, gear ratio included); {convert}",
+            f"multiply each channel by its drive gain (N m per A, gear ratio included); {right}",
             None, figures,
         )  # fmt: skip
 

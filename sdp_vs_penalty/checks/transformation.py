@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import ODD_NUMBER, ODDS
+from sdp_vs_penalty.checks.constants import CONTRADICTS, ODD_NUMBER, ODDS
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score, independent_samples
 from sdp_vs_penalty.checks.repair import Repair
@@ -126,6 +126,10 @@ class Scene:
     def samples(self) -> float:
         """Independent samples of the rows."""
         return independent_samples(self.likelihood.score(self.none).residual, self.moving)
+
+    def poor(self, score: Score) -> NDArray[np.bool_]:
+        """(n,) joints of whose torque so much is unexplained that their motion may be another one."""
+        return np.asarray(self.moving & (score.shares > CONTRADICTS[1]))
 
     def reach(self, repair: Repair) -> Array:
         """(n,) largest position of each joint, whatever its sign."""

@@ -85,7 +85,7 @@ class Sign(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         for turned in (range(scene.n), *((j,) for j in range(scene.n))):
             yield now.times("gain", turned, -1.0)
-        for j in scene.joints:
+        for j in np.flatnonzero(scene.poor(score)).tolist():
             yield now.times("scale", (j,), -1.0)
             yield now.times("scale", (j,), -1.0).times("gain", (j,), -1.0)
 
@@ -113,9 +113,12 @@ class Exchange(Transformation):
     """Channels of other joints: positions, torques, or both exchanged."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+        poor = scene.poor(score)
         for a, b in combinations(scene.joints, 2):
-            for names in (("tau_order",), ("order",), ("order", "tau_order")):
-                yield now.with_swap(a, b, *names)
+            yield now.with_swap(a, b, "tau_order")
+            if poor[a] or poor[b]:
+                yield now.with_swap(a, b, "order")
+                yield now.with_swap(a, b, "order", "tau_order")
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         none, p, s = tuple(range(scene.n)), repair.order, repair.tau_order
@@ -147,7 +150,9 @@ class Zero(Transformation):
             at, unit = partial(_at, scene, now, j), _unit(scene, j)
             step, _ = scene.likelihood.change(at, now.zero[j], 0.01 * unit)
             steps = [float(np.clip(step, -0.7 * unit, 0.7 * unit))]
-            steps += [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute else []
+            steps += (
+                [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and scene.poor(score).any() else []
+            )
             yield from (at(now.zero[j] + x) for x in steps if x)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
