@@ -61,6 +61,12 @@ class RegressionData:
     def count(self) -> int:
         return len(self.motion.t)
 
+    def few(self, step: int = 3) -> RegressionData:
+        """The same at every so many instants."""
+        m = self.motion
+        motion = Motion(m.t[::step], m.q[::step], m.dq[::step], m.ddq[::step])
+        return replace(self, motion=motion, own=self.own[:, ::step], heard=self.heard[::step])
+
     @classmethod
     def of(
         cls, problem: Problem, run: Measurements, settings: Preprocessing, rows: int = ROWS

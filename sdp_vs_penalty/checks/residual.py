@@ -226,7 +226,7 @@ def hidden_errors(scene: Scene, repair: Repair) -> Iterator[Issue]:
     zeros = {}
     for j in scene.revolute:
         at = partial(repair.with_entries, "zero", (j,))
-        zeros[j + 1] = 3.0 * scene.likelihood.change(at, repair.zero[j], 0.3 * c.CALIBRATED)[1]
+        zeros[j + 1] = 3.0 * scene.screen.change(at, repair.zero[j], 0.3 * c.CALIBRATED)[1]
     hidden = [
         f"joint {j}{'' if not x < np.pi else f' below {np.degrees(x):.2g} degrees'}"
         for j, x in zeros.items()

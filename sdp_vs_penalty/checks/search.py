@@ -53,11 +53,11 @@ class Search:
 
     def proposals(self, now: Repair) -> list[Repair]:
         """One more thing, the best first; those that only physics can tell are always looked at."""
-        score = self.scene.likelihood.score(now)
+        score, screen = self.scene.likelihood.score(now), self.scene.screen
         made = (t.proposals(self.scene, now, score) for t in TRANSFORMATIONS)
         asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
-        scores = self.scene.likelihood.scores(asked)
-        level = self.likelihood(score, now)
+        scores = screen.scores(asked)
+        level = self.likelihood(screen.score(now), now)
         # Costs are positive: most need not be asked for.
         far = level - c.LOUDEST
         near = [i for i, s in enumerate(scores) if -0.5 * self.samples * s.score > far]

@@ -97,6 +97,11 @@ class Scene:
     problem: Problem
     likelihood: Likelihood
 
+    @cached_property
+    def screen(self) -> Likelihood:
+        """Of fewer rows: enough to see which hypotheses are worth a closer look."""
+        return Likelihood(self.likelihood.data.few())
+
     @property
     def n(self) -> int:
         """How many joints."""

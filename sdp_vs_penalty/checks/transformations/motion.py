@@ -148,7 +148,7 @@ class Zero(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         for j in scene.joints:
             at, unit = partial(_at, scene, now, j), _unit(scene, j)
-            step, _ = scene.likelihood.change(at, now.zero[j], 0.01 * unit)
+            step, _ = scene.screen.change(at, now.zero[j], 0.01 * unit)
             steps = [float(np.clip(step, -0.7 * unit, 0.7 * unit))]
             steps += (
                 [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and scene.poor(score).any() else []
@@ -194,7 +194,7 @@ class Mounting(Transformation):
         if known:
             turned = given
             for across in np.linalg.svd(given[None, :])[2][1:]:
-                step, _ = scene.likelihood.change(_turned(now, given, given + size * across), 0.0, 0.02)
+                step, _ = scene.screen.change(_turned(now, given, given + size * across), 0.0, 0.02)
                 turned = turned + size * np.clip(step, -0.5, 0.5) * across
             yield replace(now, gravity=_vector(size * turned / np.linalg.norm(turned)))
 
