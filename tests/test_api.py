@@ -1,7 +1,5 @@
 """The front door: every verb takes what users have, shows itself in five lines, names what was given."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable
@@ -65,7 +63,7 @@ def forms(path: Path) -> dict[str, Any]:
     }
 
 
-def test_measurements_are_checked_first_unless_told_otherwise(two_link: Problem) -> None:
+def test_measurements_are_checked_first_unless_told_otherwise(two_link):
     """As the command line does: errors refuse, warnings warn, and consent is remembered."""
     run = small_run(two_link)
     dead = {"t": run.t, "q": run.q, "tau": np.where([True, False], run.tau, 0.25)}
@@ -81,7 +79,7 @@ def test_measurements_are_checked_first_unless_told_otherwise(two_link: Problem)
         identify(two_link, gapped, "ols")
 
 
-def test_the_import_is_lazy_and_lists_its_names() -> None:
+def test_the_import_is_lazy_and_lists_its_names():
     code = (
         "import sys, sdp_vs_penalty as s\n"
         "assert set(s.__all__) <= set(dir(s)), dir(s)\n"
@@ -92,10 +90,10 @@ def test_the_import_is_lazy_and_lists_its_names() -> None:
     for name in sdp_vs_penalty.__all__:
         assert getattr(sdp_vs_penalty, name) is not None
     with pytest.raises(AttributeError, match="nothing_of_this_name"):
-        _ = sdp_vs_penalty.nothing_of_this_name  # type: ignore[attr-defined]
+        _ = sdp_vs_penalty.nothing_of_this_name
 
 
-def test_verbs_are_not_hidden_by_the_folders_of_their_names() -> None:
+def test_verbs_are_not_hidden_by_the_folders_of_their_names():
     code = (
         "import sdp_vs_penalty as s\n"
         "import sdp_vs_penalty.checks.rules, sdp_vs_penalty.reports.section\n"
@@ -106,7 +104,7 @@ def test_verbs_are_not_hidden_by_the_folders_of_their_names() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_effect_classes_are_at_hand(two_link: Problem) -> None:
+def test_effect_classes_are_at_hand(two_link):
     for kind in effect_types().values():
         assert getattr(effects, kind.__name__) is kind
         assert kind.__name__ in dir(effects)
@@ -118,7 +116,7 @@ def test_effect_classes_are_at_hand(two_link: Problem) -> None:
     "form",
     ["path", "text", "measurements", "arrays", "lists", "columns", "frame", "csv as pandas reads it"],
 )
-def test_identify_and_compare_take_one_run_in_any_form(form: str, files: list[Path]) -> None:
+def test_identify_and_compare_take_one_run_in_any_form(form, files):
     expected = identify(load_problem("two_link"), load_measurements(files[0]))
     given = forms(files[0])[form]
     found = identify("two_link", given)
@@ -130,7 +128,7 @@ def test_identify_and_compare_take_one_run_in_any_form(form: str, files: list[Pa
     assert np.array_equal(one.rmse, other.rmse)
 
 
-def test_lists_mix_forms_and_keep_runs_apart(files: list[Path], estimate: Estimate) -> None:
+def test_lists_mix_forms_and_keep_runs_apart(files, estimate):
     mixed = [files[0], forms(files[1])["frame"]]
     found = identify("two_link", mixed)
     assert np.array_equal(found.theta, estimate.theta)
@@ -139,7 +137,7 @@ def test_lists_mix_forms_and_keep_runs_apart(files: list[Path], estimate: Estima
         identify("two_link", [files[0], forms(files[0])["arrays"]])
 
 
-def test_models_are_estimates_or_files(files: list[Path], estimate: Estimate, tmp_path: Path) -> None:
+def test_models_are_estimates_or_files(files, estimate, tmp_path):
     path = tmp_path / "model.json"
     estimate.save(path)
     rmse = compare(estimate, files[0])[0].rmse
@@ -160,7 +158,7 @@ def test_models_are_estimates_or_files(files: list[Path], estimate: Estimate, tm
     assert (tmp_path / "robot.json").exists()
 
 
-def test_the_story_in_names_and_paths(tmp_path: Path) -> None:
+def test_the_story_in_names_and_paths(tmp_path):
     """simulate, check, identify, diagnose, add, compare, report: strings all the way."""
     made = simulate("two_link", "joint_spring:2", seed=7)
     made.save(tmp_path)
@@ -180,7 +178,7 @@ def test_the_story_in_names_and_paths(tmp_path: Path) -> None:
         report(estimate, test, tmp_path / "report.pdf")
 
 
-def test_convert_and_excite_write_what_they_return(files: list[Path], tmp_path: Path) -> None:
+def test_convert_and_excite_write_what_they_return(files, tmp_path):
     run = convert(files[0], tmp_path / "run.npz")
     assert load_measurements(tmp_path / "run.npz").data_hash == run.data_hash
     found = excite("two_link", iterations=1, duration=5.0)
@@ -190,7 +188,7 @@ def test_convert_and_excite_write_what_they_return(files: list[Path], tmp_path: 
     assert table["t"].iloc[-1] == 5.0
 
 
-def test_predict_is_the_models_torque(estimate: Estimate, two_link: Problem) -> None:
+def test_predict_is_the_models_torque(estimate, two_link):
     run = small_run(two_link)
     rng = np.random.default_rng(0)
     dq, ddq = rng.normal(size=(2, *run.q.shape))
@@ -243,7 +241,7 @@ def bad_calls(estimate: Estimate) -> list[tuple[Callable[[], object], str]]:
 
 
 @pytest.mark.parametrize("k", range(17))
-def test_errors_name_what_was_given(k: int, estimate: Estimate) -> None:
+def test_errors_name_what_was_given(k, estimate):
     call, words = bad_calls(estimate)[k]
     with pytest.raises(InputError, match=words) as caught:
         call()
@@ -251,9 +249,7 @@ def test_errors_name_what_was_given(k: int, estimate: Estimate) -> None:
     assert str(caught.value).endswith(".")
 
 
-def test_everything_shows_itself_in_five_lines(
-    estimate: Estimate, files: list[Path], two_link: Problem, panda: Problem
-) -> None:
+def test_everything_shows_itself_in_five_lines(estimate, files, two_link, panda):
     comparisons = compare([estimate, estimate, estimate, estimate, estimate], files[0])
     diagnosis = diagnose(estimate, files)
     things = {
@@ -278,7 +274,7 @@ def test_everything_shows_itself_in_five_lines(
     assert "&lt;b&gt;" in compare({"<b>": estimate}, files[0])._repr_html_()
 
 
-def test_pictures_are_drawn(estimate: Estimate, files: list[Path]) -> None:
+def test_pictures_are_drawn(estimate, files):
     plt = pytest.importorskip("matplotlib.pyplot")
     plt.switch_backend("agg")
     comparisons = compare({"a": estimate, "b": estimate}, files[1])
@@ -300,15 +296,13 @@ def test_pictures_are_drawn(estimate: Estimate, files: list[Path]) -> None:
     plt.close("all")
 
 
-def test_without_matplotlib_a_sentence(
-    estimate: Estimate, files: list[Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_matplotlib_a_sentence(estimate, files, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     with pytest.raises(InputError, match=r"Plots need the extra \[plot\]"):
         compare(estimate, files[0]).plot()
 
 
-def test_what_follows_the_clock_is_predicted_at_a_time(files: list[Path]) -> None:
+def test_what_follows_the_clock_is_predicted_at_a_time(files):
     found = identify("two_link", files[0], "ols", effects="rigid_body,drift_offset")
     rest = np.zeros((3, 2))
     with pytest.raises(InputError, match="drift_offset depends on time: pass t"):
@@ -316,15 +310,15 @@ def test_what_follows_the_clock_is_predicted_at_a_time(files: list[Path]) -> Non
     assert found.predict(rest, rest, rest, t=np.arange(3.0)).shape == (3, 2)
 
 
-def test_a_misspelt_keyword_is_named_and_signatures_hold_no_addresses() -> None:
+def test_a_misspelt_keyword_is_named_and_signatures_hold_no_addresses():
     import inspect
 
     import sdp_vs_penalty
 
     with pytest.raises(TypeError, match=r"has no argument 'efects': did you mean 'effects'"):
-        sdp_vs_penalty.identify("two_link", [], efects="rigid_body")  # type: ignore[call-arg]
+        sdp_vs_penalty.identify("two_link", [], efects="rigid_body")
     with pytest.raises(TypeError, match=r"add\(\) has no argument 'zzz': it has estimate"):
-        sdp_vs_penalty.add("m.json", "rotor_inertia", [], zzz=1)  # type: ignore[call-arg]
+        sdp_vs_penalty.add("m.json", "rotor_inertia", [], zzz=1)
     for name in sdp_vs_penalty.__all__:
         verb = getattr(sdp_vs_penalty, name)
         if inspect.isfunction(verb):

@@ -1,7 +1,5 @@
 """The documentation works: its commands run in order, its notebook runs, its links lead somewhere."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
@@ -17,7 +15,7 @@ from printed_pages import check_printed
 from small_runs import small_run, write_run
 
 import sdp_vs_penalty
-from sdp_vs_penalty import Problem, load_problem
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.cli.main import app, expand_many, main
 from sdp_vs_penalty.data import DATASETS, save
 from sdp_vs_penalty.simulation import experiment
@@ -52,25 +50,23 @@ def sentences(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", ["../README.md", *(p.name for p in PAGES)])
-def test_no_sentence_is_longer_than_35_words(page: str) -> None:
+def test_no_sentence_is_longer_than_35_words(page):
     said = sentences((DOCS / page).read_text(encoding="utf-8"))
     long = [one for one in said if len(one.split()) > 35]
     assert not long, "\n".join(long)
 
 
-def test_the_documentation_is_short() -> None:
+def test_the_documentation_is_short():
     assert sum(len(p.read_text(encoding="utf-8").split()) for p in PAGES) <= 25_000
 
 
-def test_every_verb_is_shown() -> None:
-    verbs = set(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+def test_every_verb_is_shown():
+    verbs = set(typer.main.get_command(app).commands)
     left = verbs - {shlex.split(line)[1] for line in commands("commands.md")}
     assert not left, f"no command of docs/commands.md shows {left}"
 
 
-def test_every_command_runs_in_order(
-    tmp_path: Path, panda: Problem, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_command_runs_in_order(tmp_path, panda, monkeypatch, capsys):
     for seed, name in enumerate(("run1.csv", "run2.csv", "test.csv")):
         write_run(tmp_path / name, panda, seed=seed)
     shutil.copy(DOCS / "my_arm.urdf", tmp_path)
@@ -106,24 +102,24 @@ def cached_panda(data_folder: Path, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("page", [path.name for path in PAGES])
-def test_every_command_parses_and_every_link_leads_somewhere(page: str) -> None:
+def test_every_command_parses_and_every_link_leads_somewhere(page):
     for line in commands(page):
         _, verb, *words = expand_many(shlex.split(line))
-        typer.main.get_command(app).commands[verb].make_context(verb, list(words))  # type: ignore[attr-defined]
+        typer.main.get_command(app).commands[verb].make_context(verb, list(words))
     text = (DOCS / page).read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)\)", text):
         assert (DOCS / target).resolve().is_file(), f"{page}: {target}"
     assert max(map(len, re.sub(r"```.*?```|<!--.*?-->", "", text, flags=re.DOTALL).splitlines())) <= 125
 
 
-def test_every_page_is_in_the_index_and_the_index_in_the_readme() -> None:
+def test_every_page_is_in_the_index_and_the_index_in_the_readme():
     index = (DOCS / "README.md").read_text(encoding="utf-8")
     for path in [*PAGES, *DOCS.glob("*.ipynb")]:
         assert path.name == "README.md" or f"({path.name})" in index
     assert "(docs/README.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_every_public_name_is_in_the_reference() -> None:
+def test_every_public_name_is_in_the_reference():
     reference = (DOCS / "api.md").read_text(encoding="utf-8")
     public = {name: getattr(sdp_vs_penalty, name) for name in sdp_vs_penalty.__all__}
     lines = [f"::: {x.__module__}.{name}" for name, x in public.items() if callable(x)]
@@ -131,9 +127,7 @@ def test_every_public_name_is_in_the_reference() -> None:
     assert not left, f"docs/api.md has no line {left}"
 
 
-def test_how_to(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_how_to(tmp_path, monkeypatch, capsys):
     """Every command of the page, in order, after those of the rehearsal that it starts from."""
     shutil.copy(DOCS / "my_arm.urdf", tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -151,9 +145,7 @@ def test_how_to(
 
 
 @pytest.mark.slow
-def test_your_own_robot(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_your_own_robot(tmp_path, monkeypatch, capsys):
     """The rehearsal: the spring that was hidden is found, added, and the error falls."""
     shutil.copy(DOCS / "my_arm.urdf", tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -167,12 +159,7 @@ def test_your_own_robot(
 
 
 @pytest.mark.real_data
-def test_the_tutorial(
-    tmp_path: Path,
-    data_folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_tutorial(tmp_path, data_folder, monkeypatch, capsys):
     """What the page says of the outputs: hysteresis first, on joint 7, whose error falls most."""
     cached_panda(data_folder, tmp_path / "data" / "panda")
     monkeypatch.chdir(tmp_path)
@@ -188,12 +175,7 @@ def test_the_tutorial(
 
 @pytest.mark.slow
 @pytest.mark.real_data
-def test_the_coupled_wrist(
-    tmp_path: Path,
-    data_folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_coupled_wrist(tmp_path, data_folder, monkeypatch, capsys):
     """What the page shows of all its commands."""
     shutil.copytree(data_folder / "tx40", tmp_path / "data" / "tx40")
     monkeypatch.chdir(tmp_path)
@@ -201,7 +183,7 @@ def test_the_coupled_wrist(
     check_printed("coupled-wrist.md", said[""])
 
 
-def test_the_notebook_is_kept_without_outputs_and_types_no_results() -> None:
+def test_the_notebook_is_kept_without_outputs_and_types_no_results():
     nbformat = pytest.importorskip("nbformat")
     book = nbformat.read(DOCS / "panda_hysteresis.ipynb", as_version=4)
     nbformat.validate(book)
@@ -217,7 +199,7 @@ def test_the_notebook_is_kept_without_outputs_and_types_no_results() -> None:
 
 @pytest.mark.slow
 @pytest.mark.real_data
-def test_the_notebook_runs(tmp_path: Path, data_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_notebook_runs(tmp_path, data_folder, monkeypatch):
     nbformat = pytest.importorskip("nbformat")
     nbclient = pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
@@ -236,10 +218,9 @@ def test_the_notebook_runs(tmp_path: Path, data_folder: Path, monkeypatch: pytes
     assert "every constraint holds" in text
 
 
-def test_the_recipe_of_a_control_loop_renews_a_certified_fit() -> None:
+def test_the_recipe_of_a_control_loop_renews_a_certified_fit():
     text = (DOCS / "performance.md").read_text(encoding="utf-8")
     found = re.search(r"## In a control loop.*?^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    assert found is not None
     recipe = found.group(1).replace('"panda"', '"two_link"')
     assert len(recipe.splitlines()) <= 30
     run = experiment(load_problem("two_link")).training_run(seed=0)

@@ -1,7 +1,5 @@
 """Docstrings say what they must, and their examples run."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import inspect
@@ -37,19 +35,19 @@ VERBS = [
 ]
 
 
-def test_there_are_examples() -> None:
+def test_there_are_examples():
     assert {"sdp_vs_penalty.robot.inertia", "sdp_vs_penalty.robot.constraint"} <= set(WITH_EXAMPLES)
 
 
 @pytest.mark.parametrize("name", WITH_EXAMPLES)
-def test_examples_run(name: str) -> None:
+def test_examples_run(name):
     result = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)
     assert result.attempted > 0
     assert result.failed == 0
 
 
 @pytest.mark.parametrize("name", VERBS)
-def test_public_verbs_explain_every_argument_and_what_they_raise(name: str) -> None:
+def test_public_verbs_explain_every_argument_and_what_they_raise(name):
     verb = getattr(sdp_vs_penalty, name)
     text = inspect.getdoc(verb)
     assert text is not None
@@ -86,14 +84,14 @@ def held() -> Iterator[tuple[str, object]]:
                     yield f"{kind.__name__}.{name}", part
 
 
-def test_everything_that_users_hold_says_what_it_is() -> None:
+def test_everything_that_users_hold_says_what_it_is():
     found = dict(held())
     assert len(found) > 150
     assert not [name for name, function in found.items() if not inspect.getdoc(function)]
 
 
 @pytest.mark.parametrize("kind", effect_types().values(), ids=effect_types())
-def test_effects_explain_themselves(kind: type[Effect]) -> None:
+def test_effects_explain_themselves(kind):
     """What `list effects`, the diagnosis and the report show of an effect."""
     assert kind.equation
     assert kind.explanation.rstrip(")").endswith(".")

@@ -1,7 +1,5 @@
 """Long commands that are killed: what they had done stays, nothing wrong does, nor any process."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -66,7 +64,7 @@ def row(k: int) -> dict[str, Any]:
     return {**found, "problem": f"p{k}", "hash": "h", "solver": "s", "settings": "d"}
 
 
-def test_a_shootout_killed_at_any_step_resumes_without_a_wrong_row(tmp_path: Path) -> None:
+def test_a_shootout_killed_at_any_step_resumes_without_a_wrong_row(tmp_path):
     def work(out: Path) -> list[Any]:
         results = Results(out)
         for k in range(len(results.rows), 4):
@@ -81,7 +79,7 @@ def test_a_shootout_killed_at_any_step_resumes_without_a_wrong_row(tmp_path: Pat
         assert [p.name for p in out.iterdir()] == ["runs.csv"]
 
 
-def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path: Path) -> None:
+def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path):
     tables = [Table(n, "t", "c", (Column("a"),), ((1.0,), (2.0,))) for n in ("I", "II")]
 
     def write(folder: Path) -> dict[str, str]:
@@ -95,9 +93,7 @@ def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path: Path) -> N
         assert write(out) == right, case
 
 
-def test_a_challenge_killed_at_any_step_repeats_only_what_was_not_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_challenge_killed_at_any_step_repeats_only_what_was_not_kept(tmp_path, monkeypatch):
     asked: list[str] = []
 
     def spread(function: Any, some: Any, *_: Any) -> Iterator[tuple[str, dict[str, str]]]:
@@ -123,7 +119,7 @@ def test_a_challenge_killed_at_any_step_repeats_only_what_was_not_kept(
         assert asked == [key for key in right if key not in kept]
 
 
-def test_of_two_writers_the_second_is_told(tmp_path: Path) -> None:
+def test_of_two_writers_the_second_is_told(tmp_path):
     with alone(tmp_path), pytest.raises(InputError, match="another command is writing"), alone(tmp_path):
         pass
     code = f"""if True:
@@ -134,7 +130,6 @@ def test_of_two_writers_the_second_is_told(tmp_path: Path) -> None:
             print("mine", flush=True)
             time.sleep(60)"""
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout is not None
         assert other.stdout.readline() == "mine\n"
         with pytest.raises(InputError, match="another command"), alone(tmp_path):
             pass

@@ -1,7 +1,5 @@
 """Errors are data: whoever raises one says what to do about it."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 
@@ -12,7 +10,7 @@ ROOT = Path(sdp_vs_penalty.__file__).parent
 HANDED_ON = {"page/worker_pool.py"}
 
 
-def test_every_error_has_a_remedy() -> None:
+def test_every_error_has_a_remedy():
     without, calls = [], 0
     for path in sorted(ROOT.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):

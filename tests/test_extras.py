@@ -1,7 +1,5 @@
 """Without any extra: what needs one names it in a sentence, and the rest works."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import textwrap
@@ -44,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, two_link: Problem) -> Path:
     return folder
 
 
-def test_each_verb_works_or_names_its_extra(folder: Path) -> None:
+def test_each_verb_works_or_names_its_extra(folder):
     asked = {
         "check run.csv --problem two_link": "",
         "identify two_link --data run.csv --out model.json": "",

@@ -7,8 +7,6 @@ names the test that compares it, 16.5<!--tests/reports/test_demo.py-->. What els
 definition, a limit or a length of data: UNMARKED counts them; a new one is marked, or counted by hand.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from pathlib import Path
@@ -73,14 +71,14 @@ def wrong(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: f"{p.parent.name}/{p.name}")
-def test_marked_figures_are_their_sources(page: Path) -> None:
+def test_marked_figures_are_their_sources(page):
     assert not wrong(page.read_text())
 
 
 @pytest.mark.parametrize(
     "page", [p for p in PAGES if p.name != "security.md"], ids=lambda p: f"{p.parent.name}/{p.name}"
 )
-def test_every_result_is_marked(page: Path) -> None:
+def test_every_result_is_marked(page):
     text = page.read_text()
     for test in TESTED.findall(text):
         assert page.name in (ROOT / test).read_text(), f"{test} does not read {page.name}"
@@ -89,7 +87,7 @@ def test_every_result_is_marked(page: Path) -> None:
     assert len(found) <= UNMARKED.get(str(page.relative_to(ROOT)), 0), found
 
 
-def test_a_stale_figure_is_found() -> None:
+def test_a_stale_figure_is_found():
     said = "7.1<!--coverage_in_life.md | closed loop; friction | coverage [%]-->"
     assert wrong(said)
     with pytest.raises(AssertionError, match="no row"):

@@ -1,7 +1,5 @@
 """Outputs: whole or not at all, never over an input, whatever the name under which it is reached."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -32,13 +30,7 @@ def log(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("how", ["same", "equals", "relative", "symlink", "hard link"])
-def test_an_input_is_never_replaced(
-    log: Path,
-    how: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_an_input_is_never_replaced(log, how, tmp_path, monkeypatch, capsys):
     before, out, data = log.read_bytes(), log, ["--data", str(log)]
     if how == "equals":
         data = [f"--data={log}"]
@@ -56,7 +48,7 @@ def test_an_input_is_never_replaced(
     assert log.read_bytes() == before
 
 
-def test_what_only_a_reader_opens_is_protected_too(log: Path, tmp_path: Path) -> None:
+def test_what_only_a_reader_opens_is_protected_too(log, tmp_path):
     """A problem's folder is named on the command line, its table of bounds is not."""
     folder = tmp_path / "arm"
     folder.mkdir()
@@ -70,9 +62,7 @@ def test_what_only_a_reader_opens_is_protected_too(log: Path, tmp_path: Path) ->
     assert (folder / "bounds.csv").read_bytes() == before
 
 
-def test_a_word_longer_than_a_file_name_is_no_trouble(
-    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_word_longer_than_a_file_name_is_no_trouble(log, tmp_path, capsys):
     effects = ",".join(["rigid_body", "viscous_friction", "coulomb_friction", *["torque_offset:1"] * 20])
     assert len(effects) > 255
     assert (
@@ -82,7 +72,7 @@ def test_a_word_longer_than_a_file_name_is_no_trouble(
     assert "appears twice" in capsys.readouterr().err
 
 
-def test_a_notebook_may_write_over_what_it_read(tmp_path: Path) -> None:
+def test_a_notebook_may_write_over_what_it_read(tmp_path):
     path = tmp_path / "model.json"
     path.write_text("old")
     opened(path)
@@ -96,7 +86,7 @@ def test_a_notebook_may_write_over_what_it_read(tmp_path: Path) -> None:
     assert path.read_text() == "newest"
 
 
-def test_a_device_stays_a_device(tmp_path: Path) -> None:
+def test_a_device_stays_a_device(tmp_path):
     write_text("/dev/null", "content")
     assert Path("/dev/null").is_char_device()
     with pytest.raises(InputError, match="cannot be written"):
@@ -112,14 +102,14 @@ def test_a_device_stays_a_device(tmp_path: Path) -> None:
     assert fifo.is_fifo()
 
 
-def test_standard_output_can_be_named(log: Path) -> None:
+def test_standard_output_can_be_named(log):
     command = [sys.executable, "-m", "sdp_vs_penalty", "convert", str(log), "--out", "/dev/stdout"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=log.parent)
     assert done.returncode == 2  # the suffix is the format
     assert "suffix" in done.stderr
 
 
-def test_a_link_stays_and_its_target_is_replaced(tmp_path: Path) -> None:
+def test_a_link_stays_and_its_target_is_replaced(tmp_path):
     (tmp_path / "real").mkdir()
     target, link = tmp_path / "real" / "model.json", tmp_path / "model.json"
     target.write_text("old")
@@ -135,7 +125,7 @@ def test_a_link_stays_and_its_target_is_replaced(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["x" * 300, "a\0b"])
-def test_a_name_that_cannot_be_is_one_sentence(tmp_path: Path, name: str) -> None:
+def test_a_name_that_cannot_be_is_one_sentence(tmp_path, name):
     with pytest.raises(InputError, match="cannot be written"):
         write_text(tmp_path / name, "content")
     assert list(tmp_path.iterdir()) == []
@@ -145,9 +135,7 @@ STEPS = ("open", "fchmod", "fsync", "close", "replace")
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_a_fault_while_the_content_comes_keeps_the_old_file(
-    error: BaseException, tmp_path: Path
-) -> None:
+def test_a_fault_while_the_content_comes_keeps_the_old_file(error, tmp_path):
     path = tmp_path / "run.csv"
     write_text(path, "old")
 
@@ -164,9 +152,7 @@ def test_a_fault_while_the_content_comes_keeps_the_old_file(
 
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_a_fault_at_any_step_keeps_the_old_file(
-    step: str, error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fault_at_any_step_keeps_the_old_file(step, error, tmp_path, monkeypatch):
     path = tmp_path / "model.json"
     write_text(path, "old")
     whole = getattr(os, step)
@@ -184,7 +170,7 @@ def test_a_fault_at_any_step_keeps_the_old_file(
     assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
 
 
-def test_the_largest_size_is_the_last_that_is_read(tmp_path: Path) -> None:
+def test_the_largest_size_is_the_last_that_is_read(tmp_path):
     path = tmp_path / "ten"
     path.write_bytes(b"0123456789")
     assert read_bytes(path, 10) == b"0123456789"
@@ -194,7 +180,7 @@ def test_the_largest_size_is_the_last_that_is_read(tmp_path: Path) -> None:
                 read_bytes(other, largest)
 
 
-def test_json_of_another_kind_is_refused(tmp_path: Path) -> None:
+def test_json_of_another_kind_is_refused(tmp_path):
     path = tmp_path / "model.json"
     path.write_text('{"format": 1}')
     assert read_json(path, "model", "format", dict) == {"format": 1}
@@ -202,7 +188,7 @@ def test_json_of_another_kind_is_refused(tmp_path: Path) -> None:
         read_json(path, "proof", "multipliers", dict)
 
 
-def test_what_a_living_writer_has_begun_stays(tmp_path: Path) -> None:
+def test_what_a_living_writer_has_begun_stays(tmp_path):
     begun = [tmp_path / f".model.json.{process}.0.part" for process in (os.getppid(), 2**30)]
     for path in begun:
         path.write_text("half")
@@ -212,7 +198,7 @@ def test_what_a_living_writer_has_begun_stays(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no limit of memory on this system")
 @pytest.mark.parametrize(("size", "fits"), [(10, False), (2**25, True)])
-def test_the_memory_of_unpacking_grows_with_the_file(size: int, fits: bool, tmp_path: Path) -> None:
+def test_the_memory_of_unpacking_grows_with_the_file(size, fits, tmp_path):
     path = tmp_path / "run.npz"
     with path.open("wb") as file:
         file.truncate(size)
@@ -228,13 +214,13 @@ def test_the_memory_of_unpacking_grows_with_the_file(size: int, fits: bool, tmp_
             unpack()
 
 
-def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"), alone(tmp_path / "file" / "out"):
         pass
 
 
-def test_two_writers_leave_one_whole_file(tmp_path: Path) -> None:
+def test_two_writers_leave_one_whole_file(tmp_path):
     path = tmp_path / "model.json"
     texts = [letter * 200_000 for letter in "ab"]
 

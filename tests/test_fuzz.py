@@ -4,8 +4,6 @@
 `SDP_VS_PENALTY_FUZZ=20000:$(date +%Y%m%d) pytest -n 0 -m fuzz` (how many, seed).
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -125,7 +123,7 @@ def sound_files(folder: Path) -> list[Path]:
     found = diagnose(estimate, small_run(problem)).to_dict()
     (folder / "findings.json").write_text(json.dumps(found))
     box = {"q": np.ones((3, 2)), "gravity": np.ones((3, 2)), "mass_matrix": np.ones((3, 2, 2))}
-    np.savez(folder / "box.npz", **box)  # type: ignore[arg-type]
+    np.savez(folder / "box.npz", **box)
     shutil.copytree(problems_folder() / "emps", folder / "arm")
     (folder / "log").mkdir()
     for name in ("time", "positions", "velocity", "torques"):
@@ -256,7 +254,7 @@ def use_hostile(name: str, verb: Callable[[Measurements], object], seed: int) ->
 
 
 @pytest.mark.fuzz
-def test_thousands_of_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_thousands_of_files(tmp_path, capsys):
     """Changed files, and every fiftieth time a log."""
     count, _, seed = os.environ.get("SDP_VS_PENALTY_FUZZ", "2500").partition(":")
     sources, uses, seen = sound_files(tmp_path), list(verbs().items()), Counter[str]()
@@ -270,7 +268,7 @@ def test_thousands_of_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.long
-def test_a_second_of_the_same_files_each_time(tmp_path: Path) -> None:
+def test_a_second_of_the_same_files_each_time(tmp_path):
     sources = sound_files(tmp_path)
     for seed in range(500):
         read_mutated(seed, sources, tmp_path)

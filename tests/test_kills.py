@@ -3,8 +3,6 @@
 `pytest -m slow tests/test_kills.py` kills 50 times; SDP_VS_PENALTY_KILLS=NUMBER:SEED kills otherwise.
 """
 
-from __future__ import annotations
-
 import csv
 import http.client
 import os
@@ -160,9 +158,7 @@ def kills(name: str, number: int, seed: int, cases: dict[str, Case], tmp_path: P
 
 
 @pytest.mark.long
-def test_a_command_that_is_killed_leaves_nothing_and_runs_again(
-    cases: dict[str, Case], tmp_path: Path
-) -> None:
+def test_a_command_that_is_killed_leaves_nothing_and_runs_again(cases, tmp_path):
     kills("identify --jobs", 2, 0, cases, tmp_path)
 
 
@@ -172,13 +168,13 @@ NUMBER, SEED = map(int, os.environ.get("SDP_VS_PENALTY_KILLS", "10:1").split(":"
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
-def test_fifty_kills(name: str, cases: dict[str, Case], tmp_path: Path) -> None:
+def test_fifty_kills(name, cases, tmp_path):
     told = kills(name, NUMBER, SEED, cases, tmp_path)
     assert len(told) - told.count("ended before") >= len(told) // 2
 
 
 @pytest.mark.slow
-def test_a_page_killed_in_its_jobs_leaves_nothing(tmp_path: Path) -> None:
+def test_a_page_killed_in_its_jobs_leaves_nothing(tmp_path):
     """Jobs of three tabs read a robot and then a run; the next server takes their files away."""
     rng, robot = np.random.default_rng(SEED), (problems_folder() / "emps/emps.urdf").read_bytes()
     save(small_run(load_problem("emps"), seconds=100.0), tmp_path / "run.csv")
@@ -187,7 +183,6 @@ def test_a_page_killed_in_its_jobs_leaves_nothing(tmp_path: Path) -> None:
     for _ in range(NUMBER):
         mark, how = uuid.uuid4().hex, (signal.SIGKILL, signal.SIGTERM)[int(rng.integers(2))]
         server = started(["page", "--no-browser"], home, mark)
-        assert server.stdout is not None
         found = re.search(rb"127\.0\.0\.1:(\d+)/\?key=(\S+)", server.stdout.readline())
         assert found
         cookie = f"sdp-vs-penalty-key-{int(found[1])}={found[2].decode()}"

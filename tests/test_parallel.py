@@ -1,7 +1,5 @@
 """Work on several processes or a cluster: the same result to the last bit, whoever dies on the way."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading
@@ -28,9 +26,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Measurements:
     return load_measurements(folder)
 
 
-def test_processes_give_the_same_and_a_killed_one_is_replaced(
-    runs: Measurements, tmp_path: Path
-) -> None:
+def test_processes_give_the_same_and_a_killed_one_is_replaced(runs, tmp_path):
     problem = load_problem("two_link")
     settings = problem.preprocessing.resolve(runs)
     here = compress(runs, problem.model(), settings)
@@ -49,7 +45,7 @@ def test_processes_give_the_same_and_a_killed_one_is_replaced(
     assert Workers(2).map(dies_once, marks) == [1, 2, 3]
 
 
-def test_folds_and_estimates_of_tables_are_the_same_by_processes(runs: Measurements) -> None:
+def test_folds_and_estimates_of_tables_are_the_same_by_processes(runs):
     problem = load_problem("two_link")
     said: list[str] = []
     alone, several = (
@@ -64,7 +60,7 @@ def test_folds_and_estimates_of_tables_are_the_same_by_processes(runs: Measureme
     heard: list[int] = []
 
     class Counted(Workers):
-        def map(self, function, items):  # type: ignore[no-untyped-def]
+        def map(self, function, items):
             heard.append(len(items))
             return super().map(function, items)
 
@@ -79,7 +75,7 @@ def test_folds_and_estimates_of_tables_are_the_same_by_processes(runs: Measureme
 
 
 @pytest.mark.long
-def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs: Measurements) -> None:
+def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs):
     distributed = pytest.importorskip("distributed")
     problem = load_problem("two_link")
     alone = identify(problem, runs, workers=ALONE)
@@ -96,7 +92,7 @@ def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs: Measurements) 
 
 
 @pytest.mark.long
-def test_a_scheduler_that_ends_is_a_sentence() -> None:
+def test_a_scheduler_that_ends_is_a_sentence():
     distributed = pytest.importorskip("distributed")
     quiet = {"silence_logs": 50, "dashboard_address": None}
     with distributed.LocalCluster(n_workers=1, processes=False, **quiet) as cluster:

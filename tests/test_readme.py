@@ -1,7 +1,5 @@
 """What the README says works: its commands, its Python, its table; and it is short."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import shlex
@@ -34,7 +32,7 @@ ARM = """<robot name="my_arm">
 </robot>"""
 
 
-def test_the_two_commands_are_those_promised() -> None:
+def test_the_two_commands_are_those_promised():
     first, *_, last = (text.splitlines()[0] for language, text in BLOCKS if language == "console")
     assert first == (
         "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt '.[report]' "
@@ -43,14 +41,14 @@ def test_the_two_commands_are_those_promised() -> None:
     assert last == ".venv/bin/pip install -c constraints.txt '.[test]' && .venv/bin/pytest"
 
 
-def test_it_is_short_and_says_what_the_tests_leave_out() -> None:
+def test_it_is_short_and_says_what_the_tests_leave_out():
     assert len(README.split()) <= 900
     left_out = re.findall(r"not (\w+)", (ROOT / "pyproject.toml").read_text().partition("-m '")[2][:60])
     assert left_out
     assert all(f"`{marker}`" in README for marker in left_out)
 
 
-def test_ci_runs_the_readmes_test_command() -> None:
+def test_ci_runs_the_readmes_test_command():
     script = (ROOT / ".ci" / "run").read_text()
     wanted = re.search(r'grep -m 1 -F "([^"]*)" README.md', script)
     assert wanted is not None
@@ -59,7 +57,7 @@ def test_ci_runs_the_readmes_test_command() -> None:
     assert 'eval "$command"' in script
 
 
-def test_constraints_pin_exact_versions_and_name_no_host() -> None:
+def test_constraints_pin_exact_versions_and_name_no_host():
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     pins = [line for line in lines if line and not line.startswith("#")]
     assert pins
@@ -79,9 +77,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_your_robot_in_four_commands(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_your_robot_in_four_commands(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     assert len(COMMANDS) == 4
     for line in COMMANDS:
@@ -91,9 +87,7 @@ def test_your_robot_in_four_commands(
     assert (folder / "report.html").exists()
 
 
-def test_the_python_runs(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_python_runs(folder, monkeypatch, capsys):
     (code,) = [text for language, text in BLOCKS if language == "python"]
     assert sum(1 for line in code.splitlines() if line.strip()) <= 11
     (folder / "example.py").write_text(code)
@@ -103,7 +97,7 @@ def test_the_python_runs(
     assert (folder / "model.json").exists()
 
 
-def test_the_table_equals_the_generated_one() -> None:
+def test_the_table_equals_the_generated_one():
     tool = runpy.run_path(str(ROOT / "tools" / "update_readme.py"))
     assert tool["with_results"](README, tool["headline"]()) == README
     assert tool["with_results"](README, tool["headline"]() + "\nchanged") != README

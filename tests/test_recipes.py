@@ -1,7 +1,5 @@
 """The recipes of CONTRIBUTING: one new file is found by everything that lists, runs and compares."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -103,7 +101,7 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     solver_modules.cache_clear()
 
 
-def test_an_estimator_is_one_file(added: None) -> None:
+def test_an_estimator_is_one_file(added):
     assert "ridge" in estimator_types()
     assert ("ridge", "least squares pulled to the nominal parameters") in listing("methods")[1]
     problem = load_problem("two_link")
@@ -115,7 +113,7 @@ def test_an_estimator_is_one_file(added: None) -> None:
     assert estimate.certificate.loss < np.sum(torque**2)
 
 
-def test_what_must_differ_is_refused_if_equal() -> None:
+def test_what_must_differ_is_refused_if_equal():
     for twins, word in (
         ([("spring", int), ("spring", float)], "name"),
         ([(3, int), (3, str)], "table_place"),
@@ -125,9 +123,7 @@ def test_what_must_differ_is_refused_if_equal() -> None:
     assert list(by_word([(2, int), (1, str), (2, int)])) == [1, 2]  # one class in two files is one
 
 
-def test_an_estimator_is_in_the_table_of_methods_by_itself(
-    added: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_estimator_is_in_the_table_of_methods_by_itself(added, monkeypatch):
     few = {name: kind for name, kind in estimator_types().items() if name in ("ridge", "lmi-sdp-plain")}
     monkeypatch.setattr("sdp_vs_penalty.paper.tables.methods.estimator_types", lambda: few)
     study = Study(load_problem("two_link"))
@@ -135,12 +131,11 @@ def test_an_estimator_is_in_the_table_of_methods_by_itself(
     assert {row[1] for row in rows} == {"ridge", "lmi-sdp-plain", *WITH_PRIOR}
 
 
-def test_a_solver_is_one_file(added: None) -> None:
+def test_a_solver_is_one_file(added):
     assert "half-hearted" in [row[0] for row in listing("solvers")[1]]
     problem = load_problem("two_link")
     estimate = identify(problem, experiment(problem).training_run(seed=0), LmiSdp(solver="half-hearted"))
     gap = estimate.certificate.gap
-    assert gap is not None
     assert gap < 1e-7
     contestant = contestants()["half-hearted"]
     contestant.warm_up()

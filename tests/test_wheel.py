@@ -1,7 +1,5 @@
 """The wheel works from any directory: the built-in problems travel as package data."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -10,8 +8,6 @@ from pathlib import Path
 
 import pytest
 from small_runs import write_run
-
-from sdp_vs_penalty import Problem
 
 ROOT = Path(__file__).parents[1]
 
@@ -49,7 +45,7 @@ def call(installed: Path, cwd: Path, *arguments: str) -> str:
     return result.stdout
 
 
-def test_the_wheel_holds_package_and_problems_only(wheel: Path) -> None:
+def test_the_wheel_holds_package_and_problems_only(wheel):
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
     tops = {name.split("/")[0] for name in names}
@@ -60,9 +56,7 @@ def test_the_wheel_holds_package_and_problems_only(wheel: Path) -> None:
     assert "sdp_vs_penalty/py.typed" in names
 
 
-def test_the_command_works_from_another_folder(
-    installed: Path, tmp_path: Path, two_link: Problem
-) -> None:
+def test_the_command_works_from_another_folder(installed, tmp_path, two_link):
     write_run(tmp_path / "run.csv", two_link)
     where = "import sdp_vs_penalty; print(sdp_vs_penalty.__file__)"
     environment = {**os.environ, "PYTHONPATH": str(installed)}

@@ -99,6 +99,8 @@ class _Lazy(Mapping[str, Any]):
         if name not in list(self):
             raise KeyError(name)
         _require_memory()
+        if sys.flags.optimize > 1:
+            raise InputError("python -OO drops the docstrings that options come from", "use -O")
         verb = import_module(f"sdp_vs_penalty.cli.verbs.{name.replace('-', '_')}").verb
         text, _, rest = inspect.cleandoc(verb.__doc__).partition("Example: ")
         example = rest.partition("\n")[0]

@@ -16,7 +16,6 @@ from sdp_vs_penalty.reports.pictures import shades
 from sdp_vs_penalty.reports.plots import (
     COLOURS,
     Curves,
-    friction_figure,
     missing_figure,
     residual_figure,
     signal_title,
@@ -47,7 +46,7 @@ def torque_chart(
     plot.update_layout(shapes=shades(stretches, ("x", "x2")))
     if span is not None:
         plot.update_axes("x", range=list(span))
-    return _ready(styled(plot, 420))
+    return ready(plot, 420)
 
 
 def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
@@ -58,26 +57,23 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
     t = read["t"] - read["t"][0]
     for row, name in enumerate(shown):
         for j in range(len(units)):
-            line = {"color": COLOURS[j % len(COLOURS)], "width": 1.2}
-            named: dict[str, Any] = {
-                "name": f"joint {j + 1}",
-                "legendgroup": f"{j}",
-                "showlegend": row == 0,
-            }
-            plot.add(trace("scatter", x=t, y=read[name][:, j], line=line, **named), row)
+            colour, named = COLOURS[j % len(COLOURS)], {"name": f"joint {j + 1}", "legendgroup": f"{j}"}
+            look: dict[str, Any] = {"line": {"color": colour, "width": 1.2}, "showlegend": row == 0}
+            plot.add(trace("scatter", x=t, y=read[name][:, j], **look, **named), row)
             there = read.get(f"repaired_{name}")
             if there is None or not (rows := np.isfinite(there[:, j])).any():
                 continue
-            named |= {"mode": "markers", "name": f"joint {j + 1}, repaired", "showlegend": False}
-            cross = {"symbol": "x", "size": 5, "color": line["color"]}
-            plot.add(trace("scatter", x=t[rows], y=there[rows, j], marker=cross, **named), row)
+            named["name"] += ", repaired"
+            look = {"marker": {"symbol": "x", "size": 5, "color": colour}, "showlegend": False}
+            look["mode"] = "markers"
+            plot.add(trace("scatter", x=t[rows], y=there[rows, j], **look, **named), row)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
     torques = "/".join(dict.fromkeys(units))
     titles = (f"q [{kinds}]", f"dq [{kinds}/s]", f"tau [{torques}]")
     for row, said in enumerate(titles[: len(shown)]):
         plot.update_axes("y", row, title=said)
     plot.update_axes("x", len(shown) - 1, title="time [s]")
-    return _ready(styled(plot, 460))
+    return ready(plot, 460)
 
 
 def asked_span(event: Any) -> tuple[float, float] | bool | None:
@@ -98,12 +94,6 @@ def asked_span(event: Any) -> tuple[float, float] | bool | None:
     return False
 
 
-def friction_chart(curve: Mapping[str, Any], joint: int, unit: str) -> dict[str, Any]:
-    """Friction of a joint (from 0) over its velocity; curve : velocity, torque, half."""
-    plot = friction_figure(curve["velocity"], curve["torque"], curve["half"], joint, unit)
-    return _ready(styled(plot, 300))
-
-
 def missing_chart(curve: Curve, units: Sequence[str], read: Mapping[str, Any]) -> dict[str, Any]:
     """A measured curve with its band, and where the rows of a recording lie."""
     over = [Variable.parse(v) for v in curve.of]
@@ -111,7 +101,7 @@ def missing_chart(curve: Curve, units: Sequence[str], read: Mapping[str, Any]) -
     if all(v.word != "temp" for v in over):  # a recording holds none
         motion = Motion(read["t"], read["q"], read["dq"], read["ddq"], read["modelled"])
         along = [v.along(motion) for v in over]
-    return _ready(styled(missing_figure(curve, units, along), 260))
+    return ready(missing_figure(curve, units, along), 260)
 
 
 def residual_chart(
@@ -134,12 +124,11 @@ def residual_chart(
     plot = residual_figure(x, last, read["dq"][cut, joint], floor, *first)
     plot.update_axes("x", title=signal_title(signal, unit))
     plot.update_axes("y", title=f"error of joint {joint + 1} [{unit}]")
-    return _ready(styled(plot, 320))
+    return ready(plot, 320)
 
 
-def _ready(plot: Figure) -> dict[str, Any]:
+def ready(plot: Figure, height: int) -> dict[str, Any]:
     """Plain JSON; to be zoomed in time only."""
-    plot.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
-    plot.update_axes("y", fixedrange=True)
-    data: dict[str, Any] = json.loads(plot.to_json())
+    styled(plot, height).update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
+    data: dict[str, Any] = json.loads(plot.update_axes("y", fixedrange=True).to_json())
     return {**data, "config": {"displayModeBar": False, "responsive": True}}

@@ -1,19 +1,58 @@
-"""Plain HTML controls for NiceGUI: what a browser makes accessible by itself."""
+"""Plain HTML controls for NiceGUI: what a browser makes accessible by itself.
+
+Options of the command line are fields made from its verbs, not listed again.
+"""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from html import escape
-from typing import Any
+from typing import Any, get_args
 
 from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from sdp_vs_penalty.page.options import FormField
-
 Handler = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class FormField:
+    """An option of a verb: its parameter's name, flag, help, an example of a value, and what it is."""
+
+    name: str
+    flag: str
+    help: str
+    example: str
+    kind: type
+
+
+def fields_of(verb: Callable[..., Any], *names: str) -> tuple[FormField, ...]:
+    """Options of a verb by the names of its parameters, as typer reads them from its signature."""
+    parameters = inspect.signature(verb).parameters
+    out = []
+    for name in names:
+        kind, option = get_args(parameters[name].annotation)[:2]
+        flags = [word for word in option.param_decls or () if word.startswith("--")]
+        default = parameters[name].default
+        told = option.metavar or ("" if default is None or kind is bool else str(default))
+        of = next((k for k in (bool, int, float) if kind is k or k in get_args(kind)), str)
+        flag = flags[0].partition("/")[0] if flags else f"--{name.replace('_', '-')}"
+        said = (option.help or "").replace("`", "")
+        out.append(FormField(name, flag, said, told, of))
+    return tuple(out)
+
+
+def words(fields: tuple[FormField, ...], values: Mapping[str, str]) -> list[str]:
+    """The same on the command line."""
+    out = []
+    for f in fields:
+        if f.name in values:
+            out += [f.flag] if f.kind is bool else [f.flag, values[f.name]]
+    return out
 
 
 def tag(name: str, text: str = "", style: str = "", **attributes: Any) -> Any:
@@ -106,11 +145,11 @@ def draw_form(fields: Sequence[FormField], values: dict[str, str]) -> None:
             values.pop(name, None)
 
     for f in fields:
-        key, told = f"option-{f.name}", partial(put, f.name)
+        key, now = f"option-{f.name}", values.get(f.name, "")
         if f.kind is bool:
-            check(f.help, f.name in values, lambda on, told=told: told("yes" if on else ""), key)  # type: ignore[misc]
+            check(f.help, bool(now), lambda on, name=f.name: put(name, "yes" * on), key)  # type: ignore[misc]
         else:
-            text_field(f.help, values.get(f.name, ""), told, key, f.example)
+            text_field(f.help, now, partial(put, f.name), key, f.example)
 
 
 def drop(text: str, hint: str, kind: str, accept: Sequence[str], several: bool) -> None:
@@ -123,10 +162,10 @@ def drop(text: str, hint: str, kind: str, accept: Sequence[str], several: bool) 
         tag("span", hint)
 
 
-def details(title: str, key: str) -> Any:
-    """Something that opens on demand, to be filled by ``with``."""
-    made = tag("details")
-    with made:
+def details(title: str, key: str, on: bool = False) -> Any:
+    """Something that opens on demand, to be filled by ``with``; on : it is open."""
+    extra: dict[str, Any] = {"open": True} if on else {}
+    with tag("details", **extra) as made:
         tag("summary", title, data_key=key)
     return made
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import urdf
-from sdp_vs_penalty.data.cli_parsing import numbers, time_windows
+from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.data.datasets import DATASETS
-from sdp_vs_penalty.data.files import load_measurements, save, windowed
+from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
@@ -27,7 +27,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
-from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.excitation import save_trajectory
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.known_load import parsed_known_load
@@ -39,24 +39,12 @@ from sdp_vs_penalty.exporters import sdp
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.files import write_bytes, write_text
 from sdp_vs_penalty.formatting import number as figure
-from sdp_vs_penalty.page.options import number
-from sdp_vs_penalty.page.run_jobs import (
-    Answer,
-    Progress,
-    Request,
-    look_again,
-    mend,
-    problem_of,
-    read,
-    real,
-    real_files,
-    runs_of,
-    simulate,
-)
+from sdp_vs_penalty.page.asked import Answer, Asked
+from sdp_vs_penalty.page.run_jobs import look_again, mend, read, real, real_files, simulate
 from sdp_vs_penalty.page.summary import drawn_arm, held, placed, save_arrays, summary
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.fields import entries
-from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
+from sdp_vs_penalty.problem.load import with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.reports import report as write_report
 from sdp_vs_penalty.robot.geometry import link_hulls
@@ -65,41 +53,39 @@ from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 
-def catalogue(request: Request, progress: Progress) -> Answer:
+def catalogue(asked: Asked) -> Answer:
     """Everything that the page offers to choose from, but the robots."""
+    kinds, methods = effect_types(), estimator_types()
     return {
         "effects": [
             {"name": name, "explanation": kind.explanation, "frozen_only": kind.frozen_only}
-            for name, kind in effect_types().items()
+            for name, kind in kinds.items()
         ],
         "methods": [
             {"name": name, "description": kind.description}
-            for name, kind in estimator_types().items()
+            for name, kind in methods.items()
             if not kind.needs_black_box
         ],
-        "hideable": [name for name in MAKERS if not effect_types()[name].frozen_only],
-        "whole_robot": [name for name, kind in effect_types().items() if kind.whole_robot],
+        "hideable": [name for name in MAKERS if not kinds[name].frozen_only],
+        "whole_robot": [name for name, kind in kinds.items() if kind.whole_robot],
         "levels": list(LEVELS),
         "real": {d.problem: d.title for d in DATASETS.values() if real_files(d.name)},
     }
 
 
-def robot(request: Request, progress: Progress) -> Answer:
-    """source : a built-in name or a URDF file; what the page shows of that robot."""
-    source = request["source"]
-    problem = load_problem(source, request.get("gravity"))
+def robot(asked: Asked) -> Answer:
+    """What the page shows of the robot: a built-in name or a URDF file."""
+    problem, source = asked.problem, asked["robot"]["source"]
+    own = formatting.count(problem.robot.n, "joint") + ", from URDF"
     hulls = link_hulls(source) if source.lower().endswith(".urdf") else []
     return {
-        "title": problem.title
-        if problem.folder is not None
-        else f"{formatting.count(problem.robot.n, 'joint')}, from URDF",
+        "title": own if problem.folder is None else problem.title,
         "name": problem.name,
         "n": problem.robot.n,
         "joints": list(problem.robot.joint_names),
         "units": [formatting.plain_unit(unit) for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
         "drawn": drawn_arm(problem.robot, problem.nominal_links, hulls),
-        "torque_side": problem.torque_side,
         "own_gravity": list(problem.robot.gravity),
         "known": _known(problem),
         "bounds": _bounds(problem),
@@ -108,14 +94,11 @@ def robot(request: Request, progress: Progress) -> Answer:
 
 def _known(problem: Problem) -> str:
     """Bounds and filters in a sentence."""
-    bounds = np.isfinite(problem.box).any(axis=2).sum(axis=1)
-    settings = problem.preprocessing
-    cutoffs = (
-        "chosen from the data" if f is None else f"{f:g} Hz"
-        for f in (settings.state_cutoff, settings.torque_cutoff)
-    )
+    bounds, settings = np.isfinite(problem.box).any(axis=2), problem.preprocessing
+    both = settings.state_cutoff, settings.torque_cutoff
+    cutoffs = ("chosen from the data" if f is None else f"{f:g} Hz" for f in both)
     return (
-        f"Bounds on {bounds.sum()} of {10 * len(bounds)} link parameters; filters of states and torque: "
+        f"Bounds on {bounds.sum()} of {bounds.size} link parameters; filters of states and torque: "
         f"{', '.join(cutoffs)}. The stage Identify, or a folder with a problem.toml, sets others."
     )
 
@@ -129,124 +112,115 @@ def _bounds(problem: Problem) -> list[list[str]]:
     ]
 
 
-def fit(request: Request, progress: Progress) -> Answer:
+def _model(asked: Asked, estimate: Estimate, begin: float) -> Answer:
+    """A model kept and judged on the runs; begin : when its identification began."""
+    seconds = time.perf_counter() - begin
+    return asdict(summary(estimate, asked.runs, Path(asked["out"]), seconds, asked.progress))
+
+
+def fit(asked: Asked) -> Answer:
     """Identify a model and look where it fails."""
-    runs, options = runs_of(request), request["options"]
-    bounded = with_bounds(problem_of(request), options.get("bounds"))
-    problem = with_filters(bounded, options.get("filters"))
+    runs, options = asked.runs, asked["options"]
+    bounded = with_bounds(asked.problem, options.get("bounds"))
     begin = time.perf_counter()
     estimate = identify(
-        problem,
-        windowed(runs.train, time_windows(options.get("window"))),
-        with_solver(request["method"], options.get("solver")),
-        effects=request["effects"],
-        seed=int(request["seed"]),
-        progress=progress,
-        gain_uncertainty=number(options, "gain_uncertainty", 0.0),
-        known_loads=_known_loads(request, options.get("known_load")),
-        workers=Workers(int(number(options, "jobs", 1)), progress=progress),
+        with_filters(bounded, options.get("filters")),
+        asked.windowed(runs.train),
+        with_solver(asked["method"], options.get("solver")),
+        effects=asked["effects"],
+        seed=asked.seed,
+        progress=asked.progress,
+        gain_uncertainty=asked.number("gain_uncertainty", 0.0),
+        known_loads=_known_loads(asked, options.get("known_load")),
+        workers=Workers(int(asked.number("jobs", 1)), progress=asked.progress),
     )
-    seconds = time.perf_counter() - begin
-    return asdict(summary(estimate, runs, Path(request["out"]), seconds, progress))
+    return _model(asked, estimate, begin)
 
 
-def _known_loads(request: Request, text: str | None) -> list[tuple[str, float]]:
+def _known_loads(asked: Asked, text: str | None) -> list[tuple[str, float]]:
     """Runs with a load, by their shown names: "load.csv:2.8", several separated by commas."""
-    files = {run["name"]: run["file"] for run in request["runs"]}
+    files = {run["name"]: run["file"] for run in asked["runs"]}
     loads = []
     for word in text.split(",") if text else []:
         run, mass = parsed_known_load(word)
         if str(run) not in files:
             raise InputError(f"{run}: not a run of this page", f"choose one of {', '.join(files)}")
-        loads.append((str(Path(request["folder"]) / files[str(run)]), mass))
+        loads.append((str(asked.folder / files[str(run)]), mass))
     return loads
 
 
-def open_model(request: Request, progress: Progress) -> Answer:
+def open_model(asked: Asked) -> Answer:
     """A model.json that somebody brings, judged on these runs."""
-    runs = runs_of(request)
-    estimate = load_estimate(request["model"])
-    if estimate.robot.n != runs.train.n:
-        raise other_robot(runs.train.n, estimate.robot.n, request["model"], "model")
-    return asdict(summary(estimate, runs, Path(request["out"]), 0.0, progress))
+    train, estimate = asked.runs.train, asked.model
+    if estimate.robot.n != train.n:
+        raise other_robot(train.n, estimate.robot.n, asked["model"], "model")
+    return _model(asked, estimate, time.perf_counter())
 
 
-def extend(request: Request, progress: Progress) -> Answer:
+def extend(asked: Asked) -> Answer:
     """Add effects to a model: what `sdp-vs-penalty add` does."""
-    runs = runs_of(request)
+    train, model, frozen = asked.runs.train, asked.model, bool(asked["frozen"])
     begin = time.perf_counter()
-    estimate = add(
-        load_estimate(request["model"]),
-        request["effect"],
-        runs.train,
-        frozen=bool(request["frozen"]),
-        seed=int(request["seed"]),
-        progress=progress,
-    )
-    seconds = time.perf_counter() - begin
-    return asdict(summary(estimate, runs, Path(request["out"]), seconds, progress))
+    how: dict[str, Any] = {"frozen": frozen, "seed": asked.seed, "progress": asked.progress}
+    return _model(asked, add(model, asked["effect"], train, **how), begin)
 
 
-def find(request: Request, progress: Progress) -> Answer:
+def find(asked: Asked) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
-    runs = runs_of(request)
-    model = load_estimate(request["model"])
+    runs, model = asked.runs, asked.model
     result = diagnose(
         model,
         runs.train,
         runs.test,
-        frozen=bool(request["frozen"]),
-        seed=int(request["seed"]),
-        progress=progress,
+        frozen=bool(asked["frozen"]),
+        seed=asked.seed,
+        progress=asked.progress,
         noise_from=runs.whole,
     )
-    return {
-        "diagnosis": result.to_dict(),
-        "curves": [curve.effect(model.robot).text for curve in result.curves],
-    }
+    curves = [curve.effect(model.robot).text for curve in result.curves]
+    return {"diagnosis": result.to_dict(), "curves": curves}
 
 
-def separate(request: Request, progress: Progress) -> Answer:
+def separate(asked: Asked) -> Answer:
     """The run that would tell two effects apart: what `sdp-vs-penalty excite --separate` does."""
-    options = request["options"]
     found = separation(
-        load_estimate(request["model"]),
-        request["effects"],
-        duration=number(options, "duration", 20.0),
-        level=number(options, "level", 1.0),
-        iterations=int(number(options, "iterations", 200)),
-        seed=int(request["seed"]),
-        progress=progress,
+        asked.model,
+        asked["effects"],
+        duration=asked.number("duration", 20.0),
+        level=asked.number("level", 1.0),
+        iterations=int(asked.number("iterations", 200)),
+        seed=asked.seed,
+        progress=asked.progress,
     )
-    out = Path(request["folder"]) / "trajectory.csv"
+    out = asked.folder / "trajectory.csv"
     save_trajectory(found.trajectory, out)
     said = (
-        f"To tell {request['effects']} apart: right in {100 * found.right:.0f} % of runs like "
+        f"To tell {asked['effects']} apart: right in {100 * found.right:.0f} % of runs like "
         f"trajectory.csv, {100 * found.default_right:.0f} % on the default excitation.",
         "Collisions are not checked: look at the motion before it is run.",
     )
     return {"notice": said, "files": [out.name]}
 
 
-def methods(request: Request, progress: Progress) -> Answer:
+def methods(asked: Asked) -> Answer:
     """The same effects by other methods, judged alike: headings, and a row a method."""
-    runs, current = runs_of(request), load_estimate(request["model"])
-    if not request["methods"]:
+    runs, current = asked.runs, asked.model
+    if not asked["methods"]:
         raise InputError("No method is chosen", "choose at least one to compare")
     heads = ["method", "error", "constraints", "thinnest link", "widest link", "certified gap", "time"]
-    heads += ["error on unseen motion"] * bool(request["folds"])
+    heads += ["error on unseen motion"] * bool(asked["folds"])
     rows = []
-    for name in request["methods"]:
+    for name in asked["methods"]:
         begin = time.perf_counter()
         given: dict[str, Any] = {
             "effects": current.model.effects,
-            "seed": int(request["seed"]),
-            "progress": lambda text, name=name: progress(f"{name}: {text}"),
+            "seed": asked.seed,
+            "progress": lambda text, name=name: asked.progress(f"{name}: {text}"),
         }
         try:
             made = identify(current.problem, runs.train, name, **given)
             seconds = time.perf_counter() - begin
-            folds = request["folds"] and cross_validate(current.problem, runs.train, name, **given)
+            folds = asked["folds"] and cross_validate(current.problem, runs.train, name, **given)
         except InputError as error:
             rows.append([name, str(error), *[""] * (len(heads) - 2)])
             continue
@@ -259,59 +233,52 @@ def methods(request: Request, progress: Progress) -> Answer:
     return {"heads": heads, "rows": rows}
 
 
-def take(request: Request, progress: Progress) -> Answer:
+def take(asked: Asked) -> Answer:
     """A file to take away: a run as it was used, the diagnosis, the report, or the model in the format
     of the name's suffix; says which effects have no place in it."""
-    name, folder, found = request["name"], Path(request["folder"]), request.get("findings")
-    progress(f"writing {name}")
+    name, found = asked["name"], asked.get("findings")
+    out = asked.folder / name
+    asked.progress(f"writing {name}")
     lost: Sequence[str] = ()
     if name.startswith("run-"):
-        run = request["runs"][int(name[4:-4]) - 1]
-        save(load_measurements(folder / run["file"]), folder / name)
+        save(load_measurements(asked.folder / asked["runs"][int(name[4:-4]) - 1]["file"]), out)
     elif name == "findings.json":
-        write_text(folder / name, json.dumps(found, indent=1, allow_nan=False) + "\n")
+        write_text(out, json.dumps(found, indent=1, allow_nan=False) + "\n")
     elif name == "model.json":
-        write_bytes(folder / name, Path(request["model"]).read_bytes())
+        write_bytes(out, Path(asked["model"]).read_bytes())
     elif name == "report.html":
-        runs = runs_of(request)
         write_report(
-            {m["label"]: load_estimate(m["file"]) for m in request["models"]},
-            runs.judge,
-            folder / name,
-            commands=request["commands"],
-            noise_from=runs.whole,
+            {m["label"]: load_estimate(m["file"]) for m in asked["models"]},
+            asked.runs.judge,
+            out,
+            commands=asked["commands"],
+            noise_from=asked.runs.whole,
             findings=found and Diagnosis.from_dict(found),
-            progress=progress,
+            progress=asked.progress,
         )
     else:
-        given = request.get("urdf") if name == "robot.urdf" else None
-        x, y, z = numbers("flange", request.get("flange") or "0,0,0", 3)
-        lost = export(load_estimate(request["model"]), folder / name, given, flange=(x, y, z))
-    said = f"{Path(name).suffix} files cannot hold {', '.join(lost)}; model.json can."
+        given = asked.get("urdf") if name == "robot.urdf" else None
+        x, y, z = numbers("flange", asked.get("flange") or "0,0,0", 3)
+        lost = export(asked.model, out, given, flange=(x, y, z))
+    said = f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."
     return {"files": [name], "notice": [said] if lost else []}
 
 
-def forward(request: Request, progress: Progress) -> Answer:
+def forward(asked: Asked) -> Answer:
     """A model run along the judged runs: what `sdp-vs-penalty simulate --follow` does.
 
     Its arrays, as .npz : t0, measured0, simulated0 of the first free run, t1, ...; and of some instants
     tf0 (F,), poses0 (F, 2 joints, 4, 4), the measured arm before the simulated one.
     """
-    estimate = load_estimate(request["model"])
-    made = follow(
-        estimate,
-        runs_of(request).judge,
-        drive=request["drive"],
-        seed=int(request["seed"]),
-        progress=progress,
-    )
+    estimate, drive = asked.model, asked["drive"]
+    made = follow(estimate, asked.runs.judge, drive=drive, seed=asked.seed, progress=asked.progress)
     arrays: dict[str, Any] = {}
     for k, free in enumerate(made.free):
         both = free.measured, free.simulated.q
         arrays |= {f"t{k}": free.simulated.t, f"measured{k}": both[0], f"simulated{k}": both[1]}
         arms = [placed(estimate.robot, free.simulated.t, q) for q in both]
         arrays |= {f"tf{k}": arms[0][0], f"poses{k}": np.concatenate([a[1] for a in arms], axis=1)}
-    file = Path(request["folder"]) / f"forward-{made.drive}.npz"
+    file = asked.folder / f"forward-{made.drive}.npz"
     save_arrays(file, arrays)
     heads, rows = made.table()
     return {
@@ -326,44 +293,36 @@ def forward(request: Request, progress: Progress) -> Answer:
     }
 
 
-def prove(request: Request, progress: Progress) -> Answer:
+def prove(asked: Asked) -> Answer:
     """The model identified again with a proof, as `identify --proof` does, and that verified."""
-    model, out = load_estimate(request["model"]), Path(request["folder"]) / "proof.json"
-    runs = windowed(runs_of(request).train, time_windows(request["window"]))
-    identify(
-        model.problem,
-        runs,
-        model.method,
-        effects=model.model.effects,
-        weighting=model.weighting,
-        seed=int(request["seed"]),
-        progress=progress,
-        proof=out,
-    )
-    progress("checking the proof")
-    return {**verify({"proof": str(out)}, progress), "files": [out.name]}
+    model, out = asked.model, asked.folder / "proof.json"
+    given: dict[str, Any] = {"effects": model.model.effects, "weighting": model.weighting}
+    given |= {"seed": asked.seed, "progress": asked.progress}
+    identify(model.problem, asked.windowed(asked.runs.train), model.method, proof=out, **given)
+    asked.progress("checking the proof")
+    return {**verify(Asked({"proof": str(out)})), "files": [out.name]}
 
 
-def verify(request: Request, progress: Progress) -> Answer:
+def verify(asked: Asked) -> Answer:
     """What `sdp-vs-penalty verify` says of a proof."""
-    holds, said = verify_proof_file(request["proof"])
+    holds, said = verify_proof_file(asked["proof"])
     return {"holds": holds, "said": said}
 
 
-def pose(request: Request, progress: Progress) -> Answer:
+def pose(asked: Asked) -> Answer:
     """The SDP behind a model as a file, and what it means: what `sdp-vs-penalty export-sdp` does."""
-    model, out = load_estimate(request["model"]), Path(request["folder"]) / request["name"]
-    runs = windowed(runs_of(request).train, time_windows(request["window"]))
-    options = PoseOptions(model.model.effects, weighting=model.weighting, seed=int(request["seed"]))
-    sdp.write_posed(model.problem, runs, out, model.method, options, progress)
+    model, out = asked.model, asked.folder / asked["name"]
+    options = PoseOptions(model.model.effects, weighting=model.weighting, seed=asked.seed)
+    runs = asked.windowed(asked.runs.train)
+    sdp.write_posed(model.problem, runs, out, model.method, options, asked.progress)
     return {"files": [out.name, f"{out.name}.json"]}
 
 
-def check_urdf(request: Request, progress: Progress) -> Answer:
+def check_urdf(asked: Asked) -> Answer:
     """What `sdp-vs-penalty check-urdf` says, and its mended copy."""
-    path, out = request["robot"]["source"], Path(request["folder"]) / "fixed.urdf"
+    path, out = asked["robot"]["source"], asked.folder / "fixed.urdf"
     checks = urdf.check_urdf(path)
-    broken = [c for c in checks if not c.consistent]
+    broken = any(not c.consistent for c in checks)
     if broken:
         urdf.write_nearest(path, checks, out)
     return {
@@ -371,16 +330,15 @@ def check_urdf(request: Request, progress: Progress) -> Answer:
         "possible": not broken,
         "said": urdf.sentences(checks, urdf.massless_links(path)),
         "rows": urdf.table(checks),
-        "files": [out.name] if broken else [],
+        "files": [out.name] * broken,
     }
 
 
 #: By the name in a request.
-JOBS: dict[str, Callable[[Request, Progress], Answer]] = {
+JOBS: dict[str, Callable[[Asked], Answer]] = {
     job.__name__: job
     for job in (
         *(catalogue, robot, read, look_again, real, simulate, mend, fit, open_model, separate),
-        *(extend, find, methods, take),
-        *(forward, prove, verify, pose, check_urdf),
+        *(extend, find, methods, take, forward, prove, verify, pose, check_urdf),
     )
 }

@@ -35,7 +35,7 @@ from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
-from sdp_vs_penalty.page.worker_pool import Cancelled, WorkerPool, Working
+from sdp_vs_penalty.page.worker import Cancelled, WorkerPool, Working
 from sdp_vs_penalty.reports.pictures import LOOK as PICTURES
 
 #: Tried first, so that the page can be bookmarked.

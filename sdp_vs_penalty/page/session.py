@@ -6,7 +6,7 @@ import asyncio
 import shlex
 import time
 from collections.abc import Callable, Coroutine, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,9 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.page import uploads
-from sdp_vs_penalty.page.options import FormField, words
+from sdp_vs_penalty.page.controls import FormField, words
 from sdp_vs_penalty.page.summary import ModelStep
-from sdp_vs_penalty.page.worker_pool import Cancelled, WorkerPool, Working
+from sdp_vs_penalty.page.worker import Cancelled, WorkerPool, Working
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL
 
 
@@ -42,10 +42,7 @@ class Notice:
 
 
 #: What belongs to a robot, and is put aside with it.
-_OF_A_ROBOT = (
-    "robot", "runs", "effects", "method", "history", "findings", "found_for",
-    "made_by", "curve_texts",
-)  # fmt: skip
+_OF_A_ROBOT = ("robot", "runs", "effects", "method", "history", "undone", "made_by")
 _OTHER_RUNS = "The runs have changed: identify again."
 
 
@@ -56,8 +53,8 @@ class Session:
     One job at a time: a verb starts its work in the background and returns. Kept while the server runs,
     also of a closed tab.
 
-    robot : the answer about it, with ``source``; runs : see jobs.read, each with its ``use``; history :
-    models, the last one current; findings : of the model number ``found_for`` of the history.
+    robot : the answer about it, with ``source``; runs : see run_jobs.keep; history : models, the last
+    one current; undone : those that were left, the last one first to come back.
     """
 
     token: str
@@ -76,11 +73,7 @@ class Session:
     #: Identify even from runs that the check calls meaningless.
     anyway: bool = False
     history: list[ModelStep] = field(default_factory=list)
-    #: Models that were undone, the last one first to come back.
     undone: list[ModelStep] = field(default_factory=list)
-    findings: Diagnosis | None = None
-    curve_texts: list[str] = field(default_factory=list)
-    found_for: int = 0
     #: By job what was answered last, with the ``model`` that was asked about.
     answers: dict[str, dict[str, Any]] = field(default_factory=dict)
     notice: Notice | None = None
@@ -111,7 +104,9 @@ class Session:
 
     @property
     def current(self) -> ModelStep:
-        """``model``, in steps that come after the first one."""
+        """``model``, in steps that come after the first one. Raises InputError where there is none."""
+        if not self.history:
+            raise InputError("No model yet", "identify one first")
         return self.history[-1]
 
     @property
@@ -130,6 +125,16 @@ class Session:
             for f in run["findings"]
             if f["severity"] == "error"
         ]
+
+    @property
+    def found_for(self) -> int:
+        """How many models there were when the last diagnosis was made; 0 without one."""
+        return max((k for k, m in enumerate(self.history, start=1) if m.findings), default=0)
+
+    @property
+    def findings(self) -> Diagnosis | None:
+        """The last diagnosis."""
+        return self.history[self.found_for - 1].findings if self.found_for else None
 
     @property
     def added(self) -> set[str]:
@@ -200,7 +205,7 @@ class Session:
         return text.replace(f"{self.folder}/", "")
 
     def forget_models(self) -> None:
-        self.history, self.undone, self.findings, self.answers = [], [], None, {}
+        self.history, self.undone, self.answers = [], [], {}
         self._read.clear()
 
     def cancel(self) -> None:
@@ -248,6 +253,8 @@ class Session:
             "robot": self.robot,
             "runs": self.runs,
             "seed": self.seed,
+            "options": self.options,
+            "model": self.model and self.model.file,
             **details,
         }
         return await self.pool.run(self.working, request, self._progress)
@@ -264,11 +271,6 @@ class Session:
                 'repair it with `sdp-vs-penalty check RUN --fix`, or tick "Identify anyway"',
             )
 
-    def _current(self) -> str:
-        if self.model is None:
-            raise InputError("No model yet", "identify one first")
-        return self.model.file
-
     def _next_file(self) -> str:
         self._count += 1
         return str(self.folder / f"model-{self._count}.json")
@@ -279,7 +281,7 @@ class Session:
         self._start("Reading the robot", self._choose(source, urdf), {source: urdf or source})
 
     async def _choose(self, source: str, urdf: str | None = None) -> None:
-        answer = await self._job("robot", source=source)
+        answer = await self._job("robot", robot={"source": source})
         self._remember()
         self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
         self.runs, self.effects, self.method = [], list(answer["effects"]), DEFAULT_METHOD
@@ -392,7 +394,6 @@ class Session:
             "fit",
             effects=",".join(self.effects),
             method=self.method,
-            options=self.options,
             out=self._next_file(),
         )
         self.forget_models()
@@ -414,19 +415,17 @@ class Session:
 
     async def _diagnose(self) -> None:
         self._refuse_meaningless()
-        answer = await self._job("find", model=self._current(), frozen=self.frozen)
-        self.findings = Diagnosis.from_dict(answer["diagnosis"])
-        self.curve_texts = answer["curves"]
-        self.found_for = len(self.history)
+        answer = await self._job("find", frozen=self.frozen)
+        found = Diagnosis.from_dict(answer["diagnosis"])
+        self.history[-1] = replace(self.current, findings=found, curve_texts=answer["curves"])
 
     def add(self, texts: list[str]) -> None:
         """Add effects to the current model, a step of the history each."""
-        named = ", ".join(text.partition("@")[0] for text in texts)
-        self._start(f"Adding {named}", self._add(texts))
+        self._start(f"Adding {', '.join(text.partition('@')[0] for text in texts)}", self._add(texts))
 
     async def _add(self, texts: list[str]) -> None:
         frozen = self.frozen or (self.findings is not None and self.findings.frozen)
-        model, steps = self._current(), []
+        model, steps = self.current.file, []
         for text in texts:
             details = {"effect": text, "frozen": frozen, "out": self._next_file()}
             answer = await self._job("extend", model=model, **details)
@@ -439,9 +438,8 @@ class Session:
         """A job that changes nothing: its answer is kept; ``ready`` hears of the files that it made."""
 
         async def do() -> None:
-            model = self.model.file if self.model else None
-            window = self.options.get("window")
-            answer = await self._job(job, **{"model": model, "window": window, **on})
+            model = self.model and self.model.file
+            answer = await self._job(job, **on)
             self._read.pop(str(answer.get("file")), None)
             if answer.get("notice"):
                 self.notice = Notice(tuple(answer["notice"]), error=False)
@@ -458,8 +456,6 @@ class Session:
         if self.busy or len(self.history) < 2:
             return
         self.undone.append(self.history.pop())
-        if len(self.history) < self.found_for:
-            self.findings = None
         self.changed()
 
     def redo(self) -> None:

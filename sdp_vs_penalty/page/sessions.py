@@ -13,7 +13,7 @@ from pathlib import Path
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files.outputs import lives
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.worker_pool import WorkerPool
+from sdp_vs_penalty.page.worker import WorkerPool
 
 #: Closed tabs that can be opened again.
 _KEPT = 4

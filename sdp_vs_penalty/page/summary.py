@@ -13,6 +13,7 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements, Runs
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -48,7 +49,7 @@ class ModelStep:
     `compare --json` writes them); constraints, about : what :func:`held` and :func:`about` say; label,
     added : what it is called and the effects added to the step below, with the others held where frozen;
     opened : the file that a person brought, if any; servo : whether it knows the servos of a log
-    without torque.
+    without torque; findings : what it lacks, if it was diagnosed, and what `add` calls its curves.
     """
 
     file: str
@@ -70,6 +71,8 @@ class ModelStep:
     frozen: bool = False
     opened: str = ""
     servo: bool = False
+    findings: Diagnosis | None = None
+    curve_texts: Sequence[str] = ()
 
 
 def held(estimate: Estimate) -> str:

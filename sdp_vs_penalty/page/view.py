@@ -10,9 +10,10 @@ from typing import Any, Literal
 from nicegui import ui
 from nicegui.client import Client
 
-from sdp_vs_penalty.page.options import FormField
+from sdp_vs_penalty.page.controls import FormField
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.wording import spoken
+from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 
 #: Options of the command line by the step that offers them.
 Forms = Mapping[str, tuple[FormField, ...]]
@@ -37,17 +38,12 @@ class View:
     span: tuple[float, float] | None = None
     signal: str = "dq"
     followers: dict[str, Callable[[], None]] = field(default_factory=dict)
-    methods: set[str] = field(default_factory=lambda: {"lmi-sdp", "ols", "penalty"})
+    methods: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(METHODS, True))
     folds: bool = False
     drive: str = ""
     separating: dict[str, str] = field(default_factory=dict)
     hiding: dict[str, Any] = field(
-        default_factory=lambda: {
-            "effect": "presliding_hysteresis",
-            "joint": 0,
-            "level": "strong",
-            "seed": 7,
-        }
+        default_factory=lambda: {"effect": HIDDEN, "joint": "0", "level": LEVEL, "seed": 7}
     )
 
     def look(self, **at: Any) -> None:
@@ -142,16 +138,12 @@ class Stage:
 
 
 def after_model(
-    anchor: str,
-    title: str,
-    draw: Callable[[View], None],
-    also: Callable[[Session], Any] = _nothing,
-) -> Part:
-    """A part that is shown once there is a model; it depends on the models and on ``also``."""
-    return Part(
-        anchor,
-        title,
-        lambda s: s.model is not None,
-        lambda s: ([model.file for model in s.history], also(s)),
-        draw,
-    )
+    anchor: str, title: str, also: Callable[[Session], Any] = _nothing
+) -> Callable[[Callable[[View], None]], Part]:
+    """What a function draws as a part that is shown once there is a model; it depends on the models and
+    on ``also``."""
+
+    def depends(session: Session) -> Any:
+        return [model.file for model in session.history], also(session)
+
+    return lambda draw: Part(anchor, title, lambda s: s.model is not None, depends, draw)

@@ -1,20 +1,153 @@
-"""The process that does jobs: told by lines of JSON, answers by lines of JSON, ends with the server."""
+"""Workers: processes that do one job at a time, told by lines of JSON, answering by lines of JSON.
+
+One is always started in advance; cancelling a job kills its worker; each ends with the server.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import os
 import queue
+import signal
+import subprocess
 import sys
 import threading
+import time
 import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError
 
+#: Jobs of all tabs together that run at once, each with its part of the memory; the others wait.
+AT_ONCE = max(1, min(4, os.cpu_count() or 1))
+#: A dead worker without an answer: the system ends processes that want too much memory.
+_DIED = InputError(
+    "the job was killed, probably for lack of memory; nothing was changed", "use fewer or shorter runs"
+)
 #: Of the computer's memory, how much all jobs together may use, and what each has at least [bytes].
 _SHARE, _LEAST = 0.75, 2**31
+
+
+class Cancelled(Exception):  # noqa: N818  (it is no error)
+    """A job was cancelled."""
+
+
+class JobProcess:
+    """A worker: a process that does one job after another; temporary : where it keeps what it needs."""
+
+    def __init__(self, temporary: Path | None = None) -> None:
+        paths = os.pathsep.join(path for path in sys.path if path)
+        own = {"TMPDIR": str(temporary)} if temporary else {}
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", "from sdp_vs_penalty.page.worker import main; main()"],
+            env={**os.environ, **own, "PYTHONPATH": paths},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is the server's; a kill reaches what a job starts
+        )
+
+    async def do(self, request: Mapping[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
+        """The answer to a request; raises InputError: the worker's sentence, or that it was killed."""
+        asked = json.dumps(request).encode() + b"\n"
+        while line := await asyncio.to_thread(self._next, asked):
+            message, asked = json.loads(line), b""
+            if "progress" in message:
+                progress(message["progress"])
+            elif "error" in message:
+                raise InputError(message["error"])
+            else:
+                return dict(message["result"])
+        raise _DIED
+
+    def _next(self, asked: bytes) -> bytes:
+        """Ask, if there is something to ask, and wait for a line; nothing at the process's end."""
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        with contextlib.suppress(OSError, ValueError):  # killed: nothing more comes
+            self.process.stdin.write(asked)
+            self.process.stdin.flush()
+            return self.process.stdout.readline()
+        return b""
+
+    @property
+    def ended(self) -> bool:
+        return self.process.poll() is not None
+
+    def kill(self) -> None:
+        """End the worker and whatever it has started, at once."""
+        if not self.ended:
+            with contextlib.suppress(OSError, AttributeError):
+                os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.kill()
+            threading.Thread(target=self.process.wait, daemon=True).start()  # leaves no zombie behind
+
+
+class Working:
+    """A piece of work of a tab, of one or more jobs: what it is, where it stands, its worker."""
+
+    def __init__(self, title: str) -> None:
+        self.title, self.since, self.status = title, time.monotonic(), ""
+        self.cancelled = False
+        self.work: JobProcess | None = None
+
+    def cancel(self) -> None:
+        """End the job that is being done, at once."""
+        self.cancelled = True
+        if self.work is not None:
+            self.work.kill()
+
+
+class WorkerPool:
+    """Where workers come from; temporary : the folder for what they keep while they work."""
+
+    def __init__(self) -> None:
+        self.temporary: Path | None = None
+        self._spare: JobProcess | None = None
+        self._running, self._closed = 0, False
+
+    async def run(
+        self, working: Working, request: Mapping[str, Any], progress: Callable[[str], None]
+    ) -> dict[str, Any]:
+        """The answer to a request, once fewer than AT_ONCE jobs are running; raises InputError with the
+        worker's sentence, or Cancelled."""
+        if self._running >= AT_ONCE:
+            progress("waiting for the jobs of other tabs")
+        while self._running >= AT_ONCE and not working.cancelled:
+            await asyncio.sleep(0.1)
+        if working.cancelled:
+            raise Cancelled
+        self._running += 1
+        working.work = work = self.worker()
+        done = False
+        try:
+            answer = await work.do({**request, "at_once": AT_ONCE}, progress)
+            done = True
+            return answer
+        except InputError:
+            if working.cancelled:
+                raise Cancelled from None
+            raise
+        finally:
+            self._running -= 1
+            working.work = None
+            if not done or self._closed or self._spare is not None:
+                work.kill()
+            if self._spare is None and not self._closed:
+                self._spare = work if done else JobProcess(self.temporary)
+
+    def worker(self) -> JobProcess:
+        """A worker that does nothing yet."""
+        spare, self._spare = self._spare, None
+        return JobProcess(self.temporary) if spare is None or spare.ended else spare
+
+    def close(self) -> None:
+        self._closed = True
+        if self._spare is not None:
+            self._spare.kill()
 
 
 def main() -> None:
@@ -43,12 +176,13 @@ def _listen(requests: queue.SimpleQueue[str]) -> None:
 
 def do(request: dict[str, Any], progress: Any) -> dict[str, Any]:
     """{"result": ...} of a request, or {"error": sentence}."""
+    from sdp_vs_penalty.page.asked import Asked
     from sdp_vs_penalty.page.jobs import JOBS
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return {"result": JOBS[request["job"]](request, progress)}
+            return {"result": JOBS[request["job"]](Asked(request, progress))}
     except InputError as error:
         return {"error": str(error)}
     except MemoryError:

@@ -28,9 +28,6 @@ from sdp_vs_penalty.signals.preprocessing import Rows
 #: The rows of a data set in the columns of any model: filtered, or exact where states are known.
 RowsOf = Callable[[Model], Rows]
 
-#: Bounds of phi_2 [s/rad] and phi_3 [rad/s]: beyond, the sigmoid is a line or a jump to any data.
-_SLOPE_RANGE, _SHIFT_RANGE = (0.1, 500.0), (-0.5, 0.5)
-
 
 class SigmoidLinearised(Effect):
     """f / phi_1 and its derivatives by phi_2 and phi_3 at given phi: three columns a joint.
@@ -72,7 +69,8 @@ class SigmoidLinearised(Effect):
 class SigmoidFit:
     """phi (n, 3) with standard deviations (n, 3); pi (b,) base parameters fitted with them.
 
-    lower, upper (n, 3) : 95 % intervals; rmse (n,) of the residual [N m].
+    lower, upper (n, 3) : 95 % intervals; rmse (n,) of the residual [N m]; at_bound (n,) : whether phi_2
+    ran into the end of its range, a step, whose interval means nothing.
     """
 
     phi: Array
@@ -81,11 +79,7 @@ class SigmoidFit:
     upper: Array
     pi: Array
     rmse: Array
-
-    @property
-    def at_bound(self) -> NDArray[np.bool_]:
-        """(n,) where phi_2 ran into the end of its range: a step, whose interval means nothing."""
-        return np.asarray(self.phi[:, 1] > 0.99 * _SLOPE_RANGE[1])
+    at_bound: NDArray[np.bool_]
 
 
 def exact_rows(motion: Motion, torque: Array) -> RowsOf:
@@ -93,42 +87,59 @@ def exact_rows(motion: Motion, torque: Array) -> RowsOf:
     return lambda model: Rows(motion, torque, model.columns(motion))
 
 
-def fit_sigmoid(problem: Problem, rows_of: RowsOf, oversampling: float = 1.0) -> SigmoidFit:
+def fit_sigmoid(
+    problem: Problem,
+    rows_of: RowsOf,
+    oversampling: float = 1.0,
+    slopes: tuple[float, float] = (0.1, 500.0),
+    shifts: tuple[float, float] = (-0.5, 0.5),
+) -> SigmoidFit:
     """Fit pi and phi together; joints are weighted by the residuals of a first pass.
 
-    oversampling : rows per independent sample, for the intervals. Raises InputError where the rows
-    are too few.
+    oversampling : rows per independent sample, for the intervals. slopes, shifts : bounds of phi_2
+    [s/rad] and phi_3 [rad/s]; beyond, the sigmoid is a line or a jump to any data. Raises InputError
+    where the rows are too few.
     """
-    data = _Data.of(problem, rows_of)
-    b, n = data.rigid.shape[2], problem.robot.n
+    data, n = _Data.of(problem, rows_of), problem.robot.n
+    b, size = data.rigid.shape[2], float(np.abs(data.torque).max())
     if len(data.torque) / oversampling < b + 3:
         raise InputError("Too few samples to fit rigid model and sigmoid friction", "record longer")
-    # What rounding leaves, so that data without noise are not weighted by rounding.
-    rounding = 1e-12 * float(np.abs(data.torque).max())
     weights, empty = np.ones(n), np.zeros(b + n)
-    grid = [
-        np.concatenate([empty, np.full(n, np.log(slope)), np.zeros(n)]) for slope in (4.0, 10.0, 25.0)
-    ]
-    starts = [data.solved(x, weights) for x in grid]
-    x = min(starts, key=lambda x: float(np.sum(data.residual(x) ** 2)))
+    free = np.full(b + n, np.inf)
+    low = np.concatenate([-free, np.full(n, np.log(slopes[0])), np.full(n, shifts[0])])
+    high = np.concatenate([free, np.full(n, np.log(slopes[1])), np.full(n, shifts[1])])
+    starts = (np.concatenate([empty, np.full(n, np.log(x)), np.zeros(n)]) for x in (4.0, 10.0, 25.0))
+    solved = [data.solved(x, weights) for x in starts]
+    x = min(solved, key=lambda x: float(np.sum(data.residual(x) ** 2)))
     for _ in range(2):
-        x = data.minimise(x, weights)
-        rms = np.sqrt(np.mean(data.residual(x) ** 2, axis=0)) + rounding
+        x = optimize.least_squares(
+            lambda x, w: (data.residual(x) * w).ravel(),
+            x,
+            lambda x, w: -(data.columns(x) * w[:, None]).reshape(-1, len(x)),
+            bounds=(low, high),
+            x_scale="jac",
+            **dict.fromkeys(("xtol", "ftol", "gtol"), 1e-14),
+            max_nfev=100,
+            args=(weights,),
+        ).x
+        # With what rounding leaves, so that data without noise are not weighted by rounding.
+        rms = np.sqrt(np.mean(data.residual(x) ** 2, axis=0)) + 1e-12 * size
         weights = float(np.exp(np.mean(np.log(rms)))) / rms
     x = data.solved(x, weights)
     phi = x[b:].reshape(3, n).T.copy()
     phi[:, 1] = np.exp(phi[:, 1])
     jacobian = (data.columns(x) * weights[:, None]).reshape(-1, len(x))
-    size, count = np.linalg.norm(jacobian, axis=0), data.torque.size / oversampling
+    norms, count = np.linalg.norm(jacobian, axis=0), data.torque.size / oversampling
     # Rows that repeat each other count that often in J^T J, which the division here takes back.
     dof = max(count - len(x), 1.0)
     variance = float(np.sum((data.residual(x) * weights) ** 2)) / dof
-    inverse = np.linalg.pinv((jacobian / size).T @ (jacobian / size), hermitian=True)
-    std = (np.sqrt(variance * np.diagonal(inverse)) / size)[b:].reshape(3, n).T.copy()
+    inverse = np.linalg.pinv((jacobian / norms).T @ (jacobian / norms), hermitian=True)
+    std = (np.sqrt(variance * np.diagonal(inverse)) / norms)[b:].reshape(3, n).T.copy()
     std[:, 1] *= phi[:, 1]  # of phi_2, from that of its logarithm
     half = stats.t.ppf(0.975, dof) * std
     rmse = np.sqrt(np.mean(data.residual(x) ** 2, axis=0))
-    return SigmoidFit(phi, std, phi - half, phi + half, x[:b], rmse)
+    step = phi[:, 1] > 0.99 * slopes[1]
+    return SigmoidFit(phi, std, phi - half, phi + half, x[:b], rmse, step)
 
 
 @dataclass(frozen=True)
@@ -153,25 +164,21 @@ class _Data:
         kept = list(base_parameters(model, problem.independent)[1])
         return cls(problem.robot, rows_of, wide[:, :, kept], rows.torque)
 
-    def probes(self, shapes: Array) -> Array:
-        """(M, n, 3) columns of :class:`SigmoidLinearised`."""
-        columns = self.rows_of(Model(self.robot, (SigmoidLinearised(self.robot, shapes),))).columns
-        return np.stack([c.columns for c in columns], axis=1)
-
     def columns(self, x: Array) -> Array:
         """(M, n, b + 3 n) derivative of the torque in x."""
         amplitude, slope, shift = x[self.rigid.shape[2] :].reshape(3, -1)
         slope = np.exp(slope)
-        probes = self.probes(np.column_stack([slope, shift]))
-        probes = probes * np.stack([np.ones(len(slope)), amplitude * slope, amplitude], axis=1)
-        own = [probes[:, :, k, None] * np.eye(len(slope)) for k in range(3)]
-        return np.concatenate([self.rigid, *own], axis=2)
+        sigmoid = SigmoidLinearised(self.robot, np.column_stack([slope, shift]))
+        own = [c.columns for c in self.rows_of(Model(self.robot, (sigmoid,))).columns]
+        scale = np.stack([np.ones(len(slope)), amplitude * slope, amplitude], axis=1)
+        probes = np.stack(own, axis=1) * scale
+        wide = [probes[:, :, k, None] * np.eye(len(slope)) for k in range(3)]
+        return np.concatenate([self.rigid, *wide], axis=2)
 
     def residual(self, x: Array) -> Array:
-        """(M, n) of the torque."""
-        linear = x.copy()
-        linear[-2 * self.robot.n :] = 0.0  # phi_2 and phi_3 act through the columns
-        return np.asarray(self.torque - self.columns(x) @ linear)
+        """(M, n) of the torque; phi_2 and phi_3 act through the columns."""
+        linear = x.shape[0] - 2 * self.robot.n
+        return np.asarray(self.torque - self.columns(x)[:, :, :linear] @ x[:linear])
 
     def solved(self, x: Array, weights: Array) -> Array:
         """x with pi and phi_1 of least weighted residual at its phi_2 and phi_3."""
@@ -180,33 +187,9 @@ class _Data:
         out[: flat.shape[1]] = np.linalg.lstsq(flat, target, rcond=None)[0]
         return out
 
-    def minimise(self, x: Array, weights: Array) -> Array:
-        """x of least weighted residual, by Gauss-Newton within the bounds of phi_2 and phi_3."""
-        n = self.robot.n
-        ends = np.tile([[-np.inf], [np.inf]], len(x))
-        ends[:, -2 * n : -n] = np.log(_SLOPE_RANGE)[:, None]
-        ends[:, -n:] = np.array(_SHIFT_RANGE)[:, None]
-        found = optimize.least_squares(
-            lambda x: (self.residual(x) * weights).ravel(),
-            x,
-            lambda x: -(self.columns(x) * weights[:, None]).reshape(-1, len(x)),
-            bounds=(ends[0], ends[1]),
-            x_scale="jac",
-            xtol=1e-14,
-            ftol=1e-14,
-            gtol=1e-14,
-            max_nfev=100,
-        )
-        return np.asarray(found.x)
-
 
 def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> Array:
     """RMSE (n,) [N m] of a fit on other rows."""
-    squares, count = np.zeros(problem.robot.n), 0
-    for rows_of in parts:
-        data = _Data.of(problem, rows_of)
-        sigmoid = data.probes(fit.phi[:, 1:])[:, :, 0] * fit.phi[:, 0]
-        residual = data.torque - data.rigid @ fit.pi - sigmoid
-        squares += np.sum(residual**2, axis=0)
-        count += len(residual)
-    return np.sqrt(squares / count)
+    x = np.concatenate([fit.pi, fit.phi[:, 0], np.log(fit.phi[:, 1]), fit.phi[:, 2]])
+    residuals = [_Data.of(problem, rows_of).residual(x) for rows_of in parts]
+    return np.asarray(np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0)))

@@ -12,9 +12,8 @@ every torque can bear impossible loads. They come from the relaxed retrieval: to
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +21,7 @@ from scipy import optimize
 
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.rigid_body import RigidBody
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.paper.tables.study import Study
@@ -35,8 +35,8 @@ from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.solvers.extremes import Slice
 
-COMPONENTS = ("fx", "fy", "fz", "nx", "ny", "nz")
-UNITS = ("N", "N", "N", "N*m", "N*m", "N*m")
+#: Components of a wrench, and their units.
+COMPONENTS = dict(fx="N", fy="N", fz="N", nx="N*m", ny="N*m", nz="N*m")
 
 
 def wrench_regressor(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
@@ -71,7 +71,6 @@ class WrenchIntervals:
     lower_bound, upper_bound : certified from the dual, no such parameters lie outside.
     """
 
-    t: Array
     lower: Array
     upper: Array
     lower_bound: Array
@@ -98,92 +97,59 @@ def equal_torques(robot: Robot, constraints: ConstraintSet, theta: Array, bound:
 def wrench_intervals(
     robot: Robot,
     feasible: Slice,
-    t: ArrayLike,
     q: ArrayLike,
     dq: ArrayLike,
     ddq: ArrayLike,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
 ) -> WrenchIntervals:
     """The smallest and largest value of every wrench component at M instants over a slice.
 
     Two SDPs a component, each certified.
     """
     rows = wrench_regressor(robot, q, dq, ddq)
-    shape = rows.shape[:3]
-    lower, upper, low_bound, high_bound = (np.empty(shape) for _ in range(4))
-    for index in np.ndindex(shape):
-        progress(f"wrench intervals: instant {index[0] + 1} of {shape[0]}")
+    ends = np.empty((4, *rows.shape[:3]))
+    for index in np.ndindex(*rows.shape[:3]):
+        progress(f"wrench intervals: instant {index[0] + 1} of {len(rows)}")
         least, most = feasible.minimum(rows[index]), feasible.maximum(rows[index])
-        lower[index], low_bound[index] = least.value, least.bound
-        upper[index], high_bound[index] = most.value, most.bound
-    return WrenchIntervals(np.atleast_1d(np.asarray(t, float)), lower, upper, low_bound, high_bound)
+        ends[:, *index] = least.value, most.value, least.bound, most.bound
+    return WrenchIntervals(*ends)
 
 
-def spread(wrenches: Sequence[Array]) -> Array:
-    """(M, n, 6) largest difference of each component among several estimates' wrenches."""
-    stacked = np.stack(list(wrenches))
-    return np.asarray(stacked.max(axis=0) - stacked.min(axis=0))
+def unfeasible_retrievals(
+    problem: Problem, pi: Array, count: int, boxed: bool, wide: float = 1.0
+) -> Iterator[Array]:
+    """Links (n, 10) of the first ``count`` relaxed retrievals that reproduce the base parameters pi (b,)
+    to 1e-8 of the largest and are physically inconsistent.
 
-
-@dataclass(frozen=True)
-class Retrieval:
-    """links (n, 10) standard parameters; error : largest |pi - pi_hat| over the largest |pi_hat|."""
-
-    seed: int
-    links: Array
-    error: float
-
-
-def relaxed_retrieval(
-    problem: Problem, pi: Array, seed: int, boxed: bool, wide: float = 1.0
-) -> Retrieval:
-    """Barycentric parameters p with base parameters pi (b,), without triangle inequality or shape.
-
-    Non-linear least squares |pi(p) - pi|^2 from a random start: what the paper's retrieval is
-    without its conditional constraints. boxed : keep the box bounds of the problem's tables, which
-    leave the 2R's c1x, c1z, c2y, c2z open; otherwise nothing is bounded. wide : within so many kg, m
-    or kg m^2 of zero the search for a parameter without bounds starts.
+    Non-linear least squares |pi(p) - pi|^2 in barycentric parameters p from random starts without
+    triangle inequality or shape: what the paper's retrieval is without its conditional constraints.
+    boxed : keep the box bounds of the problem's tables, which leave the 2R's c1x, c1z, c2y, c2z open;
+    otherwise nothing is bounded. wide : within so many kg, m or kg m^2 of zero the search for one
+    that is open starts.
     """
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
-    box = problem.box.reshape(-1, 2)
-    open_start = np.array([-wide, wide])
-    start_box = (
-        np.where(np.isfinite(box), box, open_start) if boxed else np.tile(open_start, (len(box), 1))
-    )
-    if not boxed:
-        start_box[::10] = np.where(np.isfinite(box[::10]), box[::10], [0.0, wide])  # masses
-    start = np.random.default_rng(seed).uniform(start_box[:, 0], start_box[:, 1])
-    size = float(np.abs(pi).max())
+    box, size, found = problem.box.reshape(-1, 2), float(np.abs(pi).max()), 0
+    free = np.tile([-wide, wide], (len(box), 1))
+    free[::10, 0] = -wide if boxed else 0.0  # masses
+    known = np.isfinite(box) & (boxed | (np.arange(len(box)) % 10 == 0))[:, None]
+    low, high = np.where(known, box, free).T
 
-    def residual(p: Array) -> Array:
-        links = inertia.standard_from_barycentric(p.reshape(-1, 10))
-        return np.asarray((base @ links.ravel() - pi) / size)
+    def links_of(p: Array) -> Array:
+        return inertia.standard_from_barycentric(p.reshape(-1, 10))
 
-    found = optimize.least_squares(
-        residual,
-        start,
-        bounds=(box[:, 0], box[:, 1]) if boxed else (-np.inf, np.inf),
-        x_scale="jac",
-        xtol=1e-15,
-        ftol=1e-15,
-        gtol=1e-15,
-        max_nfev=1000,
-    )
-    links = inertia.standard_from_barycentric(found.x.reshape(-1, 10))
-    return Retrieval(seed, links, float(np.abs(found.fun).max()))
-
-
-def unfeasible_retrievals(problem: Problem, pi: Array, count: int, boxed: bool) -> Iterator[Retrieval]:
-    """The first ``count`` relaxed retrievals that reproduce pi and are physically inconsistent."""
-    found = 0
     for k in range(20 * count):
-        retrieval = relaxed_retrieval(problem, pi, k, boxed)
-        # A retrieval counts as reproducing the torques below this error relative to the largest
-        # symbol.
-        if retrieval.error > 1e-8 or inertia.consistency_margin(retrieval.links).min() >= 0.0:
-            continue
-        yield retrieval
-        found += 1
+        end = optimize.least_squares(
+            lambda p: (base @ links_of(p).ravel() - pi) / size,
+            np.random.default_rng(k).uniform(low, high),
+            bounds=(box[:, 0], box[:, 1]) if boxed else (-np.inf, np.inf),
+            x_scale="jac",
+            **dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15),
+            max_nfev=1000,
+        )
+        links = links_of(end.x)
+        if np.abs(end.fun).max() <= 1e-8 and inertia.consistency_margin(links).min() < 0.0:
+            yield links
+            found += 1
         if found == count:
             return
 
@@ -197,53 +163,43 @@ PENALTY_RUNS = 10
 
 @dataclass(frozen=True)
 class WrenchStudy:
-    """Wrenches (M, n, 6) along the exciting trajectory at t (M,), states q, dq, ddq; and the intervals.
+    """Wrenches (M, n, 6) along the exciting trajectory at t (M,), and the intervals.
 
     feasible : of each method's estimate; penalty_runs : of the exact penalty from other starts;
-    boxed, unbounded : relaxed retrievals that reproduce the torques and are inconsistent, with and
+    boxed, unbounded : of relaxed retrievals that reproduce the torques and are inconsistent, with and
     without the box bounds.
     """
 
     t: Array
-    states: tuple[Array, Array, Array]
     true: Array
     feasible: dict[str, Array]
-    penalty_runs: tuple[Array, ...]
-    boxed: tuple[Retrieval, ...]
-    unbounded: tuple[Retrieval, ...]
+    penalty_runs: list[Array]
+    boxed: list[Array]
+    unbounded: list[Array]
     intervals: WrenchIntervals
 
-    def wrenches(self, study: Study, links: Array) -> Array:
-        return joint_wrenches(study.problem.robot, links, *self.states)
 
-
-@lru_cache(maxsize=4)
 def wrench_study(study: Study) -> WrenchStudy:
     problem, x = study.problem, study.experiment
     t = np.linspace(0.0, x.trajectory.duration, INSTANTS[study.budget] + 2)[1:-1]
     states = x.trajectory.states(t)
     model = problem.model("rigid_body")
-    feasible = equal_torques(
-        problem.robot, problem.constraints(model), x.links, problem.parameter_bound(model)
-    )
-    intervals = wrench_intervals(problem.robot, feasible, t, *states, progress=study.progress)
-    pi = study.base @ x.links.ravel()
-    count = RETRIEVALS[study.budget]
+    known = problem.constraints(model), x.links, problem.parameter_bound(model)
+    feasible = equal_torques(problem.robot, *known)
+    intervals = wrench_intervals(problem.robot, feasible, *states, progress=study.progress)
     study.progress("relaxed retrievals")
+    pi, count = study.base @ x.links.ravel(), RETRIEVALS[study.budget]
+    retrieved = (unfeasible_retrievals(problem, pi, count, boxed) for boxed in (True, False))
     estimates = {"published p_hat": published_links(problem, "p_hat")}
     for name, method in study.methods.items():
         if name != "ols":
             estimates[name] = study.links(method, study.simulated)
-    return WrenchStudy(
-        t,
-        states,
-        joint_wrenches(problem.robot, x.links, *states),
-        {k: joint_wrenches(problem.robot, v, *states) for k, v in estimates.items()},
-        tuple(joint_wrenches(problem.robot, v, *states) for v in penalty_links(study)),
-        tuple(unfeasible_retrievals(problem, pi, count, boxed=True)),
-        tuple(unfeasible_retrievals(problem, pi, count, boxed=False)),
-        intervals,
+    (true,), feasible_ones, runs, boxed, unbounded = (
+        [joint_wrenches(problem.robot, links, *states) for links in found]
+        for found in ([x.links], estimates.values(), penalty_links(study), *retrieved)
     )
+    named = dict(zip(estimates, feasible_ones, strict=True))
+    return WrenchStudy(t, true, named, runs, boxed, unbounded, intervals)
 
 
 def penalty_links(study: Study) -> list[Array]:

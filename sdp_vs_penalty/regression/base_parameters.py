@@ -43,13 +43,8 @@ def base_parameters(
     return structure(stacked, tuple(rigid.index(name) for name in independent))
 
 
-def base_parameters_of(
-    model: Model, effects: Sequence[str]
-) -> tuple[Array, NDArray[np.intp], list[int]]:
-    """The same of several effects together, such as links and the rotors that act like their inertia.
-
-    Returns B (b, k), where its k parameters sit in theta, and where the b independent ones do.
-    """
+def _together(model: Model, effects: Sequence[str]) -> tuple[Array, NDArray[np.intp], list[int]]:
+    """The same of several effects: B (b, k), where its k parameters are in theta, and the leading b."""
     part = Model(model.robot, tuple(e for e in model.effects if e.name in effects))
     names = [p.name for p in model.parameters]
     places = np.array([names.index(p.name) for p in part.parameters])
@@ -76,11 +71,12 @@ class BaseParameters:
 def base_rows(problem: Problem, model: Model) -> BaseParameters:
     """The base parameters of a model, those of the links with the names that the problem gives them."""
     p = len(model.parameters)
-    rotors = [k for k, q in enumerate(model.parameters) if q.effect == "rotor_inertia"]
-    rigid = model.rigid_indices
-    if len(rigid) and rotors:
-        # A rotor acts like inertia of the first links: their common combinations are what counts.
-        matrix, places, kept = base_parameters_of(model, ("rigid_body", "rotor_inertia"))
+    rigid, present = model.rigid_indices, {e.name for e in model.effects}
+    # A rotor acts like inertia of the first links, an offset like the weight of a link that slides
+    # upright: their common combinations are what counts.
+    alike = {"rotor_inertia"} | ({"torque_offset"} if "m" in model.robot.position_units else set())
+    if len(rigid) and present & alike:
+        matrix, places, kept = _together(model, ("rigid_body", *alike))
     elif len(rigid):
         try:
             matrix, lead = base_parameters(model, problem.independent)

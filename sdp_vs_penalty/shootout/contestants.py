@@ -19,6 +19,7 @@ from sdp_vs_penalty.shootout.judge import Answer, dimacs_error, no_answer
 from sdp_vs_penalty.solvers import absent, solver_modules, through_cvxpy, version, warm_up
 from sdp_vs_penalty.version import __version__
 
+_LOOP = "inside our loop: scaled, certified, solved again where the gap is loose"
 #: What our loop asks of a solver, unless its file names a FINEST of its own.
 _FINEST = 1e-10
 Options = Callable[[float], dict[str, Any]]
@@ -66,10 +67,18 @@ class Contestant:
 
 def contestants() -> dict[str, Contestant]:
     """All of them by name, absent ones included."""
-    found = [_shipped(), *_baselines()]
+    found = _baselines()
     for name, module in solver_modules().items():
-        found += [_conic(name, module), _certified(name, module)]
-        found += [_variant(name, module, variant) for variant in getattr(module, "VARIANTS", ())]
+        own, finest = _conic(name, module), getattr(module, "FINEST", _FINEST)
+        certified = replace(
+            own,
+            name=f"{name} certified",
+            description=f"{name} {_LOOP}",
+            solve=partial(_in_our_loop, solver=name, finest=finest),
+            options=None,
+            promise=max(Contestant.promise, 10.0 * finest),
+        )
+        found += [own, certified, *(_conic(name, module, v) for v in getattr(module, "VARIANTS", ()))]
     return {c.name: c for c in sorted(found, key=lambda c: c.name)}
 
 
@@ -89,15 +98,9 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     return [everyone[name] for name in names], []
 
 
-def _shipped() -> Contestant:
-    """What ``identify`` runs: the interior point in NumPy, Clarabel where its answer is not tight."""
-    words = "our default: the NumPy interior point, certified; Clarabel where the certified gap is loose"
-    return Contestant(
-        "lmi-sdp", words, partial(_in_our_loop, solver=None, finest=_FINEST), lambda: __version__
-    )
-
-
 def _conic(name: str, module: ModuleType, *variant: str) -> Contestant:
+    """A solver of the library; variant : another parameter set of its manual."""
+
     def solve(instance: Instance, accuracy: float) -> Answer:
         sdp = instance.sdp
         solution = module.solve(sdp.conic, accuracy, *variant)
@@ -114,37 +117,18 @@ def _conic(name: str, module: ModuleType, *variant: str) -> Contestant:
             dimacs_error(seen, x, z),
         )
 
+    about = (module.__doc__ or "").strip().splitlines()[0]
+    for word in variant:
+        about = f"{name} with the parameter set {word} of its manual"
     return Contestant(
-        name,
-        (module.__doc__ or "").strip().splitlines()[0],
+        " ".join((name, *variant)),
+        about,
         solve,
         lambda: version(module),
         absent(module),
-        module.options,
+        lambda accuracy: module.options(accuracy, *variant),
         entropy="exp" in module.CONES,
         warm_up=lambda: warm_up(module),
-    )
-
-
-def _variant(name: str, module: ModuleType, variant: str) -> Contestant:
-    """The solver with another parameter set of its manual."""
-    return replace(
-        _conic(name, module, variant),
-        name=f"{name} {variant}",
-        description=f"{name} with the parameter set {variant} of its manual",
-        options=lambda accuracy: module.options(accuracy, variant),
-    )
-
-
-def _certified(name: str, module: ModuleType) -> Contestant:
-    finest = getattr(module, "FINEST", _FINEST)
-    return replace(
-        _conic(name, module),
-        name=f"{name} certified",
-        description=f"{name} inside our loop: scaled, certified, solved again where the gap is loose",
-        solve=partial(_in_our_loop, solver=name, finest=finest),
-        options=None,
-        promise=max(Contestant.promise, 10.0 * finest),
     )
 
 
@@ -172,7 +156,8 @@ def _in_our_loop(instance: Instance, accuracy: float, solver: str | None, finest
 
 
 def _baselines() -> list[Contestant]:
-    """CVXPY as a user meets it, the penalty, and an augmented Lagrangian in log-Cholesky variables."""
+    """What ``identify`` runs; CVXPY as a user meets it, the penalty, an augmented Lagrangian."""
+    words = "our default: the NumPy interior point, certified; Clarabel where the certified gap is loose"
     cvxpy = Contestant(
         "cvxpy",
         "CVXPY as a user meets it: the formulas, prob.solve(), no options",
@@ -182,6 +167,7 @@ def _baselines() -> list[Contestant]:
         warm_up=through_cvxpy.warm_up,
     )
     return [
+        Contestant("lmi-sdp", words, partial(_in_our_loop, solver=None, finest=_FINEST)),
         cvxpy,
         replace(
             cvxpy,

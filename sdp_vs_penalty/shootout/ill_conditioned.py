@@ -10,13 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.shootout import standard_instances
 from sdp_vs_penalty.shootout.instance import Instance, in_units
+from sdp_vs_penalty.shootout.standard_instances import wide_rows
 from sdp_vs_penalty.signals.preprocessing import filtered_rows
 from sdp_vs_penalty.simulation.experiments import experiment
 from sdp_vs_penalty.solvers.objective import Objective
@@ -100,23 +100,14 @@ def raw_rows(name: str) -> Instance:
     """Every filtered row instead of the factor, as users pass them; the same optimum."""
     problem = load_problem("panda")
     described = experiment(problem)
-    run: Measurements = described.training_run(seed=0).window(0.0, 14.0)
-    model = problem.model(described.effects)
-    settings = problem.preprocessing.resolve(run)
-    p = len(model.parameters)
-    stack = []
-    for rows in filtered_rows(run, model, settings):
-        for joint, columns in enumerate(rows.columns):
-            wide = np.zeros((len(rows.torque), p + 1))
-            wide[:, columns.indices] = columns.columns
-            wide[:, p] = rows.torque[:, joint]
-            stack.append(wide)
-    raw = np.vstack(stack)
+    run = described.training_run(seed=0).window(0.0, 14.0)
+    model, settings = problem.model(described.effects), problem.preprocessing.resolve(run)
+    p, parts = len(model.parameters), filtered_rows(run, model, settings)
+    raw = np.vstack([x for rows in parts for x in wide_rows(rows.columns, rows.torque, p)])
     data = LeastSquares.stacked([raw], len(raw))
-    made = replace(_with_data(panda(), data), name=name)
     regressor = np.ascontiguousarray(raw[:, :p])
     uncompressed = LeastSquares(regressor, raw[:, p], 0.0, data.tau_squared, len(raw))
-    return replace(made, formulation="rows", raw=uncompressed)
+    return replace(_with_data(panda(), data), name=name, formulation="rows", raw=uncompressed)
 
 
 #: One thing that users do, or data do to them, and how it is told in the library.

@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from itertools import product
 
 import numpy as np
 
@@ -54,11 +55,10 @@ def library() -> list[Entry]:
 def catalogue() -> dict[str, Entry]:
     """Every instance of the shootout, measured ones included, by name."""
     entries: list[Entry] = []
-    for step in _STEPS:
-        for shape in ("plain", "gyration", "regulariser"):
-            name = f"two_link {step} {shape}"
-            build = partial(standard.simulated, name, "two_link", step, shape)
-            entries.append(Entry(name, "two_link", build, quick=shape == "gyration"))
+    for step, shape in product(_STEPS, ("plain", "gyration", "regulariser")):
+        name = f"two_link {step} {shape}"
+        build = partial(standard.simulated, name, "two_link", step, shape)
+        entries.append(Entry(name, "two_link", build, quick=shape == "gyration"))
     for entry in _robots():
         if re.fullmatch(r"panda .* (14 s .*|1 s (one-step .*|two-step gyration))", entry.name):
             quick = entry.name.startswith("panda simulated 14 s one-step")
@@ -81,24 +81,17 @@ def catalogue() -> dict[str, Entry]:
 
 def _robots() -> Iterator[Entry]:
     """Simulated and measured robots in every formulation."""
-    stops: dict[str, tuple[float, ...]] = {
-        "two_link": (np.inf,),
-        "panda": (14.0, 7.0, 3.0, 1.0),
-        "ur10e": (np.inf,),
-        "emps": (np.inf,),
-        "tx40": (np.inf,),
-    }
-    for robot, lengths in stops.items():
-        for source in ("simulated",) if robot == "two_link" else ("simulated", "measured"):
-            for stop in lengths:
-                for step, aim in _STEPS.items():
-                    for shape, demand in _SHAPES.items():
-                        seconds = f" {stop:g} s" if np.isfinite(stop) else ""
-                        name = f"{robot} {source}{seconds} {step} {shape}"
-                        make = standard.simulated if source == "simulated" else standard.measured
-                        build = partial(make, name, robot, step, shape, stop)
-                        said = f"{robot}, {source}{seconds}: least {aim}; {demand}."
-                        yield Entry(name, robot, build, said, source == "measured")
+    for robot in ("two_link", "panda", "ur10e", "emps", "tx40"):
+        makers = {"simulated": standard.simulated, "measured": standard.measured}
+        if robot == "two_link":
+            del makers["measured"]
+        stops = (14.0, 7.0, 3.0, 1.0) if robot == "panda" else (np.inf,)
+        for source, stop, step, shape in product(makers, stops, _STEPS, _SHAPES):
+            seconds = f" {stop:g} s" if np.isfinite(stop) else ""
+            name = f"{robot} {source}{seconds} {step} {shape}"
+            build = partial(makers[source], name, robot, step, shape, stop)
+            said = f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
+            yield Entry(name, robot, build, said, source == "measured")
 
 
 def _chains() -> Iterator[Entry]:

@@ -82,8 +82,7 @@ def judge(instance: Instance, reference: Reference, answer: Answer, asked: float
     error, violation, upper = _primal(instance, reference, answer.theta)
     own = _dual(instance, answer)
     lower = max(reference.lower, own)
-    feasible = reference.verdict == "feasible"
-    gap = (upper - lower) / reference.scale if feasible else np.inf
+    gap = (upper - lower) / reference.scale if reference.verdict == "feasible" else np.inf
     numbers = (error, violation, gap, lower, min(upper, reference.upper), own, answer.dimacs)
     if answer.claims in ("failed", "inaccurate"):
         return Judgement(answer.claims, *numbers)
@@ -97,7 +96,7 @@ def classified(
     """The class of an answer that claims something, and why it is not right."""
     allowed, half = SLACK * asked, max(SLACK * asked, asked**0.5)
     if claims in ("infeasible", "unbounded"):
-        if reference.verdict == "infeasible" and claims == "infeasible":
+        if reference.verdict == claims:
             return "right", ""
         if reference.verdict == "unknown":
             return "inaccurate", "whether anything is feasible is not proved"
@@ -125,17 +124,13 @@ def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[flo
     violation = relative_violation(instance.constraints.convex, theta, inside, instance.task.bound)
     if interior is None or reference.verdict != "feasible":
         return np.inf, violation, np.inf
-    value = _value(instance, theta)
+    value = instance.objective.value(theta)
+    if not np.isfinite(value):  # where the entropy is not defined: the least squares alone
+        value = instance.data.loss(theta)
     error = max(value - reference.upper, reference.lower - value, 0.0) / reference.scale
     point = verified.feasible_point(instance.constraints.convex, theta, instance.near)
     upper = np.inf if point is None else verified.upper_bound(instance.objective, point)
     return error, violation, upper
-
-
-def _value(instance: Instance, theta: Array) -> float:
-    """The objective as returned; where the entropy is not defined, that of the least squares alone."""
-    value = instance.objective.value(theta)
-    return value if np.isfinite(value) else instance.data.loss(theta)
 
 
 def dimacs_error(problem: ConicProblem, x: Array, z: Array) -> float:
@@ -151,15 +146,10 @@ def dimacs_error(problem: ConicProblem, x: Array, z: Array) -> float:
     half = 0.5 * float(x @ force)
     primal, dual = half + float(problem.q @ x), -half - float(problem.b @ z)
     stationary = float(np.linalg.norm(force + problem.q + pull))
-    return max(
-        _outside(problem, s) / (1.0 + _largest(problem.b)),
-        max(_outside(problem, z, dual=True), stationary) / (1.0 + _largest(problem.q)),
-        abs(primal - dual) / (1.0 + abs(primal) + abs(dual)),
-    )
-
-
-def _largest(vector: Array) -> float:
-    return float(np.abs(vector).max(initial=0.0))
+    b, q = (1.0 + float(np.abs(x).max(initial=0.0)) for x in (problem.b, problem.q))
+    apart = abs(primal - dual) / (1.0 + abs(primal) + abs(dual))
+    outside = max(_outside(problem, z, dual=True), stationary)
+    return max(_outside(problem, s) / b, outside / q, apart)
 
 
 def _outside(problem: ConicProblem, values: Array, dual: bool = False) -> float:
@@ -180,26 +170,22 @@ def _outside(problem: ConicProblem, values: Array, dual: bool = False) -> float:
 
 def _outside_exponential(v: Array, dual: bool) -> float:
     """y exp(x / y) <= z with y > 0; dual: -u exp(v / u) <= e w with u < 0; of either as z is missed."""
-    x, y, z = v
-    if dual:
-        if x >= 0.0:
-            return max(float(x), -float(y), -float(z), 0.0)
-        return max(float(-x * np.exp(min(y / x - 1.0, 700.0)) - z), 0.0)
-    if y <= 0.0:
-        return max(float(x), -float(y), -float(z), 0.0)
-    return max(float(y * np.exp(min(x / y, 700.0)) - z), 0.0)
+    x, y, z = map(float, v)
+    if (x >= 0.0) if dual else (y <= 0.0):
+        return max(x, -y, -z, 0.0)
+    power, size = (y / x - 1.0, -x) if dual else (x / y, y)
+    return max(size * float(np.exp(min(power, 700.0))) - z, 0.0)
 
 
 def _dual(instance: Instance, answer: Answer) -> float:
-    if answer.multipliers is None or not np.all(np.isfinite(answer.theta)):
+    """The bound from the contestant's own multipliers, -inf without finite ones."""
+    own, slopes = answer.multipliers, answer.entropy_slopes
+    if own is None or not all(np.all(np.isfinite(x)) for x in (answer.theta, *own)):
         return -np.inf
-    if not all(np.all(np.isfinite(m)) for m in answer.multipliers):
-        return -np.inf
-    slopes = answer.entropy_slopes
     if slopes is not None and not np.all(np.isfinite(slopes)):
         slopes = None
     try:
-        value = instance.lower_bound(answer.theta, answer.multipliers, slopes)
+        value = instance.lower_bound(answer.theta, own, slopes)
     except np.linalg.LinAlgError:
         return -np.inf
     return value if np.isfinite(value) else -np.inf
@@ -221,12 +207,9 @@ def relative_violation(
             scale = 1.0 / np.sqrt(or_one(diagonal))
             margin = float(np.linalg.eigvalsh(value * np.outer(scale, scale))[0])
         else:
-            local = bound[c.indices].reshape(-1, 1)
-            size = np.maximum(np.abs(c.coefficients * local).max(axis=0), np.abs(c.constant))
-            size = or_one(size)
-            if c.cone == "soc":
-                margin = float(value[0] - np.linalg.norm(value[1:])) / float(size.max())
-            else:
-                margin = float(np.min(value / size))
+            terms = np.abs(c.coefficients * bound[c.indices, None]).max(axis=0)
+            size = or_one(np.maximum(terms, np.abs(c.constant)))
+            size = size.max() if c.cone == "soc" else size
+            margin = float(cone_margin(c.cone, value / size))
         worst = max(worst, -margin)
     return worst

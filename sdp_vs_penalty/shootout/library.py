@@ -44,12 +44,10 @@ def write_library(
     for k, item in enumerate(wanted):
         progress(item.name, k, len(wanted))
         try:
-            instance = item.build()
+            rows.append(write_instance(folder / item.folder, item, item.build()))
         except InputError:
-            if item.measured:
-                continue
-            raise
-        rows.append(write_instance(folder / item.folder, item, instance))
+            if not item.measured:
+                raise
     table = as_csv(list(rows[0]) if rows else ["name"], (list(row.values()) for row in rows))
     write_text(folder / "index.csv", table)
     proved = sum(r["status"] != "not proved" for r in rows)
@@ -62,23 +60,23 @@ def write_library(
 def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, Any]:
     """The files of one instance; returns its row of the index."""
     status, proof = proved(instance)
-    interval = (proof["lower"], proof["upper"]) if proof and status == "optimum proved" else None
+    sdp, interval = instance.sdp, None
     if proof is not None:
         write_proof(proof, folder / "proof.json")
-    sdp = instance.sdp
+        interval = (proof["lower"], proof["upper"]) if status == "optimum proved" else None
     exponential = any(c.kind == "exp" for c in sdp.conic.cones)
     sums = {}
     for name in ("problem.cbf",) if exponential else ("problem.cbf", "problem.dat-s"):
         more = {"name": item.name, "about": item.sentence, "formulation": instance.formulation}
         sums[name] = export_sdp(sdp, folder / name, interval, status=status, **more)["sha256"]
-    made = linear_objective(sdp.conic)
-    arrays = _npz(made.problem)
+    made = linear_objective(sdp.conic).problem
+    arrays = _npz(made)
     write_bytes(folder / "problem.npz", arrays)
     sums["problem.npz"] = hashlib.sha256(arrays).hexdigest()
     low, high = map(float, interval) if interval else (0.0, np.inf)
     gap = (high - low) / max(high, 1e-12 * instance.data.tau_squared)  # of the objective, never negative
     difficulty = "easy" if gap <= _EASY else "medium" if gap <= _MEDIUM else "hard"
-    cones = Counter(cone.kind for cone in made.problem.cones)
+    cones = Counter(cone.kind for cone in made.cones)
     return {
         "name": item.name,
         "group": item.group,
@@ -89,9 +87,9 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
         "upper": interval[1] if interval else "",
         "relative_gap": f"{gap:.1e}" if interval else "",
         "parameters": len(instance.task.bound),
-        "variables": len(made.problem.q),
-        "rows": len(made.problem.b),
-        "nonzeros": int(made.problem.A.nnz),
+        "variables": len(made.q),
+        "rows": len(made.b),
+        "nonzeros": int(made.A.nnz),
         "cones": " ".join(f"{k}:{v}" for k, v in cones.items()),
         "sentence": item.sentence,
         **{f"sha256 {name}": sums.get(name, "") for name in _FILES},
@@ -119,15 +117,8 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
 def _npz(problem: ConicProblem) -> bytes:
     """minimise c^T x subject to b - A x in a product of cones, matrices as svec (README.md)."""
     file, A = io.BytesIO(), problem.A.tocoo()
-    np.savez_compressed(
-        file,
-        c=problem.q,
-        b=problem.b,
-        A_row=A.row,
-        A_column=A.col,
-        A_value=A.data,
-        A_shape=np.array(A.shape),
-        cone_kinds=np.array([c.kind for c in problem.cones]),
-        cone_sizes=np.array([c.size for c in problem.cones]),
-    )
+    arrays = {"c": problem.q, "b": problem.b, "A_row": A.row, "A_column": A.col, "A_value": A.data}
+    arrays["A_shape"] = np.array(A.shape)
+    arrays |= {f"cone_{x}s": np.array([getattr(c, x) for c in problem.cones]) for x in ("kind", "size")}
+    np.savez_compressed(file, **arrays)
     return file.getvalue()

@@ -41,21 +41,15 @@ def accuracies(rows: Sequence[Row]) -> list[float]:
 
 def profile(rows: Sequence[Row], accuracy: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Of each solver (ratios, shares): the corners of its step."""
-    asked = at_accuracy(rows, accuracy)
-    problems = sorted({r["problem"] for r in rows})
-    solvers = sorted({r["solver"] for r in asked})
-    seconds = np.full((len(problems), len(solvers)), np.inf)
-    for r in asked:
-        if reached(r, accuracy):
-            seconds[problems.index(r["problem"]), solvers.index(r["solver"])] = max(r["seconds"], 1e-6)
-    best = seconds.min(axis=1, initial=np.inf)
-    solved = np.isfinite(best)
+    asked, count = at_accuracy(rows, accuracy), len({r["problem"] for r in rows})
+    right = [(r["solver"], r["problem"], max(r["seconds"], 1e-6)) for r in asked if reached(r, accuracy)]
+    best: dict[str, float] = {}
+    for _, problem, seconds in right:
+        best[problem] = min(seconds, best.get(problem, np.inf))
     out = {}
-    for k, solver in enumerate(solvers):
-        ratios = np.sort(seconds[solved, k] / best[solved])
-        finite = np.isfinite(ratios)
-        shares = np.arange(1, len(ratios) + 1) / max(len(problems), 1)
-        out[solver] = (ratios[finite], shares[finite])
+    for solver in sorted({r["solver"] for r in asked}):
+        ratios = np.sort([seconds / best[p] for name, p, seconds in right if name == solver])
+        out[solver] = ratios, np.arange(1, len(ratios) + 1) / count
     return out
 
 

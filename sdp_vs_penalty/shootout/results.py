@@ -14,23 +14,17 @@ from sdp_vs_penalty.files import as_csv, read_text, write_text
 
 Row = dict[str, Any]
 
-COLUMNS = (
-    "problem", "group", "hash", "solver", "settings", "accuracy", "claimed", "status", "class",
-    "objective_error", "violation", "gap", "own_gap", "dimacs", "lower", "upper", "seconds",
-    "setup_seconds", "solve_seconds", "iterations", "attempts", "version", "machine", "seed", "remark",
-)  # fmt: skip
 _NUMBERS = (
-    "accuracy", "objective_error", "violation", "gap", "own_gap", "dimacs", "lower", "upper", "seconds",
+    "objective_error", "violation", "gap", "own_gap", "dimacs", "lower", "upper", "seconds",
     "setup_seconds", "solve_seconds",
 )  # fmt: skip
-
+_COUNTS = "iterations", "attempts"
+COLUMNS = (
+    "problem", "group", "hash", "solver", "settings", "accuracy", "claimed", "status", "class",
+    *_NUMBERS, *_COUNTS, "version", "machine", "seed", "remark",
+)  # fmt: skip
 #: Bounds of an interval lose digits outward only: what was proved stays true of what is written.
-_OUTWARD = {
-    "lower": ROUND_FLOOR,
-    "upper": ROUND_CEILING,
-    "gap": ROUND_CEILING,
-    "violation": ROUND_CEILING,
-}
+_OUTWARD = dict.fromkeys(("upper", "gap", "violation"), ROUND_CEILING) | {"lower": ROUND_FLOOR}
 
 
 def key(row: Row) -> tuple[str, str, str, str]:
@@ -82,12 +76,10 @@ class Results:
 
     def keep(self, current: dict[str, str]) -> int:
         """Drop runs of instances whose hash (by problem name) has changed; returns how many."""
-        kept = [r for r in self.rows if current.get(r["problem"], r["hash"]) == r["hash"]]
-        dropped = len(self.rows) - len(kept)
-        if dropped:
-            self.rows = kept
-            self._write()
-        return dropped
+        before = len(self.rows)
+        self.rows = [r for r in self.rows if current.get(r["problem"], r["hash"]) == r["hash"]]
+        self._write()
+        return before - len(self.rows)
 
     def _write(self) -> None:
         order = sorted(self.rows, key=lambda r: (r["group"], r["problem"], r["solver"], -r["accuracy"]))
@@ -108,20 +100,15 @@ def cell(value: Any, rounding: str | None = None) -> str:
 
     rounding : one of decimal's, for a number that may err to one side only: to ten digits.
     """
-    if isinstance(value, float) and rounding is not None and math.isfinite(value) and value != 0.0:
+    if not isinstance(value, float):
+        return " ".join(str(value).split())
+    if rounding is not None and math.isfinite(value) and value != 0.0:
         return format(Context(prec=10, rounding=rounding).create_decimal(repr(value)).normalize(), "g")
-    if isinstance(value, float):
-        return (
-            f"{value:.6g}" if abs(value) < 1e-3 or abs(value) >= 1e6 or value == 0.0 else f"{value:.10g}"
-        )
-    return " ".join(str(value).split())
+    return f"{value:.10g}" if 1e-3 <= abs(value) < 1e6 else f"{value:.6g}"
 
 
 def parsed(row: Row) -> Row:
     """The row with its numbers as numbers; an empty cell is infinite."""
     out = {c: row.get(c, "") for c in COLUMNS}
-    for name in _NUMBERS:
-        out[name] = float(out[name]) if out[name] not in ("", None) else float("inf")
-    for name in ("iterations", "attempts"):
-        out[name] = int(out[name] or 0)
-    return out
+    out |= {c: float("inf" if out[c] in ("", None) else out[c]) for c in ("accuracy", *_NUMBERS)}
+    return out | {c: int(out[c] or 0) for c in _COUNTS}

@@ -23,7 +23,10 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Shootout:
-    """What to run and how. time_limit [s] and memory [GB] are for each run."""
+    """What to run and how. time_limit [s] and memory [GB] are for each run.
+
+    Raises InputError for settings that make no sense, and on Windows.
+    """
 
     out: Path
     solvers: list[str] | None = None
@@ -74,14 +77,13 @@ def _run(setup: Shootout, say: Progress) -> Outcome:
     absent |= {e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured}
     jobs = setup.jobs or os.cpu_count() or 1
     references = _references(setup, entries, say, jobs)
-    dropped = results.keep({name: found["hash"] for name, found in references.items()})
-    if dropped:
+    if dropped := results.keep({name: found["hash"] for name, found in references.items()}):
         notes.append(f"{dropped} runs of instances that have changed since were dropped")
     tasks, not_applicable = _pending(setup, entries, contestants, references, results)
     total = sum(len(task.accuracies) for task in tasks)
     groups = {e.name: e.group for e in entries}
     versions = {c.name: c.version() for c in contestants}
-    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    about = {"machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores", "seed": 0}
     done = 0
     say("runs", done, total)
     for task, rows in spread(perform, tasks, setup.scheduler, jobs):
@@ -89,16 +91,9 @@ def _run(setup: Shootout, say: Progress) -> Outcome:
             if "error" in row:
                 notes.append(f"{task.problem}, {task.solver}: {row['error']}")
                 continue
-            fixed = {
-                "problem": task.problem,
-                "group": groups[task.problem],
-                "hash": task.hash,
-                "solver": task.solver,
-                "version": versions[task.solver],
-                "machine": machine,
-                "seed": 0,
-            }
-            results.add({**row, **fixed})
+            named = {name: getattr(task, name) for name in ("problem", "hash", "solver")}
+            more = {"group": groups[task.problem], "version": versions[task.solver]}
+            results.add({**row, **named, **more, **about})
             done += 1
         say(f"{task.solver} on {task.problem}", done, total)
     return Outcome(results, absent, not_applicable, notes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -11,6 +12,7 @@ from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators.estimator import Task
@@ -67,8 +69,7 @@ def shape_cones(task: Task) -> list[Constraint]:
     out = []
     for k, indices in enumerate(task.links):
         m, mx, my, mz = task.nominal[indices[:4]]
-        centre = np.array([mx, my, mz]) / m
-        slope = 0.3
+        centre, slope = np.array([mx, my, mz]) / m, 0.3
         radius = 1.2 * float(np.hypot(*centre[:2])) + 0.02 - slope * min(centre[2], 0.0)
         out.append(CentreOfMassCone(k, 2, radius, slope).constraint(indices))
     return out
@@ -133,12 +134,10 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
     )
     box = np.full((n, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.0
-    reach = robot.link_reach()
-    nominal = []
-    for r in reach:
-        moment = 0.4 * 2.0 * (0.4 * r) ** 2
-        nominal.append([2.0, 0, 0, 0, moment, 0, moment, 0, 0, moment])
-    links = inertia.standard_from_barycentric(nominal)
+    balls = np.zeros((n, 10))
+    balls[:, 0] = 2.0
+    balls[:, [4, 6, 9]] = 0.4 * 2.0 * (0.4 * np.array(robot.link_reach())[:, None]) ** 2
+    links = inertia.standard_from_barycentric(balls)
     return Problem(
         robot.name, f"random serial chain of {n} links", robot, box, links, torque_side="link"
     )
@@ -160,23 +159,28 @@ def chain_task(n: int, draw: int = 0, noise: float = 0.01) -> Task:
     dq, ddq = rng.normal(size=(samples, n)), 3.0 * rng.normal(size=(samples, n))
     motion = Motion(np.linspace(0.0, 1.0, samples), q, dq, ddq)
     theta = np.concatenate([thin_links(rng, problem).ravel(), rng.uniform(0.1, 0.5, 3 * n)])
-    p, stack, rows = len(theta), [], 0
-    for columns in model.columns(motion):
-        torque = columns.columns @ theta[columns.indices]
-        spread = noise * float(np.sqrt(np.mean(torque**2)))
-        wide = np.zeros((samples, p + 1))
-        wide[:, columns.indices] = columns.columns / spread
-        wide[:, p] = torque / spread + rng.normal(size=samples)
-        stack.append(wide)
-        rows += samples
+    columns = model.columns(motion)
+    torque = np.column_stack([c.columns @ theta[c.indices] for c in columns])
+    stack = wide_rows(columns, torque, len(theta))
+    for wide in stack:
+        wide /= noise * float(np.sqrt(np.mean(wide[:, -1] ** 2)))
+        wide[:, -1] += rng.normal(size=samples)
     return Task(
         model,
-        LeastSquares.stacked(stack, rows),
+        LeastSquares.stacked(stack, n * samples),
         ConstraintSet(problem.constraints(model).convex),
         problem.parameter_bound(model),
         problem.nominal(model),
         problem.box,
     )
+
+
+def wide_rows(columns: Sequence[JointColumns], torque: Array, p: int) -> list[Array]:
+    """For each joint (N, p + 1): its rows in all p parameters, and its torque of (N, n)."""
+    out = [np.zeros((len(torque), p + 1)) for _ in columns]
+    for wide, own, measured in zip(out, columns, torque.T, strict=True):
+        wide[:, own.indices], wide[:, p] = own.columns, measured
+    return out
 
 
 def thin_links(rng: np.random.Generator, problem: Problem) -> Array:
@@ -188,9 +192,6 @@ def thin_links(rng: np.random.Generator, problem: Problem) -> Array:
         frame, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         gyration = reach * np.array([0.3, 0.05, 0.02]) * rng.uniform(0.5, 1.0, 3)
         second = mass * (frame * gyration**2) @ frame.T + mass * np.outer(centre, centre)
-        matrix = np.zeros((4, 4))
-        matrix[:3, :3] = second
-        matrix[:3, 3] = matrix[3, :3] = mass * centre
-        matrix[3, 3] = mass
-        out.append(inertia.from_pseudo_inertia(matrix))
+        corner = (mass * centre)[:, None]
+        out.append(inertia.from_pseudo_inertia(np.block([[second, corner], [corner.T, mass]])))
     return np.array(out)

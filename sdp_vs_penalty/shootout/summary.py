@@ -7,19 +7,20 @@ right at the time limit.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
+from sdp_vs_penalty.problem.load import load_problem, problem_names
 from sdp_vs_penalty.shootout.contestants import Contestant
 from sdp_vs_penalty.shootout.judge import CLASSES
 from sdp_vs_penalty.shootout.profile import accuracies, at_accuracy, plot_profile, reached
 from sdp_vs_penalty.shootout.results import Row, table_text
 
-_KNOWN_LINKS = {"emps": 1, "two_link": 2, "tx40": 6, "ur10e": 6, "panda": 7}
 _COLUMNS = (
     "solver", "settings", "runs", "success_percent", *CLASSES, "mean_seconds", "median_objective_error",
     "median_violation", "median_own_gap", "median_dimacs", "attempts", "version",
@@ -35,9 +36,11 @@ _FIGURES = ("objective_error", "violation", "own_gap", "dimacs")
 
 def summary_rows(rows: Sequence[Row], time_limit: float) -> list[Row]:
     """One row for each solver and settings: how often right, how often silently wrong, how fast."""
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for r in sorted(rows, key=lambda r: (r["solver"], r["settings"] != "default", -r["accuracy"])):
+        groups.setdefault((r["solver"], r["settings"]), []).append(r)
     out = []
-    for solver, settings in sorted({(r["solver"], r["settings"]) for r in rows}, key=_order):
-        mine = [r for r in rows if (r["solver"], r["settings"]) == (solver, settings)]
+    for (solver, settings), mine in groups.items():
         counts = {kind: sum(r["class"] == kind for r in mine) for kind in CLASSES}
         times = [r["seconds"] if r["class"] == "right" else time_limit for r in mine]
         claims = [r for r in mine if r["claimed"] == "optimal"]
@@ -60,11 +63,6 @@ def summary_rows(rows: Sequence[Row], time_limit: float) -> list[Row]:
 def _median(values: Sequence[float]) -> float:
     finite = [v for v in values if np.isfinite(v)]
     return float(np.median(finite)) if finite else float("nan")
-
-
-def _order(pair: tuple[str, str]) -> tuple[str, float]:
-    solver, settings = pair
-    return solver, 0.0 if settings == "default" else -float(settings)
 
 
 def shifted_geometric_mean(seconds: Sequence[float], shift: float = 0.01) -> float:
@@ -95,30 +93,23 @@ def by_problem(rows: Sequence[Row]) -> str:
     Beside a wrong answer stands the larger of its error and its violation, both relative.
     """
     solvers = sorted({r["solver"] for r in rows})
-    lines = []
-    for problem in dict.fromkeys(r["problem"] for r in rows):
-        cells = [problem]
-        for solver in solvers:
-            mine = [r for r in rows if r["problem"] == problem and r["solver"] == solver]
-            tightest = min(mine, key=lambda r: r["accuracy"], default=None)
-            if tightest is None:
-                cells.append("n/a")
-            elif tightest["class"] == "silently_wrong":
-                worst = max(tightest["objective_error"], tightest["violation"])
-                cells.append(f"**WRONG** {worst:.0e}" if np.isfinite(worst) else "**WRONG**")
-            else:
-                cells.append(tightest["class"])
-        lines.append(cells)
+    tightest = {(r["problem"], r["solver"]): r for r in sorted(rows, key=lambda r: -r["accuracy"])}
+
+    def said(row: Row | None) -> str:
+        if row is None or row["class"] != "silently_wrong":
+            return "n/a" if row is None else str(row["class"])
+        worst = max(row["objective_error"], row["violation"])
+        return "**WRONG**" + (f" {worst:.0e}" if np.isfinite(worst) else "")
+
+    problems = dict.fromkeys(r["problem"] for r in rows)
+    lines = [[p, *(said(tightest.get((p, s))) for s in solvers)] for p in problems]
     return "\n".join(markdown_table(["problem", *solvers], lines)) + "\n"
 
 
-def links(row: Row) -> int | None:
-    """How many links a standard problem has; None for an ill-conditioned one."""
-    if "ill-conditioned" in row["group"]:
-        return None
+def _links(row: Row, robots: Mapping[str, int]) -> int | None:
+    """How many links a standard problem has, by its robot or name; None for an ill-conditioned one."""
     named = re.match(r"chain of (\d+)", row["problem"])
-    robot = row["group"] if row["group"] in _KNOWN_LINKS else row["problem"].partition(" ")[0]
-    return int(named.group(1)) if named else _KNOWN_LINKS.get(robot)
+    return int(named.group(1)) if named else robots.get(row["group"])
 
 
 def ranking(rows: Sequence[Row], size: int, accuracy: float) -> list[Row]:
@@ -127,7 +118,8 @@ def ranking(rows: Sequence[Row], size: int, accuracy: float) -> list[Row]:
     run : on how many of the ``problems`` it ran: log det cannot be posed to all, time ran out for some.
     seconds : the median where it was right.
     """
-    mine = at_accuracy([r for r in rows if links(r) == size], accuracy)
+    robots = {name: load_problem(name).robot.n for name in problem_names()}
+    mine = at_accuracy([r for r in rows if _links(r, robots) == size], accuracy)
     out = []
     for solver in sorted({r["solver"] for r in mine}):
         runs = [r for r in mine if r["solver"] == solver]
@@ -154,6 +146,12 @@ def answer(rows: Sequence[Row], size: int = 7, accuracy: float = 1e-6) -> str:
     best = table[0]
     enough = [r for r in table if r["right"] >= 0.9 * best["right"] and not r["silently wrong"]]
     quick = min(enough, key=lambda r: r["seconds"], default=best)
+    cells = [
+        (r["solver"], *(str(r[k]) for k in ("right", "run", "silently wrong")),
+         milliseconds(r["seconds"]), f"{r['attempts']:.1f}")
+        for r in table
+    ]  # fmt: skip
+    heads = ("solver", "right", "of problems run", "silently wrong", "median [ms]", "attempts")
     text = [
         f"Take **{best['solver']}**: right on {best['right']} of {best['problems']} problems of "
         f"{size} links at {accuracy:.0e}, {best['silently wrong']} times silently wrong, "
@@ -161,14 +159,8 @@ def answer(rows: Sequence[Row], size: int = 7, accuracy: float = 1e-6) -> str:
         f"right at least nine tenths as often is **{quick['solver']}**: {quick['right']} of "
         f"{quick['problems']}, {milliseconds(quick['seconds'])} ms.",
         "",
+        *markdown_table(heads, cells),
     ]
-    cells = [
-        (r["solver"], str(r["right"]), str(r["run"]), str(r["silently wrong"]),
-         milliseconds(r["seconds"]), f"{r['attempts']:.1f}")
-        for r in table
-    ]  # fmt: skip
-    heads = ("solver", "right", "of problems run", "silently wrong", "median [ms]", "attempts")
-    text += markdown_table(heads, cells)
     return "\n".join(text) + "\n"
 
 
@@ -210,32 +202,24 @@ def write_summary(
     people : the contestants by name, whose settings are told.
     """
     table = summary_rows(rows, time_limit)
-    left_out: dict[tuple[str, str], int] = {}
-    for _, solver, reason in not_applicable:
-        left_out[solver, reason] = left_out.get((solver, reason), 0) + 1
     missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
-    for (solver, reason), count in sorted(left_out.items()):
+    for (solver, reason), count in sorted(Counter(x[1:] for x in not_applicable).items()):
         missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
     asked = accuracies(rows)
     ran = [people[name] for name in sorted({r["solver"] for r in rows}) if name in people]
     told = [[c.name, c.told(a)] for c in ran if c.tunable for a in (*asked[:1], *asked[-1:])]
     cells = [[_short(h, row[h]) for h in _COLUMNS] for row in table]
-    # The text is a file beside this one.
-    said = (
-        Path(__file__)
-        .with_suffix(".md")
-        .read_text()
-        .format(
-            sentences="".join(f"- {sentence}\n" for sentence in sentences(rows, time_limit)),
-            minutes=sum(r["seconds"] for r in rows) / 60.0,
-            limit=time_limit,
-            answer=answer(rows),
-            told="\n".join(markdown_table(["solver", "told"], told)),
-            table="\n".join(markdown_table([_HEADINGS.get(h, h) for h in _COLUMNS], cells)),
-            problems=by_problem(rows),
-            left_out="".join(f"- {line}.\n" for line in missing),
-            machines=", ".join(sorted({r["machine"] for r in rows})),
-        )
+    text = Path(__file__).with_suffix(".md").read_text()  # a file beside this one
+    said = text.format(
+        sentences="".join(f"- {sentence}\n" for sentence in sentences(rows, time_limit)),
+        minutes=sum(r["seconds"] for r in rows) / 60.0,
+        limit=time_limit,
+        answer=answer(rows),
+        told="\n".join(markdown_table(["solver", "told"], told)),
+        table="\n".join(markdown_table([_HEADINGS.get(h, h) for h in _COLUMNS], cells)),
+        problems=by_problem(rows),
+        left_out="".join(f"- {line}.\n" for line in missing),
+        machines=", ".join(sorted({r["machine"] for r in rows})),
     )
     paths = [folder / name for name in ("summary.md", "summary.csv")]
     write_text(paths[0], said)

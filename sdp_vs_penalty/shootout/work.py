@@ -67,11 +67,11 @@ def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
 
 
 def _proved(made: Instance, memory: float) -> Row:
-    kind, payload, _ = in_child(lambda: reference(made), REFERENCE_LIMIT, memory)
-    if kind != "ended":
-        found = asdict(Reference("unknown", -np.inf, np.inf, 1.0))
-        return {"hash": made.hash, "reference": found, "remark": f"{kind} {payload}".strip()}
-    return {"hash": made.hash, "reference": asdict(payload), "remark": ""}
+    kind, found, _ = in_child(lambda: reference(made), REFERENCE_LIMIT, memory)
+    remark = "" if kind == "ended" else f"{kind} {found}".strip()
+    if remark:
+        found = Reference("unknown", -np.inf, np.inf, 1.0)
+    return {"hash": made.hash, "reference": asdict(found), "remark": remark}
 
 
 def _runs(task: Assignment, made: Instance) -> Iterator[Row]:
@@ -79,11 +79,8 @@ def _runs(task: Assignment, made: Instance) -> Iterator[Row]:
     contestant, stopped = contestants()[task.solver], ""
     contestant.warm_up()  # what a first use pays for
     for accuracy, settings in zip(task.accuracies, task.settings, strict=True):
-        row = {
-            "class": "timeout",
-            "seconds": task.time_limit,
-            "remark": f"not run: {stopped} exceeded the time limit",
-        }
+        why = f"not run: {stopped} exceeded the time limit"
+        row = {"class": "timeout", "seconds": task.time_limit, "remark": why}
         if not stopped:
             row = run(task, contestant, made, accuracy)
             stopped = settings if row["class"] == "timeout" else ""

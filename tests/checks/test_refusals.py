@@ -1,7 +1,5 @@
 """What identify would refuse, check calls an error, and both quote the same share of the torque."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -71,7 +69,7 @@ DEED = st.one_of(
     suppress_health_check=list(HealthCheck),
 )  # fmt: skip
 @given(st.lists(DEED, min_size=1, max_size=3))
-def test_what_identify_refuses_check_calls_an_error(deeds: list) -> None:
+def test_what_identify_refuses_check_calls_an_error(deeds):
     run = RUN
     for do, (begin, end), given_ in deeds:
         rows = slice(int(begin * len(run.t)), int(end * len(run.t)) + 1)
@@ -88,7 +86,7 @@ def test_what_identify_refuses_check_calls_an_error(deeds: list) -> None:
         assert report.meaningless
 
 
-def test_check_and_identify_quote_the_same_share() -> None:
+def test_check_and_identify_quote_the_same_share():
     for problem, noise in ((PROBLEM, 0.0), (load_problem("ur10e"), 0.02)):
         run = small_run(problem, seconds=8.0)
         rng = np.random.default_rng(1)
@@ -99,7 +97,7 @@ def test_check_and_identify_quote_the_same_share() -> None:
         assert 100.0 * report.unexplained**0.5 == pytest.approx(found.relative_error_percent, rel=0.15)
 
 
-def test_a_warning_that_is_mended_hides_no_refusal() -> None:
+def test_a_warning_that_is_mended_hides_no_refusal():
     """A gap in the numbers is cut out for the checks behind it; the file as it is, is refused."""
     tau = RUN.tau.copy()
     tau[100, 1] = np.nan

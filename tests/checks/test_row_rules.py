@@ -1,7 +1,5 @@
 """Copies, freezes and skips: told where they were made, and not where a coarse sensor looks like one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -32,7 +30,7 @@ def motion(
 
 
 def only(run: Measurements, **blocks: np.ndarray | None) -> Measurements:
-    return Measurements(run.t, **{"q": run.q, "tau": run.tau, "dq": run.dq, **blocks})  # type: ignore[arg-type]
+    return Measurements(run.t, **{"q": run.q, "tau": run.tau, "dq": run.dq, **blocks})
 
 
 def found(kind: str, run: Measurements) -> Issue | None:
@@ -47,7 +45,7 @@ def told(run: Measurements) -> tuple[list[Issue], Measurements]:
 
 
 @pytest.mark.parametrize("velocity", [True, False])
-def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity: bool) -> None:
+def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity):
     """Many rows are equal one period later by chance; a part that is in the file twice still is told."""
     clean = motion(encoder=2.0 * np.pi / 4096, torque=0.1, noise=0.1)
     clean = clean if velocity else only(clean, dq=None)
@@ -62,16 +60,15 @@ def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity: bool)
         np.arange(len(rows)) / RATE, clean.q[rows], clean.tau[rows], clean.dq[rows] if velocity else None
     )
     issue = found("repeated run", copied)
-    assert issue is not None
     assert (issue.figures["rows"], issue.figures["lag"]) == (1000, 1500)
     # The same positions and torques with other velocities are no copies.
-    other = only(copied, dq=motion(4).dq[: len(rows)])  # type: ignore[index]
+    other = only(copied, dq=motion(4).dq[: len(rows)])
     assert found("repeated run", other) is None
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("step", [0.8, 1.2])
-def test_a_coarse_torque_keeps_its_value_until_dry_friction_turns(seed: int, step: float) -> None:
+def test_a_coarse_torque_keeps_its_value_until_dry_friction_turns(seed, step):
     """A slow load and Coulomb's friction, in steps of so much: at one level for long, then a jump."""
     clean, rng = motion(2), np.random.default_rng(seed)
     assert clean.dq is not None
@@ -80,23 +77,22 @@ def test_a_coarse_torque_keeps_its_value_until_dry_friction_turns(seed: int, ste
     assert found("frozen torque", only(clean, tau=stepped(tau, step))) is None
 
 
-def test_a_torque_in_steps_that_froze_is_told() -> None:
+def test_a_torque_in_steps_that_froze_is_told():
     fine = motion(torque=0.1)
     tau = fine.tau.copy()
     tau[2050:2320, 1] = tau[2050, 1]
     issue = found("frozen torque", only(fine, tau=tau))
-    assert issue is not None
     assert issue.figures["joints"] == [2]
 
 
 @pytest.mark.parametrize("length", [4, 25, 60])
-def test_packets_that_froze_are_no_rows_lost(length: int) -> None:
+def test_packets_that_froze_are_no_rows_lost(length):
     """Positions stand still bit by bit, then jump, while the stamps go on evenly: the clock is right."""
     clean = motion()
     rows = np.arange(len(clean.t))
     for k in range(200, 5800, 500):
         rows[k : k + length] = k
-    issues, fixed = told(only(clean, q=clean.q[rows], tau=clean.tau[rows], dq=clean.dq[rows]))  # type: ignore[index]
+    issues, fixed = told(only(clean, q=clean.q[rows], tau=clean.tau[rows], dq=clean.dq[rows]))
     kinds = ["frozen packets"] if length >= 10 else []
     assert [f.kind for f in issues if "gap" not in f.kind] == kinds
     np.testing.assert_array_equal(fixed.t, clean.t[np.isin(clean.t, fixed.t)])

@@ -1,7 +1,5 @@
 """A joint that rests is held by any torque between two limits: it is no evidence against a file."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -41,17 +39,13 @@ def stopping(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Measure
     return problem, Measurements(t, q + 1e-6 * rng.normal(size=q.shape), tau)
 
 
-def test_no_cause_is_named_of_a_clean_log_whose_joints_stick(
-    stopping: tuple[Problem, Measurements],
-) -> None:
+def test_no_cause_is_named_of_a_clean_log_whose_joints_stick(stopping):
     (report,) = check(*stopping, thorough=False)
     assert [f"{f.kind} ({f.where})" for f in report.problems] == []
 
 
 @pytest.mark.parametrize("factor", [1.3, 0.75])
-def test_a_gain_is_named_beside_joints_that_stick(
-    stopping: tuple[Problem, Measurements], factor: float
-) -> None:
+def test_a_gain_is_named_beside_joints_that_stick(stopping, factor):
     problem, run = stopping
     scaled = replace(run, tau=run.tau * np.array([1.0, factor, 1.0]))
     (report,) = check(problem, scaled, thorough=False)
@@ -60,7 +54,7 @@ def test_a_gain_is_named_beside_joints_that_stick(
     assert found[0].figures["factor"] == pytest.approx(1.0 / factor, rel=0.05)
 
 
-def test_a_drift_is_named_beside_joints_that_stick(stopping: tuple[Problem, Measurements]) -> None:
+def test_a_drift_is_named_beside_joints_that_stick(stopping):
     problem, run = stopping
     drifted = run.tau + np.array([0.0, 0.0, 1.0]) * (run.t / run.t[-1])[:, None]
     (report,) = check(problem, replace(run, tau=drifted), thorough=False)

@@ -1,7 +1,5 @@
 """What every transformation promises: on rows it does what it does to a log, and says it once."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +13,7 @@ RUN = replace(small_run(PROBLEM, seconds=8.0), dq=None)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_two_mistakes_are_never_told_against_each_other(seed: int) -> None:
+def test_two_mistakes_are_never_told_against_each_other(seed):
     """Of each kind a joint is named once, and the mended log has nothing left to mend."""
     rng = np.random.default_rng(seed)
     tau = RUN.tau * np.array([1.0, rng.choice([-1.0, 2.5])])
@@ -27,7 +25,7 @@ def test_two_mistakes_are_never_told_against_each_other(seed: int) -> None:
     assert not [f for f in again.problems if f.severity == "error"]
 
 
-def test_a_load_in_one_of_two_runs_is_named_with_the_run() -> None:
+def test_a_load_in_one_of_two_runs_is_named_with_the_run():
     first, second = small_run(PROBLEM, seconds=8.0), small_run(PROBLEM, seconds=8.0)
     from sdp_vs_penalty.data import concatenate
 
@@ -38,7 +36,7 @@ def test_a_load_in_one_of_two_runs_is_named_with_the_run() -> None:
     assert [f.kind for r in reports for f in r.problems]
 
 
-def test_two_joints_a_quarter_turn_off_are_both_named() -> None:
+def test_two_joints_a_quarter_turn_off_are_both_named():
     """Also where neither joint's own torque shows it."""
     problem = load_problem("panda")
     run = replace(small_run(problem, seconds=8.0), dq=None)

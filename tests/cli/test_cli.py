@@ -1,7 +1,5 @@
 """The command line: verbs, files, exit codes, sentences instead of tracebacks."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -70,7 +68,7 @@ def assert_one_sentence(err: str, *words: str) -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no resource usage of children")
-def test_help_answers_at_once() -> None:
+def test_help_answers_at_once():
     """The promise; 0.05 s of processor time on the machine where this was written."""
     import resource
 
@@ -84,7 +82,7 @@ def test_help_answers_at_once() -> None:
     assert min(seconds) < 0.2
 
 
-def test_help_imports_nothing_heavy() -> None:
+def test_help_imports_nothing_heavy():
     code = (
         "import sys\nfrom sdp_vs_penalty.cli.main import main\n"
         "try:\n    main(['identify', '--help'])\nexcept SystemExit:\n    pass\n"
@@ -95,14 +93,14 @@ def test_help_imports_nothing_heavy() -> None:
     assert "loaded: set()" in result.stdout
 
 
-@pytest.mark.parametrize("verb", sorted(typer.main.get_command(app).commands))  # type: ignore[attr-defined]
-def test_help_of_every_verb_has_an_example(run: Run, verb: str) -> None:
+@pytest.mark.parametrize("verb", sorted(typer.main.get_command(app).commands))
+def test_help_of_every_verb_has_an_example(run, verb):
     code, out, _ = run(verb, "--help")
     assert code == 0
     assert f"Example:\n    sdp-vs-penalty {verb}" in out
 
 
-def test_simulate_never_overwrites_runs_of_the_users_own(run: Run, tmp_path: Path) -> None:
+def test_simulate_never_overwrites_runs_of_the_users_own(run, tmp_path):
     """A folder that it wrote itself, with its truth.json, is written again."""
     own, folder = tmp_path / "own", tmp_path / "made"
     own.mkdir()
@@ -118,17 +116,17 @@ def test_simulate_never_overwrites_runs_of_the_users_own(run: Run, tmp_path: Pat
     assert len(list(folder.iterdir())) == 5
 
 
-def test_version(run: Run) -> None:
+def test_version(run):
     assert run("--version")[:2] == (0, f"sdp-vs-penalty {__version__}\n")
 
 
-def test_no_verb_shows_the_help(run: Run) -> None:
+def test_no_verb_shows_the_help(run):
     code, out, _ = run()
     assert code == 0
     assert "Commands" in out
 
 
-def test_a_wrong_choice_is_said_in_our_words(run: Run) -> None:
+def test_a_wrong_choice_is_said_in_our_words(run):
     for words, said in (
         (("list",), "Choose from: problems, effects"),
         (("list", "nothing"), "'nothing' is not one of 'problems', 'effects'"),
@@ -142,9 +140,7 @@ def test_a_wrong_choice_is_said_in_our_words(run: Run) -> None:
         assert "Input should" not in err
 
 
-def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(run, monkeypatch):
     monkeypatch.setattr(console.out, "_width", 80)
     code, out, _ = run("list", "effects")
     assert code == 0
@@ -164,7 +160,7 @@ def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(
 
 
 @pytest.mark.parametrize("kind", ["problems", "effects", "methods", "solvers", "datasets"])
-def test_list_shows_every_registered_name(run: Run, kind: str) -> None:
+def test_list_shows_every_registered_name(run, kind):
     code, out, _ = run("list", kind)
     assert code == 0
     first_words = {line.split()[0] for line in out.splitlines() if line.split()}
@@ -173,7 +169,7 @@ def test_list_shows_every_registered_name(run: Run, kind: str) -> None:
     assert names <= first_words
 
 
-def test_identify_writes_a_model_and_a_summary(run: Run, runs: list[Path], tmp_path: Path) -> None:
+def test_identify_writes_a_model_and_a_summary(run, runs, tmp_path):
     out_file = tmp_path / "new" / "model.json"
     code, out, _ = run("identify", "two_link", "--data", *runs, "--seed", 3, "--out", out_file)
     assert code == 0
@@ -190,7 +186,7 @@ def test_identify_writes_a_model_and_a_summary(run: Run, runs: list[Path], tmp_p
     )
 
 
-def test_identify_options_reach_the_model(run: Run, runs: list[Path], tmp_path: Path) -> None:
+def test_identify_options_reach_the_model(run, runs, tmp_path):
     out_file = tmp_path / "model.json"
     code, *_ = run(
         *("identify", "two_link", "--data", runs[0], "--out", out_file, "--method", "ols"),
@@ -204,7 +200,7 @@ def test_identify_options_reach_the_model(run: Run, runs: list[Path], tmp_path: 
     assert estimate.provenance["samples"] == 450
 
 
-def test_compare_writes_the_stated_json(run: Run, runs: list[Path], model: Path, tmp_path: Path) -> None:
+def test_compare_writes_the_stated_json(run, runs, model, tmp_path):
     other, out_file = tmp_path / "ols.json", tmp_path / "out.json"
     run("identify", "two_link", "--data", runs[0], "--method", "ols", "--out", other)
     code, out, _ = run("compare", model, other, "--data", runs[1], "--json", out_file)
@@ -254,9 +250,7 @@ def test_compare_writes_the_stated_json(run: Run, runs: list[Path], model: Path,
         (["identify", "panda"], ["run1.csv", "2 joints", "7"]),
     ],
 )
-def test_identify_refuses_in_one_sentence(
-    run: Run, runs: list[Path], tmp_path: Path, arguments: list[str], words: list[str]
-) -> None:
+def test_identify_refuses_in_one_sentence(run, runs, tmp_path, arguments, words):
     kept = tmp_path / "model.json"
     kept.write_text("old")
     code, _, err = run(*arguments, "--data", runs[0], "--out", kept)
@@ -278,15 +272,13 @@ def test_identify_refuses_in_one_sentence(
         (["tables", "--budget", "endless"], ["endless", "quick", "paper"]),
     ],
 )
-def test_usage_errors_are_one_sentence(run: Run, arguments: list[str], words: list[str]) -> None:
+def test_usage_errors_are_one_sentence(run, arguments, words):
     code, _, err = run(*arguments)
     assert code == 2
     assert_one_sentence(err, *words)
 
 
-def test_a_wrong_window_is_said_of_the_option_that_has_it(
-    run: Run, runs: list[Path], model: Path
-) -> None:
+def test_a_wrong_window_is_said_of_the_option_that_has_it(run, runs, model):
     data = ("--data", runs[0], "--test", runs[1])
     code, _, err = run("diagnose", model, *data, "--test-window", "4:1")
     assert code == 2
@@ -294,8 +286,8 @@ def test_a_wrong_window_is_said_of_the_option_that_has_it(
 
 
 def test_what_does_not_belong_to_the_model_is_refused_and_nothing_written(
-    run: Run, runs: list[Path], model: Path, panda: Problem, tmp_path: Path
-) -> None:
+    run, runs, model, panda, tmp_path
+):
     """Another robot's test run, degrees, a window of no run, a report that is no HTML."""
     other = write_run(tmp_path / "panda.csv", panda, seed=1)
     rows = np.loadtxt(runs[0], delimiter=",", skiprows=1)
@@ -322,7 +314,7 @@ def test_what_does_not_belong_to_the_model_is_refused_and_nothing_written(
         assert set(tmp_path.iterdir()) == kept
 
 
-def test_debug_shows_the_traceback(runs: list[Path], tmp_path: Path) -> None:
+def test_debug_shows_the_traceback(runs, tmp_path):
     arguments = ["identify", "two_link", "--method", "magic", "--data", runs[0], "--out", "m.json"]
     result = subprocess.run(
         [*PROGRAM, *map(str, arguments), "--debug"],
@@ -336,9 +328,7 @@ def test_debug_shows_the_traceback(runs: list[Path], tmp_path: Path) -> None:
     assert "magic" in result.stderr
 
 
-def test_an_error_of_our_own_is_no_traceback(
-    run: Run, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_of_our_own_is_no_traceback(run, runs, tmp_path, monkeypatch):
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("inner")
 
@@ -348,8 +338,15 @@ def test_an_error_of_our_own_is_no_traceback(
     assert_one_sentence(err, "ZeroDivisionError", "--debug")
 
 
+def test_without_docstrings_it_says_so() -> None:
+    command = [sys.executable, "-OO", *PROGRAM[1:], "check", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert_one_sentence(done.stderr, "-OO", "-O")
+
+
 @pytest.mark.skipif(os.name == "nt", reason="signals differ")
-def test_ctrl_c_leaves_the_old_file(runs: list[Path], tmp_path: Path) -> None:
+def test_ctrl_c_leaves_the_old_file(runs, tmp_path):
     """SIGINT in the middle of an identification: exit 130 and the file as it was."""
     kept = tmp_path / "model.json"
     kept.write_text("old")
@@ -368,7 +365,6 @@ def test_ctrl_c_leaves_the_old_file(runs: list[Path], tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
     )
-    assert process.stdout is not None
     assert process.stdout.readline() == "fitting\n"
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=30)
@@ -378,7 +374,7 @@ def test_ctrl_c_leaves_the_old_file(runs: list[Path], tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [kept]
 
 
-def test_options_of_several_values() -> None:
+def test_options_of_several_values():
     words = ["identify", "p", "--data", "a", "b", "c", "--out", "m", "--debug"]
     assert expand_many(words) == [
         *("identify", "p", "--data", "a", "--data", "b", "--data", "c", "--out", "m", "--debug")
@@ -387,7 +383,7 @@ def test_options_of_several_values() -> None:
     assert expand_many(["--gravity", "-1,0,0", "y"]) == ["--gravity", "-1,0,0", "y"]
 
 
-def test_a_closed_pipe_is_no_traceback() -> None:
+def test_a_closed_pipe_is_no_traceback():
     shell = f"{sys.executable} -m sdp_vs_penalty list effects | head -n 1"
     result = subprocess.run(["bash", "-c", shell], capture_output=True, text=True)
     assert "Traceback" not in result.stderr
@@ -407,7 +403,7 @@ BROKEN = "raise ImportError('libpinocchio_default.so: cannot open shared object 
         (BROKEN, ["cannot be imported", "libpinocchio_default.so", "pin>=4"]),
     ],
 )
-def test_another_pinocchio_is_told_from_ours(content: str, words: list[str], tmp_path: Path) -> None:
+def test_another_pinocchio_is_told_from_ours(content, words, tmp_path):
     """PyPI's `pinocchio`, a ROS copy in front of the wheel, a wheel without its libraries."""
     (tmp_path / "pinocchio.py").write_text(content)
     path = os.pathsep.join([str(tmp_path), HERE["PYTHONPATH"]])
@@ -418,7 +414,7 @@ def test_another_pinocchio_is_told_from_ours(content: str, words: list[str], tmp
     assert_one_sentence(result.stderr, *words)
 
 
-def test_an_input_is_never_overwritten(run: Run, runs: list[Path], model: Path) -> None:
+def test_an_input_is_never_overwritten(run, runs, model):
     before = runs[0].read_bytes()
     code, _, err = run("identify", "two_link", "--data", runs[0], "--out", runs[0])
     assert code == 2
@@ -430,7 +426,7 @@ def test_an_input_is_never_overwritten(run: Run, runs: list[Path], model: Path) 
     assert load_estimate(model).method == "lmi-sdp"
 
 
-def test_the_same_run_twice_is_refused(run: Run, runs: list[Path], tmp_path: Path) -> None:
+def test_the_same_run_twice_is_refused(run, runs, tmp_path):
     out = tmp_path / "m.json"
     code, _, err = run("identify", "two_link", "--data", runs[0], runs[1], runs[0], "--out", out)
     assert code == 2
@@ -439,7 +435,7 @@ def test_the_same_run_twice_is_refused(run: Run, runs: list[Path], tmp_path: Pat
 
 
 @pytest.mark.parametrize("effect", ["coulomb_friction@v_s=0", "stribeck_friction@vs=-1"])
-def test_shape_constants_without_sense(run: Run, runs: list[Path], tmp_path: Path, effect: str) -> None:
+def test_shape_constants_without_sense(run, runs, tmp_path, effect):
     out = tmp_path / "m.json"
     code, _, err = run(
         "identify", "two_link", "--data", runs[0], "--effects", f"rigid_body,{effect}", "--out", out
@@ -448,7 +444,7 @@ def test_shape_constants_without_sense(run: Run, runs: list[Path], tmp_path: Pat
     assert_one_sentence(err, "above 0")
 
 
-def test_torques_of_zero(run: Run, runs: list[Path], tmp_path: Path) -> None:
+def test_torques_of_zero(run, runs, tmp_path):
     lines = runs[0].read_text().splitlines()
     dead = [lines[0], *(",".join([*line.split(",")[:-2], "0", "0"]) for line in lines[1:])]
     file = tmp_path / "dead.csv"

@@ -1,7 +1,5 @@
 """The verbs shootout and export-sdp as a user types them."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -25,7 +23,7 @@ def run(*arguments: object) -> int:
     return int(ended.value.code or 0)
 
 
-def test_shootout_writes_its_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_shootout_writes_its_tables(tmp_path, capsys):
     out = tmp_path / "s"
     choice = ("--solvers", "clarabel,lmi-sdp", "--problems", "two_link one-step plain")
     assert run("shootout", *choice, "--accuracy", "1e-6", "--jobs", 1, "--out", out) == 0
@@ -45,16 +43,14 @@ def test_shootout_writes_its_tables(tmp_path: Path, capsys: pytest.CaptureFixtur
         (("--time-limit", "0"), "--time-limit"),
     ],
 )
-def test_mistakes_are_one_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], words: str
-) -> None:
+def test_mistakes_are_one_sentence(tmp_path, capsys, arguments, words):
     assert run("shootout", *arguments, "--out", tmp_path / "s") == 2
     said = capsys.readouterr().err
     assert words in said
     assert said.count("\n") == 1
 
 
-def test_list_names_instances_and_solvers(capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_names_instances_and_solvers(capsys):
     assert run("shootout", "--list") == 0
     said = capsys.readouterr().out
     for name in (
@@ -98,7 +94,7 @@ def within(about: dict[str, float], optimum: float, accuracy: float) -> bool:
     return about["lower"] - slack <= loss <= about["upper"] + slack
 
 
-def test_export_writes_files_whose_optimum_is_the_proved_loss(exported: Path) -> None:
+def test_export_writes_files_whose_optimum_is_the_proved_loss(exported):
     for name, read in (("a.dat-s", read_sdpa), ("a.cbf", read_cbf), ("entropic.cbf", read_cbf)):
         about = json.loads((exported / f"{name}.json").read_text())
         assert about["sha256"] == hashlib.sha256((exported / name).read_bytes()).hexdigest()
@@ -111,9 +107,7 @@ def test_export_writes_files_whose_optimum_is_the_proved_loss(exported: Path) ->
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
-def test_outside_programs_reproduce_the_interval_from_the_file_alone(
-    program: str, exported: Path, tmp_path: Path
-) -> None:
+def test_outside_programs_reproduce_the_interval_from_the_file_alone(program, exported, tmp_path):
     if shutil.which(program) is None:
         pytest.skip(f"the program {program} is not installed")
     shutil.copy(exported / "a.dat-s", tmp_path)
@@ -126,9 +120,7 @@ def test_outside_programs_reproduce_the_interval_from_the_file_alone(
     assert not within({**about, "offset": 0.0}, sign * float(found), 1e-5)
 
 
-def test_what_cannot_be_exported_is_one_sentence(
-    exported: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_exported_is_one_sentence(exported, tmp_path, capsys):
     wrong = ("--data", exported / "run.csv", "--out", tmp_path / "a.mps")
     assert run("export-sdp", "two_link", *wrong) == 2
     assert ".dat-s" in capsys.readouterr().err

@@ -1,7 +1,5 @@
 """The example in every verb's --help does what it says."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path
@@ -12,12 +10,11 @@ import typer.main
 from small_runs import small_run, write_bag, write_run
 
 import sdp_vs_penalty
-from sdp_vs_penalty import Problem
 from sdp_vs_penalty.cli.main import app, expand_many, main
 from sdp_vs_penalty.data.formats import formats
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
-COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+COMMANDS = typer.main.get_command(app).commands
 EXAMPLES = {verb: re.findall(r"Example:\n  (.*)", command.epilog) for verb, command in COMMANDS.items()}
 #: In the order in which one example makes what the next one reads.
 RUN = (
@@ -28,7 +25,7 @@ RUN = (
 NOT_RUN = {"demo", "tables", "figures", "excite", "shootout", "fetch", "page", "verify"}
 
 
-def test_every_file_of_verbs_is_in_the_programs_help(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_file_of_verbs_is_in_the_programs_help(capsys):
     files = {path.stem.replace("_", "-") for path in (ROOT / "cli" / "verbs").glob("[!_]*.py")}
     assert set(EXAMPLES) == files, "VERBS of cli/main.py names each file of cli/verbs, and no other"
     with pytest.raises(SystemExit):
@@ -39,7 +36,7 @@ def test_every_file_of_verbs_is_in_the_programs_help(capsys: pytest.CaptureFixtu
     assert max(map(len, lines)) <= 80
 
 
-def test_every_option_is_described_by_a_noun_phrase() -> None:
+def test_every_option_is_described_by_a_noun_phrase():
     """One sentence or more that begins with a capital letter and no preposition."""
     for verb, command in COMMANDS.items():
         for parameter in command.params:
@@ -50,7 +47,7 @@ def test_every_option_is_described_by_a_noun_phrase() -> None:
             assert text.endswith("."), f"{verb} {parameter.name}: {text}"
 
 
-def test_every_format_is_named_where_a_file_is_asked_for() -> None:
+def test_every_format_is_named_where_a_file_is_asked_for():
     """By its first suffix: the help is by hand, so that showing it imports no reader."""
 
     def told(verb: str, name: str) -> str:
@@ -66,7 +63,7 @@ def test_every_format_is_named_where_a_file_is_asked_for() -> None:
 
 
 @pytest.mark.parametrize("verb", sorted(EXAMPLES))
-def test_there_is_one_example_and_it_parses(verb: str) -> None:
+def test_there_is_one_example_and_it_parses(verb):
     assert len(EXAMPLES[verb]) == 1, f"{verb}: one line 'Example: sdp-vs-penalty ...' in the docstring"
     (example,) = EXAMPLES[verb]
     program, called, *words = expand_many(shlex.split(example))
@@ -74,16 +71,14 @@ def test_there_is_one_example_and_it_parses(verb: str) -> None:
     COMMANDS[verb].make_context(verb, list(words))
 
 
-def test_every_verb_is_run_here_or_said_not_to_be() -> None:
+def test_every_verb_is_run_here_or_said_not_to_be():
     left = set(EXAMPLES) - set(RUN) - NOT_RUN
     assert not left, f"name {left} in RUN, where its example is run here, or in NOT_RUN"
     assert not set(RUN) & NOT_RUN
 
 
 @pytest.mark.long
-def test_the_examples_run(
-    tmp_path: Path, panda: Problem, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_examples_run(tmp_path, panda, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for seed, name in enumerate(("run.csv", "run1.csv", "run2.csv", "test.csv")):
         write_run(tmp_path / name, panda, seed=seed)

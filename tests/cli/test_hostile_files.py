@@ -1,7 +1,5 @@
 """Every verb's every file argument, given what is no such file: one sentence, exit 2, bounded."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import signal
@@ -209,14 +207,7 @@ CASES = [(kind, command) for kind, commands in COMMANDS.items() for command in c
 
 @pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="devices and limits of Linux")
 @pytest.mark.parametrize(("kind", "command"), CASES, ids=[command for _, command in CASES])
-def test_no_file_crashes_hangs_or_bursts(
-    kind: str,
-    command: str,
-    good: dict[str, str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_no_file_crashes_hangs_or_bursts(kind, command, good, tmp_path, monkeypatch, capsys):
     given, work = tmp_path / "given", tmp_path / "work"
     given.mkdir()
     work.mkdir()
@@ -248,7 +239,7 @@ def refused(verb: str, before: str, good: dict[str, str], folder: Path) -> str:
 
 
 @pytest.mark.parametrize("verb", ["identify two_link --data RUN --out out.json", "check RUN", "list"])
-def test_a_limit_of_memory_is_one_sentence(verb: str, good: dict[str, str], tmp_path: Path) -> None:
+def test_a_limit_of_memory_is_one_sentence(verb, good, tmp_path):
     """OpenBLAS would end the process in words of its own."""
     said = refused(verb, "ulimit -v 250000; exec", good, tmp_path)
     assert "this process may take 244 MiB of memory" in said
@@ -274,7 +265,7 @@ def test_a_limit_of_memory_is_one_sentence(verb: str, good: dict[str, str], tmp_
         ),
     ],
 )
-def test_where_nothing_can_be_written(verb: str, good: dict[str, str], tmp_path: Path) -> None:
+def test_where_nothing_can_be_written(verb, good, tmp_path):
     """A full disk, and a folder of another account; neither has a home."""
     assert "too large" in refused(verb, "ulimit -f 0; exec", good, tmp_path).lower()
     folder = tmp_path / "theirs"

@@ -1,7 +1,5 @@
 """Every command that a verb or the page prints is run as printed, on arms of every kind."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re
@@ -26,7 +24,7 @@ from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.estimation import separation
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
-from sdp_vs_penalty.page.worker_pool import WorkerPool
+from sdp_vs_penalty.page.worker import WorkerPool
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.simulation import experiment, hidden_runs
 
@@ -78,7 +76,7 @@ def printed(text: str) -> list[str]:
     return re.findall(rf"(?:^|: )({PROGRAM} [a-z-]+ .*)$", text, re.MULTILINE)
 
 
-def test_commands_are_found_in_a_text() -> None:
+def test_commands_are_found_in_a_text():
     text = (
         f"next: {PROGRAM} add 'my model.json' a --out b\nsee `{PROGRAM} check`\n{PROGRAM} list effects"
     )
@@ -103,8 +101,8 @@ KINDS = [
 
 @pytest.mark.parametrize(("kind", "searched"), KINDS)
 def test_from_simulated_runs_to_a_model_with_what_was_missing(
-    kind: str, searched: bool, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    kind, searched, run, tmp_path, monkeypatch
+):
     """simulate prints identify; diagnose prints add, as text and from its file, which do the same."""
     source = robot(kind, tmp_path)
     found = []
@@ -121,7 +119,7 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
             return found[0]
         runs = tuple(str(getattr(g, "data_hash", "")) for g in given)
         if runs not in searched_in:
-            searched_in[runs] = diagnose(*given, **options)  # type: ignore[arg-type]
+            searched_in[runs] = diagnose(*given, **options)
         return searched_in[runs]
 
     monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose.diagnose", diagnosed)
@@ -146,7 +144,7 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
 
 @pytest.mark.slow
 @pytest.mark.real_data
-def test_on_the_real_panda(run: Run, data_folder: Path) -> None:
+def test_on_the_real_panda(run, data_folder):
     data = f"--data {shlex.quote(str(data_folder / 'panda'))} --window 0:10"
     effects = "rigid_body,viscous_friction,torque_offset"
     run(f"{PROGRAM} identify panda {data} --effects {effects} --out m.json")
@@ -158,7 +156,7 @@ def test_on_the_real_panda(run: Run, data_folder: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["two_link", pytest.param("folder", marks=pytest.mark.slow)])
-def test_the_check_repairs_what_it_says(kind: str, run: Run, tmp_path: Path) -> None:
+def test_the_check_repairs_what_it_says(kind, run, tmp_path):
     """One run, and two, with a torque's sign flipped: the copies that it offers to write are clean."""
     source = robot(kind, tmp_path)
     problem = load_problem(source)
@@ -178,9 +176,7 @@ def test_the_check_repairs_what_it_says(kind: str, run: Run, tmp_path: Path) -> 
         )
 
 
-def test_compare_prints_the_diagnosis_of_the_training_seconds_judged_on_the_others(
-    run: Run, two_link: Problem
-) -> None:
+def test_compare_prints_the_diagnosis_of_the_training_seconds_judged_on_the_others(run, two_link):
     write_run(Path("my run.csv"), two_link, seconds=20.0)
     made = run(
         f"{PROGRAM} identify two_link --data 'my run.csv' --window 0:12 --method ols "
@@ -195,7 +191,7 @@ def test_compare_prints_the_diagnosis_of_the_training_seconds_judged_on_the_othe
 
 
 @pytest.mark.parametrize("kind", [k.value for k in Kind])
-def test_lists_name_one_to_look_at(kind: str, run: Run) -> None:
+def test_lists_name_one_to_look_at(kind, run):
     assert all(
         command.startswith(f"{PROGRAM} list") for command in printed(run(f"{PROGRAM} list {kind}"))
     )
@@ -233,7 +229,7 @@ def twelve_found(panda: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.slow
-def test_twelve_findings_at_once(twelve_found: Diagnosis, run: Run) -> None:
+def test_twelve_findings_at_once(twelve_found, run):
     """The text of twelve effects is longer than a file's name may be."""
     run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
     (as_text,) = printed(run(f"{PROGRAM} diagnose model.json --data run.csv"))
@@ -249,9 +245,7 @@ def test_twelve_findings_at_once(twelve_found: Diagnosis, run: Run) -> None:
 
 
 @pytest.mark.slow
-def test_of_weak_findings_the_first_are_offered(
-    twelve_found: Diagnosis, run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_weak_findings_the_first_are_offered(twelve_found, run, monkeypatch):
     """--only with their numbers; --confident takes what is sure."""
     effects = tuple(
         replace(f, confidence="confident" if k in (0, 2) else "weak")
@@ -270,9 +264,7 @@ def test_of_weak_findings_the_first_are_offered(
     assert [e.text for e in added] == [effects[0].text, effects[2].text]
 
 
-def test_what_a_held_model_misses_is_added_to_it_held(
-    twelve_found: Diagnosis, run: Run, panda: Problem
-) -> None:
+def test_what_a_held_model_misses_is_added_to_it_held(twelve_found, run, panda):
     run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
     (Path("held.json")).write_text(_json(told(panda, TWELVE, frozen=True)))
     run(f"{PROGRAM} add model.json --from held.json --only 8,9 --data run.csv --out model2.json")
@@ -310,14 +302,8 @@ def rigid_model(panda: Problem, tmp_path_factory: pytest.TempPathFactory) -> Pat
     ],
 )
 def test_what_cannot_be_chosen_is_said(
-    words: str,
-    said: str,
-    twelve_found: Diagnosis,
-    rigid_model: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    words, said, twelve_found, rigid_model, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     shutil.copy(rigid_model, tmp_path)
     (tmp_path / "findings.json").write_text(_json(twelve_found))
@@ -332,7 +318,7 @@ def test_what_cannot_be_chosen_is_said(
     assert not (tmp_path / "model2.json").exists()
 
 
-def test_a_diagnosis_survives_its_file(twelve_found: Diagnosis, tmp_path: Path) -> None:
+def test_a_diagnosis_survives_its_file(twelve_found, tmp_path):
     path = tmp_path / "findings.json"
     path.write_text(_json(twelve_found))
     assert _json(load_diagnosis(path)) == path.read_text()
@@ -363,9 +349,7 @@ async def _finish(session: Session, act: Callable[[], None]) -> None:
 @pytest.mark.parametrize(
     "kind", ["one run, split", "simulated", pytest.param("real", marks=pytest.mark.real_data)]
 )
-def test_the_pages_commands_make_the_pages_models(
-    kind: str, sessions: Sessions, run: Run, tmp_path: Path
-) -> None:
+def test_the_pages_commands_make_the_pages_models(kind, sessions, run, tmp_path):
     """A URDF that is called like a built-in robot, and the Panda; the same models to the last bit."""
     path = write_urdf(tmp_path / "my arm.urdf", "two_link", HEAVY)
     save(small_run(load_problem(path), seconds=20.0), tmp_path / "my run.csv")

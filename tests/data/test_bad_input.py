@@ -3,8 +3,6 @@
 Named cases first, then Hypothesis: no reader raises anything but InputError, whatever the bytes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 from collections.abc import Callable
@@ -106,14 +104,14 @@ CSV_CASES: dict[str, tuple[str | bytes, list[str]]] = {
 
 
 @pytest.mark.parametrize("case", CSV_CASES)
-def test_bad_csv(case: str, tmp_path: Path) -> None:
+def test_bad_csv(case, tmp_path):
     content, words = CSV_CASES[case]
     path = tmp_path / "run.csv"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     assert refusal(lambda: load_measurements(path), *words).startswith(f"{path}: ")
 
 
-def test_a_good_csv_with_spreadsheet_habits_is_read(tmp_path: Path) -> None:
+def test_a_good_csv_with_spreadsheet_habits_is_read(tmp_path):
     """A byte order mark, CRLF, spaces in the header, blank lines at the end."""
     path = tmp_path / "run.csv"
     text = "\ufeff" + "\r\n".join([HEADER.replace(",", " , "), *ROWS, "", ""])
@@ -124,7 +122,7 @@ def test_a_good_csv_with_spreadsheet_habits_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "said"), [("ddq1", ["ddq1", "computed from q"]), ("mode", ["not used: mode."])]
 )
-def test_other_columns_are_left_out_with_a_remark(more: str, said: list[str], tmp_path: Path) -> None:
+def test_other_columns_are_left_out_with_a_remark(more, said, tmp_path):
     """Logs hold accelerations, currents, states: the run is the same without them."""
     plain, path = tmp_path / "plain.csv", tmp_path / "run.csv"
     plain.write_text(csv_with(lambda x: None))
@@ -149,21 +147,21 @@ def test_other_columns_are_left_out_with_a_remark(more: str, said: list[str], tm
         ({"t": np.arange(5.0), "q1": np.array([{}] * 5), "tau1": np.zeros(5)}, ["not a readable"]),
     ],
 )
-def test_bad_npz(arrays: dict[str, Any], words: list[str], tmp_path: Path) -> None:
+def test_bad_npz(arrays, words, tmp_path):
     path = tmp_path / "run.npz"
     np.savez(path, **arrays)
     refusal(lambda: load_measurements(path), "run.npz", *words)
 
 
-def test_files_and_folders_that_are_not_there(tmp_path: Path) -> None:
+def test_files_and_folders_that_are_not_there(tmp_path):
     refusal(lambda: load_measurements(tmp_path / "nowhere.csv"), "nowhere.csv", "no such file")
     (tmp_path / "folder.csv").mkdir()
     for folder in (tmp_path / "folder.csv", tmp_path):
-        refusal(lambda folder=folder: load_measurements(folder), "no runs in this folder")  # type: ignore[misc]
+        refusal(lambda folder=folder: load_measurements(folder), "no runs in this folder")
     refusal(load_measurements, "name at least one RUN.csv")
 
 
-def test_a_panda_log_of_unequal_files(tmp_path: Path) -> None:
+def test_a_panda_log_of_unequal_files(tmp_path):
     for name, count in (("time", 5), ("positions", 35), ("velocity", 35), ("torques", 34)):
         lines = [str(0.001 * k) for k in range(count)]
         (tmp_path / f"exciting_traj_{name}.txt").write_text("\n".join(lines))
@@ -181,7 +179,7 @@ def in_degrees(run: Measurements, q: bool = True, dq: bool = True) -> Measuremen
     return Measurements(run.t, run.q * (factor if q else 1.0), run.tau, velocity, None, ("run.csv",))
 
 
-def test_degrees_are_refused_by_the_joints_ranges(panda: Problem) -> None:
+def test_degrees_are_refused_by_the_joints_ranges(panda):
     run = small_run(panda)
     centre = 0.5 * (np.array([j.lower + j.upper for j in panda.robot.joints]))
     run = Measurements(run.t, run.q + centre, run.tau, run.dq, None, ("run.csv",))
@@ -196,14 +194,12 @@ def test_degrees_are_refused_by_the_joints_ranges(panda: Problem) -> None:
 
 
 @pytest.mark.parametrize(("q", "dq", "named"), [(True, False, "q"), (False, True, "dq")])
-def test_degrees_are_refused_by_the_derivative(two_link: Problem, q: bool, dq: bool, named: str) -> None:
+def test_degrees_are_refused_by_the_derivative(two_link, q, dq, named):
     run = in_degrees(small_run(two_link), q, dq)
     refusal(lambda: identify(two_link, run), "q1 and dq1 differ by a factor of 57", f"convert {named} ")
 
 
-def test_one_turn_outside_the_range_and_a_turning_shaft_are_accepted(
-    two_link: Problem, panda: Problem
-) -> None:
+def test_one_turn_outside_the_range_and_a_turning_shaft_are_accepted(two_link, panda):
     from sdp_vs_penalty.data import check_plausible
 
     run = small_run(panda)
@@ -213,7 +209,7 @@ def test_one_turn_outside_the_range_and_a_turning_shaft_are_accepted(
     check_plausible(two_link.robot, Measurements(run.t, run.q + 20.0 * run.t[:, None], run.tau, None))
 
 
-def test_wrong_number_of_joints(two_link: Problem, panda: Problem, tmp_path: Path) -> None:
+def test_wrong_number_of_joints(two_link, panda, tmp_path):
     run = small_run(two_link)
     save(run, tmp_path / "run.csv")
     refusal(lambda: load_measurements(tmp_path / "run.csv", joints=7), "run.csv", "2 joints", "7")
@@ -223,7 +219,7 @@ def test_wrong_number_of_joints(two_link: Problem, panda: Problem, tmp_path: Pat
     )
 
 
-def test_a_robot_that_does_not_move(two_link: Problem) -> None:
+def test_a_robot_that_does_not_move(two_link):
     run = small_run(two_link)
     still = Measurements(run.t, np.zeros_like(run.q), run.tau)
     refusal(lambda: identify(load_problem("two_link"), still), "no joint moves")
@@ -303,7 +299,7 @@ PROBLEM_CASES = {
 
 
 @pytest.mark.parametrize("case", PROBLEM_CASES)
-def test_bad_problem(case: str, tmp_path: Path) -> None:
+def test_bad_problem(case, tmp_path):
     old, new, words = PROBLEM_CASES[case]
     assert old in TOML
     folder = problem_folder(tmp_path / "arm", TOML.replace(old, new, 1))
@@ -322,12 +318,12 @@ def test_bad_problem(case: str, tmp_path: Path) -> None:
         ("name,lower,upper\nm1,1,2\n", ["row 2", "parameter"]),
     ],
 )
-def test_bad_bounds(bounds: str, words: list[str], tmp_path: Path) -> None:
+def test_bad_bounds(bounds, words, tmp_path):
     folder = problem_folder(tmp_path / "arm", bounds=bounds)
     refusal(lambda: load_problem(folder), "bounds.csv", *words)
 
 
-def test_constraints_without_a_feasible_point_are_named(tmp_path: Path) -> None:
+def test_constraints_without_a_feasible_point_are_named(tmp_path):
     """Two links of at most 1 kg each cannot weigh 10 kg together."""
     toml = TOML.replace("[1.0, 50.0]", "[10.0, 50.0]")
     bounds = "parameter,lower,upper\nm1,0.1,1\nm2,0.1,1\n"
@@ -409,7 +405,7 @@ MODEL_CASES: dict[str, tuple[Callable[[Any], Any], list[str]]] = {
 
 
 @pytest.mark.parametrize("case", MODEL_CASES)
-def test_bad_model(case: str, model: Path, tmp_path: Path) -> None:
+def test_bad_model(case, model, tmp_path):
     change, words = MODEL_CASES[case]
     path = changed(model, tmp_path / "bad.json", change)
     assert refusal(lambda: load_estimate(path), *words).startswith(f"{path}: ")
@@ -429,7 +425,7 @@ def test_bad_model(case: str, model: Path, tmp_path: Path) -> None:
         (b'{"format": "x"}', []),
     ],
 )
-def test_files_that_are_no_models(content: bytes, words: list[str], tmp_path: Path) -> None:
+def test_files_that_are_no_models(content, words, tmp_path):
     path = tmp_path / "model.json"
     path.write_bytes(content)
     refusal(lambda: load_estimate(path), str(path), *words)
@@ -438,7 +434,7 @@ def test_files_that_are_no_models(content: bytes, words: list[str], tmp_path: Pa
 # --- archives and words ---------------------------------------------------------------------------
 
 
-def test_an_archive_of_a_later_version_is_refused(tmp_path: Path) -> None:
+def test_an_archive_of_a_later_version_is_refused(tmp_path):
     box, path = np.ones((3, 2)), tmp_path / "box.npz"
     np.savez(path, q=box, gravity=box, mass_matrix=np.ones((3, 2, 2)))
     content = path.read_bytes()
@@ -460,6 +456,6 @@ def test_an_archive_of_a_later_version_is_refused(tmp_path: Path) -> None:
         ).map("".join),
     )
 )
-def test_fuzz_effects(text: str, two_link: Problem) -> None:
+def test_fuzz_effects(text, two_link):
     with contextlib.suppress(InputError):
         parse_effects(text, two_link.robot)

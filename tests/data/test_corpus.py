@@ -4,8 +4,6 @@ The budget: no input makes a verb use more than ten times its size and 500 MB, o
 the usual time. Files of past findings lie in corpus/, named after what is wrong with them.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Iterator
@@ -18,7 +16,7 @@ from commands import run_cli
 from peak_memory import peak_memory
 from small_runs import small_run
 
-from sdp_vs_penalty import InputError, Measurements, Problem, check, identify
+from sdp_vs_penalty import InputError, Measurements, check, identify
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 
@@ -40,7 +38,7 @@ def within_budget(*files: Path) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
-def test_past_findings(path: Path, two_link: Problem) -> None:
+def test_past_findings(path, two_link):
     """Reader and check: what the reader takes the check can judge."""
     with within_budget(path):
         try:
@@ -60,7 +58,7 @@ def test_past_findings(path: Path, two_link: Problem) -> None:
 
 @pytest.mark.parametrize("name", ["burst_stamps.csv", "stretched_clock.csv", "zip_bomb.npz", "bomb.bag"])
 @pytest.mark.parametrize("verb", ["identify", "convert"])
-def test_verbs_keep_the_budget(verb: str, name: str, tmp_path: Path) -> None:
+def test_verbs_keep_the_budget(verb, name, tmp_path):
     path, out = CORPUS / name, tmp_path / ("model.json" if verb == "identify" else "run.csv")
     words = {
         "identify": ["identify", "two_link", "--data", path, "--no-check", "--out", out],
@@ -70,7 +68,7 @@ def test_verbs_keep_the_budget(verb: str, name: str, tmp_path: Path) -> None:
         assert run_cli(*words) in (0, 2)
 
 
-def test_a_models_own_filters_keep_the_budget(two_link: Problem, tmp_path: Path) -> None:
+def test_a_models_own_filters_keep_the_budget(two_link, tmp_path):
     run, model = tmp_path / "run.csv", tmp_path / "model.json"
     save(small_run(two_link, seconds=5.0), run)
     identify(two_link, run).save(model)

@@ -1,7 +1,5 @@
 """Fetching public data: pinned, checked, converted; real files through a local address."""
 
-from __future__ import annotations
-
 import hashlib
 import http.server
 import threading
@@ -70,7 +68,7 @@ def fetched(address: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     return out
 
 
-def test_every_dataset_belongs_to_a_problem_and_is_pinned() -> None:
+def test_every_dataset_belongs_to_a_problem_and_is_pinned():
     for chosen in DATASETS.values():
         assert chosen.problem in problem_names()
         assert len(chosen.commit) == 40
@@ -80,7 +78,7 @@ def test_every_dataset_belongs_to_a_problem_and_is_pinned() -> None:
 
 
 @pytest.mark.real_data
-def test_panda_is_the_log_itself(fetched: dict[str, Path], data_folder: Path) -> None:
+def test_panda_is_the_log_itself(fetched, data_folder):
     run = load_measurements(fetched["panda"] / "exciting.csv", joints=7)
     log = load_measurements(data_folder / "panda")
     assert run.data_hash == log.data_hash
@@ -90,7 +88,7 @@ def test_panda_is_the_log_itself(fetched: dict[str, Path], data_folder: Path) ->
 
 
 @pytest.mark.real_data
-def test_ur10e_says_what_it_cannot_use(fetched: dict[str, Path], data_folder: Path) -> None:
+def test_ur10e_says_what_it_cannot_use(fetched, data_folder):
     raw = np.loadtxt(data_folder / "ur10e" / "ur-20_02_19_14harm50sec.csv", delimiter=",")
     run = load_measurements(fetched["ur10e"] / "ur-20_02_19_14harm50sec.csv", joints=6)
     assert np.array_equal(run.q, raw[:, 1:7])
@@ -105,7 +103,7 @@ def test_ur10e_says_what_it_cannot_use(fetched: dict[str, Path], data_folder: Pa
 
 
 @pytest.mark.real_data
-def test_emps_identification_gives_the_authors_values(fetched: dict[str, Path]) -> None:
+def test_emps_identification_gives_the_authors_values(fetched):
     """M, Fv, Fc and offset of Janot, Gautier, Brunot within 2 %, from the default settings."""
     problem = load_problem("emps")
     estimate = identify(problem, load_measurements(fetched["emps"] / "tracking.csv"))
@@ -118,9 +116,7 @@ def test_emps_identification_gives_the_authors_values(fetched: dict[str, Path]) 
 
 
 @pytest.mark.real_data
-def test_the_verb_prints_paths_and_says_what_it_could_not_use(
-    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_verb_prints_paths_and_says_what_it_could_not_use(address, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv(datasets.MIRROR_VARIABLE, address)
     with pytest.raises(SystemExit) as stop:
         main(["fetch", "ur10e", "emps", "--folder", str(tmp_path)])
@@ -133,7 +129,7 @@ def test_the_verb_prints_paths_and_says_what_it_could_not_use(
     assert f"SDP_VS_PENALTY_DATA={tmp_path}" in err
 
 
-def test_offline_is_one_sentence(tmp_path: Path) -> None:
+def test_offline_is_one_sentence(tmp_path):
     with pytest.raises(InputError) as caught:
         fetch("emps", tmp_path, "http://127.0.0.1:9")
     message = str(caught.value)
@@ -145,9 +141,7 @@ def test_offline_is_one_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.real_data
-def test_a_changed_file_is_refused(
-    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_changed_file_is_refused(address, tmp_path, monkeypatch):
     real = DATASETS["emps"]
     wrong = replace(real.files[0], sha256=hashlib.sha256(b"another").hexdigest())
     monkeypatch.setitem(datasets.DATASETS, "emps", replace(real, files=(wrong,)))

@@ -1,12 +1,9 @@
 """Other programs' files hold the same numbers; broken ones are refused in a sentence."""
 
-from __future__ import annotations
-
 import json
 import re
 import zipfile
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,7 +40,7 @@ def same(a: Measurements, b: Measurements) -> None:
 @pytest.mark.parametrize("velocity", [True, False])
 @pytest.mark.parametrize("n", [1, 3, 12])
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_written_and_read_to_the_last_bit(suffix: str, n: int, velocity: bool, tmp_path: Path) -> None:
+def test_written_and_read_to_the_last_bit(suffix, n, velocity, tmp_path):
     run = some_run(n, velocity=velocity)
     path = tmp_path / f"run{suffix}"
     save(run, path)
@@ -57,13 +54,13 @@ def test_written_and_read_to_the_last_bit(suffix: str, n: int, velocity: bool, t
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_suffixes_may_be_written_large(suffix: str, tmp_path: Path) -> None:
+def test_suffixes_may_be_written_large(suffix, tmp_path):
     path = tmp_path / f"RUN{suffix.upper()}"
     save(some_run(), path)
     same(some_run(), load_measurements(path))
 
 
-def test_a_sample_is_named_as_its_file_counts(tmp_path: Path) -> None:
+def test_a_sample_is_named_as_its_file_counts(tmp_path):
     run = some_run()
     run.q[7, 1] = np.nan
     for suffix in SUFFIXES:
@@ -76,7 +73,7 @@ def test_a_sample_is_named_as_its_file_counts(tmp_path: Path) -> None:
             load_measurements(path)
 
 
-def test_convert_from_each_to_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_convert_from_each_to_each(tmp_path, capsys):
     run = some_run()
     for source in SUFFIXES:
         first = tmp_path / f"a{source}"
@@ -88,7 +85,7 @@ def test_convert_from_each_to_each(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "50 samples of 3 joints, velocities" in capsys.readouterr().out
 
 
-def test_matlab_variables_of_other_names_and_shapes(tmp_path: Path) -> None:
+def test_matlab_variables_of_other_names_and_shapes(tmp_path):
     run = some_run(2)
     path, out = tmp_path / "data.mat", tmp_path / "run.csv"
     savemat(path, {"time": run.t[None, :], "qm": run.q.T, "force": run.tau, "gain": 35.15, "note": "x"})
@@ -102,9 +99,7 @@ def test_matlab_variables_of_other_names_and_shapes(tmp_path: Path) -> None:
     assert load_measurements(path).data_hash == run.data_hash
 
 
-def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(tmp_path, capsys):
     """By the verbs that have no --rename themselves too; the command works as it is written."""
     path, run = tmp_path / "axis.mat", some_run(1)
     savemat(path, {"t": run.t, "qm": run.q, "force": run.tau})
@@ -137,7 +132,7 @@ def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(
         ("ur-20_02_12-50sec_12harm.csv", "0.1,2\n", ["raw file", "sdp-vs-penalty fetch ur10e"]),
     ],
 )
-def test_csv_without_header_or_commas(name: str, content: str, words: list[str], tmp_path: Path) -> None:
+def test_csv_without_header_or_commas(name, content, words, tmp_path):
     path = tmp_path / name
     path.write_text(content)
     for rename in (None, {"q": "b"}):
@@ -147,7 +142,7 @@ def test_csv_without_header_or_commas(name: str, content: str, words: list[str],
             assert word in str(caught.value)
 
 
-def test_csv_with_other_column_names(tmp_path: Path) -> None:
+def test_csv_with_other_column_names(tmp_path):
     path, out = tmp_path / "log.csv", tmp_path / "run.csv"
     path.write_text("stamp,pos_a,force_a\n0.0,1.0,2.0\n0.1,1.5,2.5\n")
     with pytest.raises(InputError, match="no column t or q or tau"):
@@ -157,7 +152,7 @@ def test_csv_with_other_column_names(tmp_path: Path) -> None:
 
 
 @pytest.mark.real_data
-def test_the_emps_file_of_its_authors(data_folder: Path, tmp_path: Path) -> None:
+def test_the_emps_file_of_its_authors(data_folder, tmp_path):
     out = tmp_path / "run.csv"
     source = data_folder / "emps" / "DATA_EMPS.mat"
     assert run_cli("convert", source, "--out", out, "--rename", "q=qm,tau=vir") == 0
@@ -166,7 +161,7 @@ def test_the_emps_file_of_its_authors(data_folder: Path, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("mcap", [False, True])
 @pytest.mark.parametrize("velocity", [True, False])
-def test_ros_bags_by_joint_names(mcap: bool, velocity: bool, tmp_path: Path) -> None:
+def test_ros_bags_by_joint_names(mcap, velocity, tmp_path):
     run = some_run(3, velocity=velocity)
     bag = tmp_path / "bag"
     write_bag(bag, run, mcap=mcap)
@@ -181,7 +176,7 @@ def test_ros_bags_by_joint_names(mcap: bool, velocity: bool, tmp_path: Path) -> 
         assert 0.0 <= got.t[0] < 86_400.0 + 2000.0
 
 
-def test_convert_a_ros_bag(tmp_path: Path) -> None:
+def test_convert_a_ros_bag(tmp_path):
     run = some_run(3)
     bag, out = tmp_path / "bag", tmp_path / "run.csv"
     write_bag(bag, run)
@@ -199,7 +194,7 @@ def test_convert_a_ros_bag(tmp_path: Path) -> None:
     assert np.array_equal(load_measurements(out).tau, run.tau[:, [1, 0]])
 
 
-def test_every_verb_takes_the_joints_of_a_bag_by_the_names_of_the_model(tmp_path: Path) -> None:
+def test_every_verb_takes_the_joints_of_a_bag_by_the_names_of_the_model(tmp_path):
     """A driver's order is its own (alphabetic, often): taken as it is, torques change places."""
     problem = load_problem("two_link")
     run = small_run(problem, seconds=12.0)
@@ -227,7 +222,7 @@ def test_every_verb_takes_the_joints_of_a_bag_by_the_names_of_the_model(tmp_path
     np.testing.assert_allclose(posed[0]["scale"], posed[1]["scale"], rtol=1e-3)
 
 
-def test_bags_that_cannot_be_used(tmp_path: Path) -> None:
+def test_bags_that_cannot_be_used(tmp_path):
     run = some_run(3)
     cases: dict[str, tuple[dict[str, Any], str]] = {
         "two": ({"topics": ["/left/joint_states", "/right/joint_states"]}, "--topic"),
@@ -249,7 +244,7 @@ def test_bags_that_cannot_be_used(tmp_path: Path) -> None:
     assert run_cli("convert", tmp_path / "x.csv", "--out", tmp_path / "y.csv") == 2
 
 
-def test_formats_without_their_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_formats_without_their_extra(tmp_path, monkeypatch):
     """Without the optional packages: a sentence with the command, not a traceback."""
     import sys
 
@@ -264,7 +259,7 @@ def test_formats_without_their_extra(tmp_path: Path, monkeypatch: pytest.MonkeyP
             load_measurements(path)
 
 
-def test_hdf5_and_other_matlab_surprises(tmp_path: Path) -> None:
+def test_hdf5_and_other_matlab_surprises(tmp_path):
     path = tmp_path / "new.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(500))
     with pytest.raises(InputError, match="-v7"):
@@ -281,7 +276,7 @@ def test_hdf5_and_other_matlab_surprises(tmp_path: Path) -> None:
         load_measurements(path)
 
 
-def test_output_suffix_and_unwritable_places(tmp_path: Path) -> None:
+def test_output_suffix_and_unwritable_places(tmp_path):
     source = tmp_path / "a.csv"
     save(some_run(), source)
     assert run_cli("convert", source, "--out", tmp_path / "b.xlsx") == 2
@@ -289,7 +284,7 @@ def test_output_suffix_and_unwritable_places(tmp_path: Path) -> None:
     assert run_cli("convert", source, "--out", tmp_path / "file" / "b.csv") == 2
 
 
-def test_texts_of_a_parquet_file_are_not_read(tmp_path: Path) -> None:
+def test_texts_of_a_parquet_file_are_not_read(tmp_path):
     """One that is stored once can come in every row."""
     arrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
@@ -306,7 +301,7 @@ def test_texts_of_a_parquet_file_are_not_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("share", [0.0001, 0.3, 0.99])
 @pytest.mark.parametrize("mcap", [False, True])
-def test_a_bag_that_was_cut_off_is_refused(mcap: bool, share: float, tmp_path: Path) -> None:
+def test_a_bag_that_was_cut_off_is_refused(mcap, share, tmp_path):
     folder = tmp_path / "bag"
     write_bag(folder, some_run(3, 2000), mcap=mcap)
     (file,) = (p for p in folder.iterdir() if p.name != "metadata.yaml")
@@ -317,7 +312,7 @@ def test_a_bag_that_was_cut_off_is_refused(mcap: bool, share: float, tmp_path: P
             read_run(path)
 
 
-def test_npz_holds_what_numpy_would_write(tmp_path: Path) -> None:
+def test_npz_holds_what_numpy_would_write(tmp_path):
     """Byte by byte, of a run that is written in several pieces."""
     rng = np.random.default_rng(0)
     run = Measurements(np.arange(PART + 100) / 1e3, *rng.normal(size=(2, PART + 100, 2)))

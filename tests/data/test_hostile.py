@@ -1,7 +1,5 @@
 """Input that would fill the memory, wait for ever or overflow: each ends in a sentence."""
 
-from __future__ import annotations
-
 import bz2
 import struct
 from dataclasses import replace
@@ -13,7 +11,7 @@ from peak_memory import peak_memory
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty import InputError, Measurements, Problem, check, load_problem
+from sdp_vs_penalty import InputError, Measurements, check, load_problem
 from sdp_vs_penalty.data import read_run, save
 from sdp_vs_penalty.data.files import as_measurements, load_measurements
 from sdp_vs_penalty.files import inputs
@@ -26,7 +24,7 @@ def bursts(run: Measurements) -> Measurements:
     return replace(run, t=(k // 10) * 0.1 + (k % 10) * 1e-6)
 
 
-def test_burst_stamps_make_no_grid_finer_than_ten_points_a_sample(two_link: Problem) -> None:
+def test_burst_stamps_make_no_grid_finer_than_ten_points_a_sample(two_link):
     run = bursts(small_run(two_link, seconds=20.0))
     assert sum(part.count for part in stretches(run)) <= 20 * len(run.t)
     (report,) = check(two_link, run)
@@ -34,16 +32,14 @@ def test_burst_stamps_make_no_grid_finer_than_ten_points_a_sample(two_link: Prob
     assert np.ptp(np.diff(report.mended.t)) < 0.1 * np.median(np.diff(report.mended.t))
 
 
-def test_pauses_do_not_coarsen_the_grid(two_link: Problem) -> None:
+def test_pauses_do_not_coarsen_the_grid(two_link):
     run = small_run(two_link, seconds=6.0)
     later = replace(run, t=run.t + 3600.0 * (run.t > 3.0))
     assert sample_rate(later) == pytest.approx(sample_rate(run))
 
 
 @pytest.mark.parametrize(("name", "value"), [("q", 1e160), ("tau", 1e300), ("dq", 1e300), ("t", 1e200)])
-def test_absurd_numbers_end_in_a_sentence(
-    name: str, value: float, two_link: Problem, tmp_path: Path
-) -> None:
+def test_absurd_numbers_end_in_a_sentence(name, value, two_link, tmp_path):
     run = small_run(two_link)
     values = getattr(run, name).copy()
     values[-1] = value
@@ -56,7 +52,7 @@ def test_absurd_numbers_end_in_a_sentence(
     assert len(report.mended.t) == len(run.t) - 1
 
 
-def test_numbers_that_no_sensor_resolves_are_zeros(two_link: Problem, tmp_path: Path) -> None:
+def test_numbers_that_no_sensor_resolves_are_zeros(two_link, tmp_path):
     run = small_run(two_link)
     tau = run.tau.copy()
     tau[3:9] = 5e-324
@@ -75,9 +71,7 @@ def ros1_chunk(compression: bytes, packed: bytes, claimed: int) -> bytes:
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no limit of memory on this system")
 @pytest.mark.parametrize("kind", ["npz", "mat", "parquet", "bz2", "lz4", "zstd"])
-def test_no_bomb_takes_more_than_its_size_allows(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_bomb_takes_more_than_its_size_allows(kind, tmp_path, monkeypatch):
     """256 MB of zeros, where reading may take 64: whatever sizes its headers claim."""
     monkeypatch.setattr(inputs, "_ROOM", 64 * 2**20)
     path = tmp_path / f"bomb.{kind}"
@@ -114,7 +108,7 @@ def test_no_bomb_takes_more_than_its_size_allows(
     assert peak[0] < 100 * 2**20
 
 
-def test_joints_behind_one_prefix_are_the_robots(two_link: Problem, tmp_path: Path) -> None:
+def test_joints_behind_one_prefix_are_the_robots(two_link, tmp_path):
     run = replace(small_run(two_link, seconds=1.0), dq=None)
     write_bag(tmp_path / "bag", run, names=["panda_joint2", "panda_joint1"])
     read = read_run(tmp_path / "bag", 2, ["joint1", "joint2"])
@@ -123,5 +117,5 @@ def test_joints_behind_one_prefix_are_the_robots(two_link: Problem, tmp_path: Pa
         read_run(tmp_path / "bag", 2, ["axis1", "axis2"])
 
 
-def test_an_upload_of_any_announced_size_is_answered() -> None:
+def test_an_upload_of_any_announced_size_is_answered():
     assert "MB" in str(too_large("run.csv", 10**400))

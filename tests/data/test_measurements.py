@@ -1,9 +1,5 @@
 """Measurements: runs kept apart and in order, files that give back the numbers to the last bit."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -36,13 +32,11 @@ def assert_same(a: Measurements, b: Measurements) -> None:
 
 @quick
 @given(seeds, st.integers(1, 12))
-def test_csv_and_both_forms_of_npz_give_back_every_bit(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, n: int
-) -> None:
+def test_csv_and_both_forms_of_npz_give_back_every_bit(tmp_path_factory, seed, n):
     folder, run = tmp_path_factory.mktemp("m"), random_run(seed, n)
     save(run, folder / "run.csv")
     save(run, folder / "columns.npz")
-    np.savez(folder / "whole.npz", t=run.t, **run.groups)  # type: ignore[arg-type]
+    np.savez(folder / "whole.npz", t=run.t, **run.groups)
     for name in ("run.csv", "whole.npz", "columns.npz"):
         read = load_measurements(folder / name)
         assert_same(run, read)
@@ -50,7 +44,7 @@ def test_csv_and_both_forms_of_npz_give_back_every_bit(
         assert read.names == (name,)
 
 
-def test_runs_stay_apart_and_in_order(tmp_path: Path) -> None:
+def test_runs_stay_apart_and_in_order(tmp_path):
     first, second = random_run(1, name="a.csv"), random_run(3, rows=25, name="b.csv")
     save(first, tmp_path / "a.csv")
     save(second, tmp_path / "b.csv")
@@ -68,7 +62,7 @@ def test_runs_stay_apart_and_in_order(tmp_path: Path) -> None:
     assert concatenate([first, random_run(2)]).dq is None
 
 
-def test_windows_count_from_the_start_of_each_run() -> None:
+def test_windows_count_from_the_start_of_each_run():
     t = np.arange(0.0, 10.0, 0.1)
     late = Measurements(t + 100.0, t[:, None], t[:, None], None, None, ("late",))
     early = Measurements(t, t[:, None], t[:, None], None, None, ("early",))
@@ -81,7 +75,7 @@ def test_windows_count_from_the_start_of_each_run() -> None:
     assert_same(early, Measurements(joined.t, joined.q, joined.tau))
 
 
-def test_the_hash_is_of_the_numbers_and_of_nothing_else() -> None:
+def test_the_hash_is_of_the_numbers_and_of_nothing_else():
     run = random_run(5)
     same = Measurements(run.t.copy(), np.asfortranarray(run.q), run.tau, None, None, ("other",))
     assert same.data_hash == run.data_hash
@@ -93,12 +87,12 @@ def test_the_hash_is_of_the_numbers_and_of_nothing_else() -> None:
     assert one.data_hash != run.data_hash
 
 
-def test_robots_of_different_size_do_not_mix() -> None:
+def test_robots_of_different_size_do_not_mix():
     with pytest.raises(InputError, match=r"a has 3, b has 2"):
         concatenate([random_run(0, 3, name="a"), random_run(0, 2, name="b")])
 
 
-def test_windows_without_samples_are_refused(tmp_path: Path) -> None:
+def test_windows_without_samples_are_refused(tmp_path):
     save(random_run(0), tmp_path / "run.csv")
     with pytest.raises(
         InputError, match=r"run\.csv: no samples between 1e\+06 s and its end: the run lasts"
@@ -107,7 +101,7 @@ def test_windows_without_samples_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.real_data
-def test_the_real_pandas_log_is_read(panda_run: Measurements) -> None:
+def test_the_real_pandas_log_is_read(panda_run):
     assert panda_run.q.shape == panda_run.tau.shape == (20_544, 7)
     assert panda_run.dq is not None
     assert np.all(np.diff(panda_run.t) > 0.0)
@@ -121,7 +115,7 @@ def test_the_real_pandas_log_is_read(panda_run: Measurements) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["csv", "npz", "mat", "parquet"])
-def test_commands_are_kept_and_torque_may_be_missing(tmp_path: Path, suffix: str) -> None:
+def test_commands_are_kept_and_torque_may_be_missing(tmp_path, suffix):
     with_torque = random_run(1, name=f"run.{suffix}")
     groups = {name: block for name, block in with_torque.groups.items() if name != "tau"}
     told = {"qcmd": with_torque.q + 0.1, "current": 2.0 * with_torque.tau}

@@ -1,9 +1,5 @@
 """Logs of common programs are read without a typed column."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -39,9 +35,8 @@ LAYOUTS = {
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
-def test_a_layout_is_recognised(name: str) -> None:
+def test_a_layout_is_recognised(name):
     found = recognised(LAYOUTS[name], [f"{j}_joint" for j in UR])
-    assert found is not None
     assert {"t"} < set(found.rename)
     assert "target" not in " ".join(found.rename.values())
     assert {"q", "tau"} <= set(found.rename) or {"q1", "q6", "tau1", "tau6"} <= set(found.rename)
@@ -50,7 +45,7 @@ def test_a_layout_is_recognised(name: str) -> None:
 
 @pytest.mark.filterwarnings("ignore:.*columns recognised")
 @pytest.mark.parametrize("name", [name for name in LAYOUTS if name != "blocks"])
-def test_a_file_of_a_layout_is_read_as_identify_reads_it(name: str, tmp_path: Path) -> None:
+def test_a_file_of_a_layout_is_read_as_identify_reads_it(name, tmp_path):
     """Each joint's columns go to that joint, whatever their order in the file."""
     path, columns_ = tmp_path / "log.csv", LAYOUTS[name]
     values = np.random.default_rng(2).normal(size=(12, len(columns_)))
@@ -66,13 +61,13 @@ def test_a_file_of_a_layout_is_read_as_identify_reads_it(name: str, tmp_path: Pa
         np.testing.assert_allclose(block, values[:, at] * units)
 
 
-def test_what_is_no_log_is_not_recognised() -> None:
+def test_what_is_no_log_is_not_recognised():
     assert recognised(["a", "b", "c"]) is None
     assert recognised(["time", "price", "volume"]) is None
     assert recognised(["time", *columns("q_{}", first=3)]) is None  # three joints are missing
 
 
-def test_a_log_is_read_and_converted(tmp_path: Path) -> None:
+def test_a_log_is_read_and_converted(tmp_path):
     path = tmp_path / "ur.csv"
     t = 8.0 * np.arange(20)
     x = np.random.default_rng(0).normal(size=(20, 4))

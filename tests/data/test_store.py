@@ -1,12 +1,9 @@
 """Long recordings: on the disk, in pieces, with the same result as in memory and in little of it."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import sys
 import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,9 +28,7 @@ def mapped(array: np.ndarray | None) -> bool:
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
-def test_read_in_pieces_to_the_last_bit(
-    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_read_in_pieces_to_the_last_bit(suffix, tmp_path, monkeypatch):
     run = small_run(load_problem("two_link"), seconds=3.0)
     path = tmp_path / f"run{suffix}"
     if suffix == ".mcap":
@@ -56,9 +51,7 @@ def test_read_in_pieces_to_the_last_bit(
         assert load_measurements(out).data_hash == whole.data_hash
 
 
-def test_a_bad_row_behind_the_first_piece_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bad_row_behind_the_first_piece_is_named(tmp_path, monkeypatch):
     path = tmp_path / "run.csv"
     save(small_run(load_problem("two_link")), path)
     lines = path.read_text().splitlines()
@@ -70,7 +63,7 @@ def test_a_bad_row_behind_the_first_piece_is_named(
 
 
 @pytest.mark.usefixtures("small_store")
-def test_the_same_estimate_from_disk_and_from_memory(tmp_path: Path) -> None:
+def test_the_same_estimate_from_disk_and_from_memory(tmp_path):
     problem = load_problem("two_link")
     runs = [small_run(problem, seconds=8.0, seed=seed) for seed in (0, 1)]
     paths = [tmp_path / f"run{k}.parquet" for k in (0, 1)]
@@ -90,14 +83,14 @@ def test_the_same_estimate_from_disk_and_from_memory(tmp_path: Path) -> None:
         load_measurements(tmp_path / "no*.csv")
 
 
-def test_no_room_for_a_temporary_file(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_room_for_a_temporary_file(monkeypatch):
     monkeypatch.setenv("TMPDIR", "/nowhere")
     monkeypatch.setattr(store, "LARGEST_IN_MEMORY", 10)
     with pytest.raises(InputError, match="set TMPDIR to a folder with room"):
         store.joined([np.zeros(100)])
 
 
-def test_a_long_run_costs_no_more_memory_than_a_short_one(tmp_path: Path) -> None:
+def test_a_long_run_costs_no_more_memory_than_a_short_one(tmp_path):
     """What lies in memory when it is read, written, checked for numbers; the rest is mapped."""
     problem, peaks = load_problem("two_link"), []
     run = small_run(problem, seconds=20.0)
@@ -114,7 +107,7 @@ def test_a_long_run_costs_no_more_memory_than_a_short_one(tmp_path: Path) -> Non
     assert peaks[1] < 1.3 * peaks[0]
 
 
-def test_a_long_run_is_checked_in_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_run_is_checked_in_windows(monkeypatch):
     problem = load_problem("two_link")
     run = small_run(problem, seconds=16.0)
     home = sys.modules[check.__module__]

@@ -1,7 +1,5 @@
 """Adding effects to a model: under the bounds of its own problem, whatever its robot is called."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -31,9 +29,7 @@ def reloaded(estimate: Estimate, folder: Path) -> Estimate:
 
 
 @pytest.mark.parametrize(("name", "axes"), [("two_link", HEAVY), ("panda", THREE), ("my_arm", THREE)])
-def test_a_urdf_keeps_its_own_bounds_whatever_it_is_called(
-    name: str, axes: tuple, tmp_path: Path
-) -> None:
+def test_a_urdf_keeps_its_own_bounds_whatever_it_is_called(name, axes, tmp_path):
     problem = load_problem(write_urdf(tmp_path / "arm.urdf", name, axes))
     made, data = springy(problem)
     estimate = identify(problem, data, effects=made.truth["model_effects"])
@@ -50,7 +46,7 @@ def folder_problem(tmp_path: Path) -> Problem:
     return load_problem(write_folder(tmp_path / "my_folder"))
 
 
-def test_a_folders_bounds_are_kept(folder_problem: Problem, tmp_path: Path) -> None:
+def test_a_folders_bounds_are_kept(folder_problem, tmp_path):
     made, data = springy(folder_problem)
     estimate = identify(folder_problem, data, effects=made.truth["model_effects"])
     bigger = add(reloaded(estimate, tmp_path), "joint_spring:2", data)
@@ -61,9 +57,7 @@ def test_a_folders_bounds_are_kept(folder_problem: Problem, tmp_path: Path) -> N
 
 @pytest.mark.long
 @pytest.mark.parametrize("frozen", [False, True])
-def test_a_reloaded_model_grows_exactly_like_the_one_in_memory(
-    frozen: bool, folder_problem: Problem, tmp_path: Path
-) -> None:
+def test_a_reloaded_model_grows_exactly_like_the_one_in_memory(frozen, folder_problem, tmp_path):
     made, data = springy(folder_problem)
     estimate = identify(folder_problem, data, effects=made.truth["model_effects"])
     again = reloaded(estimate, tmp_path)
@@ -72,7 +66,7 @@ def test_a_reloaded_model_grows_exactly_like_the_one_in_memory(
     assert grown[0].to_dict() == grown[1].to_dict()
 
 
-def test_a_frozen_addition_is_judged_with_the_model_that_it_extends(tmp_path: Path) -> None:
+def test_a_frozen_addition_is_judged_with_the_model_that_it_extends(tmp_path):
     """Least squares ends outside the constraints; a payload beside it does not mend that."""
     problem = load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
     data = small_run(problem)
@@ -85,14 +79,14 @@ def test_a_frozen_addition_is_judged_with_the_model_that_it_extends(tmp_path: Pa
     assert loaded.certificate.violations == problem.constraints(loaded.model).worst(loaded.theta)
     assert loaded.certificate.gap is not None
     assert loaded.certificate.smallest_thickness == estimate.certificate.smallest_thickness
-    section = sections.certificate(SimpleNamespace(models={"loaded.json": loaded}))  # type: ignore[arg-type]
+    section = sections.certificate(SimpleNamespace(models={"loaded.json": loaded}))
     assert "loaded.json: objective and gap are of the added effects" in section
     text = str(loaded.certificate)
     assert "every constraint holds" not in text
     assert f"{', '.join(problem.default_effects)} held fixed" in text
 
 
-def test_what_is_added_beside_a_payload_leaves_the_links_alone(tmp_path: Path) -> None:
+def test_what_is_added_beside_a_payload_leaves_the_links_alone(tmp_path):
     """A payload is the last link's twin: refitted together, neither would be determined."""
     problem = load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
     data = small_run(problem)
@@ -104,9 +98,7 @@ def test_what_is_added_beside_a_payload_leaves_the_links_alone(tmp_path: Path) -
     np.testing.assert_array_equal(mixed.theta[: -10 - 1], loaded.theta[:-10])
 
 
-def test_bounds_of_a_later_version_do_not_change_an_old_model(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bounds_of_a_later_version_do_not_change_an_old_model(tmp_path, monkeypatch):
     """The defaults of a robot without published bounds are written into its model."""
     problem = load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
     estimate = identify(problem, small_run(problem), "ols")
@@ -124,7 +116,7 @@ def test_bounds_of_a_later_version_do_not_change_an_old_model(
 
 
 @pytest.mark.parametrize("width", [0.01, 0.002])
-def test_a_width_that_took_the_new_effects_torque_gives_it_back(width: float) -> None:
+def test_a_width_that_took_the_new_effects_torque_gives_it_back(width):
     """Without Stribeck friction in the model, Coulomb friction turns over another velocity."""
     problem = load_problem("two_link")
     trajectory = random_trajectory(problem.robot, seed=3, duration=20.0)

@@ -1,17 +1,15 @@
 """Where and why: an error after reversals is named so, joint by joint, and its stretches lie there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 from random_robots import repeating_run
 
-from sdp_vs_penalty import Problem, identify, where_it_fails
+from sdp_vs_penalty import identify, where_it_fails
 from sdp_vs_penalty.diagnosis.where_it_fails import REVERSAL
 
 
-def test_an_error_after_reversals_is_seen_there(two_link: Problem) -> None:
+def test_an_error_after_reversals_is_seen_there(two_link):
     run = repeating_run(two_link, 0, noise=0.05)
     velocity = np.gradient(run.q[:, 1], run.t)
     turns = np.flatnonzero(np.sign(velocity[1:]) != np.sign(velocity[:-1]))

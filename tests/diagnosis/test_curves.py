@@ -1,7 +1,5 @@
 """What nobody gave a name: measured as a curve, added to the model, flagged outside of its table."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable
@@ -55,7 +53,7 @@ def made() -> Made:
     return diagnosed(lambda m: m.q[:, JOINT] * m.dq[:, JOINT])
 
 
-def test_a_law_of_a_combination_is_found_as_one_and_added() -> None:
+def test_a_law_of_a_combination_is_found_as_one_and_added():
     made = diagnosed(lambda m: np.tanh((m.q[:, 0] - m.q[:, 1]) / 0.3))
     curve = made.found.curves[0]
     assert (curve.joint, curve.of) == (JOINT + 1, ("q1-q2",))
@@ -67,11 +65,10 @@ def test_a_law_of_a_combination_is_found_as_one_and_added() -> None:
     assert after < 0.3 * before
 
 
-def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made: Made) -> None:
+def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made):
     assert made.found.verdict == "unknown_effect"
     (curve,) = made.found.curves
     assert (curve.joint, sorted(curve.of)) == (JOINT + 1, [f"dq{JOINT + 1}", f"q{JOINT + 1}"])
-    assert curve.formula is not None
     size, x, y, *_ = curve.formula.split()
     assert {x, y} == set(curve.of)
     assert float(size) == pytest.approx(SIZE, rel=0.05)
@@ -79,7 +76,7 @@ def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made: Mad
     assert curve.explained_share > 0.8
 
 
-def test_the_band_holds_the_truth_beside_what_the_model_can_make(made: Made) -> None:
+def test_the_band_holds_the_truth_beside_what_the_model_can_make(made):
     (curve,) = made.found.curves
     x = dict(zip(curve.of, curve.points.T, strict=True))
     q, dq = x[f"q{JOINT + 1}"], x[f"dq{JOINT + 1}"]
@@ -92,7 +89,7 @@ def test_the_band_holds_the_truth_beside_what_the_model_can_make(made: Made) -> 
     assert np.median(curve.upper - curve.lower) < 0.5 * np.ptp(curve.torque)
 
 
-def test_findings_json_carries_curves_there_and_back(made: Made) -> None:
+def test_findings_json_carries_curves_there_and_back(made):
     data = json.loads(json.dumps(made.found.to_dict()))
     assert set(data["curves"][0]) == {
         *("joint", "of", "x", "torque", "lower", "upper", "explained_share", "formula"),
@@ -104,7 +101,7 @@ def test_findings_json_carries_curves_there_and_back(made: Made) -> None:
         Diagnosis.from_dict(data | {"curves": [data["curves"][0] | {"of": ["q2", "speed2"]}]})
 
 
-def test_the_added_curve_takes_the_error_to_the_noise(made: Made) -> None:
+def test_the_added_curve_takes_the_error_to_the_noise(made):
     bigger = add(made.estimate, made.found, made.data)
     effect = bigger.model.effects[-1]
     assert isinstance(effect, MeasuredCurve)
@@ -134,18 +131,17 @@ def test_the_added_curve_takes_the_error_to_the_noise(made: Made) -> None:
     assert written.to_dict() == restored.to_dict() == effect.to_dict()
 
 
-def test_a_cubic_is_a_curve_with_its_law_and_no_spring_beside_a_ripple() -> None:
+def test_a_cubic_is_a_curve_with_its_law_and_no_spring_beside_a_ripple():
     """Both together explain it as well, with four constants for one."""
     found = diagnosed(lambda m: 0.5 * m.q[:, JOINT] ** 3).found
     (curve,) = found.curves
     assert curve.of == (f"q{JOINT + 1}",)
-    assert curve.formula is not None
     amplitude, law, *_ = curve.formula.split()
     assert (float(amplitude), law) == (pytest.approx(0.5 * SIZE, rel=0.05), f"q{JOINT + 1}^3")
     assert not found.beside_curves
 
 
-def test_a_wave_of_two_joints_is_one_law_of_both() -> None:
+def test_a_wave_of_two_joints_is_one_law_of_both():
     """Beside the noise that each leaves it explains more than a wave of their sum, which comes near."""
     found = diagnosed(lambda m: np.sin(3.9 * m.q[:, JOINT] + 3.0 * m.q[:, 0])).found
     curve = found.curves[0]
@@ -155,7 +151,7 @@ def test_a_wave_of_two_joints_is_one_law_of_both() -> None:
     assert sorted(numbers) == pytest.approx([3.0, 3.9], rel=0.05)
 
 
-def test_a_curve_levels_off_where_nothing_was_measured() -> None:
+def test_a_curve_levels_off_where_nothing_was_measured():
     """A straight line over the lower half of the range is not continued beyond it."""
     axis = Axis(Variable("q"), 0.0, 1.0, 32)
     x = np.linspace(0.0, 0.5, 200)

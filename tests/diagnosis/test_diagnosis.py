@@ -1,7 +1,5 @@
 """The diagnosis on simulated measurements: what is hidden is named, what is clean stays clean."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -26,7 +24,7 @@ def identified(made: HiddenRuns, data: Measurements) -> Estimate:
 
 def diagnosed(made: HiddenRuns, runs: int = 3, **options: object) -> Diagnosis:
     data = concatenate(made.runs[:runs])
-    return diagnose(identified(made, data), data, made.runs[3], **options)  # type: ignore[arg-type]
+    return diagnose(identified(made, data), data, made.runs[3], **options)
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +37,7 @@ def found(stribeck: HiddenRuns) -> Diagnosis:
     return diagnosed(stribeck)
 
 
-def test_the_hidden_effect_is_named_with_joint_size_and_shape(
-    stribeck: HiddenRuns, found: Diagnosis
-) -> None:
+def test_the_hidden_effect_is_named_with_joint_size_and_shape(stribeck, found):
     first, hidden = found.effects[0], stribeck.hidden[0]
     assert found.verdict == "effect_missing"
     assert (first.effect, first.joints) == ("stribeck_friction", (3,))
@@ -51,7 +47,7 @@ def test_the_hidden_effect_is_named_with_joint_size_and_shape(
     assert first.unit == "N*m"
 
 
-def test_the_held_out_error_falls_to_the_noise(found: Diagnosis) -> None:
+def test_the_held_out_error_falls_to_the_noise(found):
     first = found.effects[0]
     assert first.held_out_rmse_after[2] < 0.8 * first.held_out_rmse_before[2]
     assert found.held_out_rmse[2] < 1.25 * found.noise_floor[2]
@@ -61,7 +57,7 @@ def test_the_held_out_error_falls_to_the_noise(found: Diagnosis) -> None:
     )
 
 
-def test_findings_json_is_the_interface(found: Diagnosis) -> None:
+def test_findings_json_is_the_interface(found):
     data = json.loads(json.dumps(found.to_dict()))
     assert set(data) == {
         *("verdict", "frozen", "effects", "noise_floor", "noise_source", "unexplained", "band_hz"),
@@ -95,14 +91,14 @@ def test_findings_json_is_the_interface(found: Diagnosis) -> None:
     assert data["effects"][0]["confidence"] in ("confident", "weak")
 
 
-def test_what_the_links_absorb_is_reported_as_invisible(found: Diagnosis) -> None:
+def test_what_the_links_absorb_is_reported_as_invisible(found):
     hidden = {(i.effect, i.joints) for i in found.invisible}
     assert {("rotor_inertia", (1,)), ("rotor_inertia", (2,)), ("joint_zero_error", (1,))} <= hidden
     assert ("rotor_inertia", (5,)) not in hidden
     assert all(0.99 < i.absorbed_share <= 1.0 for i in found.invisible)
 
 
-def test_the_floor_is_that_of_the_true_noise(stribeck: HiddenRuns, found: Diagnosis) -> None:
+def test_the_floor_is_that_of_the_true_noise(stribeck, found):
     data = concatenate(stribeck.runs[:3])
     estimate = identified(stribeck, data)
     logged, ideal = (
@@ -116,7 +112,7 @@ def test_the_floor_is_that_of_the_true_noise(stribeck: HiddenRuns, found: Diagno
     assert found.noise_source == "repetition"
 
 
-def test_equal_runs_are_not_more_independent_than_their_number(two_link: Problem) -> None:
+def test_equal_runs_are_not_more_independent_than_their_number(two_link):
     """Four runs of the same motion are six pairs, but three differences an instant."""
     made = hidden_runs(two_link, [], 0.0, seed=31, count=1)
     run = made.runs[0]
@@ -136,11 +132,11 @@ def test_equal_runs_are_not_more_independent_than_their_number(two_link: Problem
 
 
 @pytest.mark.long
-def test_same_seed_same_findings(stribeck: HiddenRuns, found: Diagnosis) -> None:
+def test_same_seed_same_findings(stribeck, found):
     assert diagnosed(stribeck).to_dict() == found.to_dict()
 
 
-def test_clean_measurements_stay_clean(panda: Problem, two_link: Problem) -> None:
+def test_clean_measurements_stay_clean(panda, two_link):
     for problem, seed in ((panda, 12), (two_link, 13)):
         result = diagnosed(hidden_runs(problem, [], 0.0, seed=seed))
         assert result.verdict == "nothing_missing", problem.name
@@ -149,7 +145,7 @@ def test_clean_measurements_stay_clean(panda: Problem, two_link: Problem) -> Non
 
 
 @pytest.mark.slow
-def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
+def test_an_unknown_function_of_the_state_is_not_named(panda):
     odd = at_joint("unknown", 3, lambda w, m: m.q[:, 3] * m.dq[:, 3])
     result = diagnosed(hidden_runs(panda, [], "strong", seed=15, made=[odd]))
     assert result.verdict != "nothing_missing"
@@ -157,7 +153,7 @@ def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
 
 
 @pytest.mark.slow
-def test_only_a_frozen_model_shows_a_payload(panda: Problem) -> None:
+def test_only_a_frozen_model_shows_a_payload(panda):
     loaded = hidden_runs(panda, [("payload", [])], "strong", seed=16)
     empty = hidden_runs(panda, [], 0.0, seed=17, world=loaded.world)
     estimate = identified(empty, concatenate(empty.runs[:3]))
@@ -183,7 +179,7 @@ def test_only_a_frozen_model_shows_a_payload(panda: Problem) -> None:
 
 
 @pytest.mark.slow
-def test_what_has_changed_of_a_held_model_is_judged_and_not_added_twice(panda: Problem) -> None:
+def test_what_has_changed_of_a_held_model_is_judged_and_not_added_twice(panda):
     later = hidden_runs(panda, [("payload", []), ("torque_offset", [4])], "strong", seed=18)
     empty = hidden_runs(panda, [], 0.0, seed=17, world=later.world)
     estimate = identified(empty, concatenate(empty.runs[:3]))
@@ -218,7 +214,7 @@ def first_name(result: Diagnosis) -> tuple[str, tuple[int, ...]]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("what", ["as it is", "slower log", "one run", "unequal", "no repeats"])
-def test_two_joints_whatever_the_record(slope: HiddenRuns, what: str) -> None:
+def test_two_joints_whatever_the_record(slope, what):
     runs = list(slope.runs[:3])
     if what == "slower log":
         runs = [Measurements(r.t[::4], r.q[::4], r.tau[::4], names=r.names) for r in slope.runs[:3]]
@@ -241,7 +237,7 @@ def test_two_joints_whatever_the_record(slope: HiddenRuns, what: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_joint_that_does_not_move(panda: Problem) -> None:
+def test_a_joint_that_does_not_move(panda):
     made = hidden_runs(panda, [("joint_spring", [3])], "strong", seed=22)
     data = concatenate(made.runs[:3])
     still = data.q.copy()
@@ -254,7 +250,7 @@ def test_a_joint_that_does_not_move(panda: Problem) -> None:
     json.dumps(result.to_dict(), allow_nan=False)
 
 
-def test_one_joint() -> None:
+def test_one_joint():
     from sdp_vs_penalty import load_problem
 
     problem = load_problem("emps")
@@ -266,7 +262,7 @@ def test_one_joint() -> None:
 
 
 @pytest.mark.long
-def test_held_out_errors_without_a_test_run(slope: HiddenRuns) -> None:
+def test_held_out_errors_without_a_test_run(slope):
     estimate, data = small(slope)
     result = diagnose(estimate, data)
     first = result.effects[0]
@@ -274,7 +270,7 @@ def test_held_out_errors_without_a_test_run(slope: HiddenRuns) -> None:
     assert any("folds by the phase" in r for r in result.remarks)
 
 
-def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found: Diagnosis) -> None:
+def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found):
     first = replace(found.effects[0], indistinguishable_from=(), confidence="confident")
     assert first.undecided is None
     assert replace(first, confidence="weak").undecided == first.text
@@ -287,7 +283,7 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found: Diagnosis)
     assert "cooled down" in warm.cooled
 
 
-def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) -> None:
+def test_add_estimates_the_shape_and_saves(two_link, tmp_path):
     from pathlib import Path
 
     from sdp_vs_penalty import compare
@@ -309,7 +305,7 @@ def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) 
     np.testing.assert_array_equal(again.rmse, after.rmse)
 
 
-def test_the_ladder_ends_at_the_error_of_what_add_returns(two_link: Problem) -> None:
+def test_the_ladder_ends_at_the_error_of_what_add_returns(two_link):
     from sdp_vs_penalty import compare
 
     made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
@@ -321,7 +317,7 @@ def test_the_ladder_ends_at_the_error_of_what_add_returns(two_link: Problem) -> 
     np.testing.assert_allclose(result.held_out_rmse, added.rmse, rtol=5e-3)
 
 
-def test_add_keeps_the_sign_of_physics(two_link: Problem) -> None:
+def test_add_keeps_the_sign_of_physics(two_link):
     made = hidden_runs(two_link, [("sigmoid_friction", [0])], "strong", seed=25)
     data = concatenate(made.runs[:3])
     estimate = identify(two_link, data, effects=made.truth["model_effects"])
@@ -331,7 +327,7 @@ def test_add_keeps_the_sign_of_physics(two_link: Problem) -> None:
     assert 0.0 <= wrong.theta[-1] < 0.1 * right.theta[-1]
 
 
-def test_a_gain_is_added_beside_its_own_reference(two_link: Problem) -> None:
+def test_a_gain_is_added_beside_its_own_reference(two_link):
     made = hidden_runs(two_link, [("torque_gain", [1])], "strong", seed=26)
     data = concatenate(made.runs[:3])
     estimate = identify(two_link, data, effects=made.truth["model_effects"])
@@ -348,19 +344,19 @@ def test_a_gain_is_added_beside_its_own_reference(two_link: Problem) -> None:
         ("", "No effect"),
     ],
 )
-def test_what_cannot_be_added_is_said(slope: HiddenRuns, effect: str, message: str) -> None:
+def test_what_cannot_be_added_is_said(slope, effect, message):
     estimate, data = small(slope)
     with pytest.raises(InputError, match=message):
         add(estimate, effect, data)
 
 
-def test_what_would_hide_nothing_is_said(panda: Problem) -> None:
+def test_what_would_hide_nothing_is_said(panda):
     """Joint 1 turns about the vertical: where its links stand makes no difference to gravity."""
     with pytest.raises(InputError, match="joint_zero_error makes no torque on joint 1"):
         hidden_runs(panda, [("joint_zero_error", [0])], "strong", seed=1, count=1, must_show=True)
 
 
-def test_wrong_robot_is_said(slope: HiddenRuns, stribeck: HiddenRuns) -> None:
+def test_wrong_robot_is_said(slope, stribeck):
     estimate, _ = small(slope)
     with pytest.raises(InputError, match="7 joint"):
         diagnose(estimate, stribeck.runs[0])

@@ -1,7 +1,5 @@
 """Noise, events and hums against brute force and against their own promises."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from challenge.judge import wilson
@@ -14,7 +12,7 @@ from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_pr
 Array = NDArray[np.float64]
 
 
-def test_autoregression_whitens() -> None:
+def test_autoregression_whitens():
     rng = np.random.default_rng(7)
     x = np.zeros(4000)
     for k in range(2, len(x)):
@@ -25,7 +23,7 @@ def test_autoregression_whitens() -> None:
     assert degrees == 3988.0
 
 
-def test_events_are_found_and_noise_is_left_alone() -> None:
+def test_events_are_found_and_noise_is_left_alone():
     rng = np.random.default_rng(8)
     pieces = [np.arange(500), np.arange(500, 1000)]
     false = sum(local_excess(rng.normal(size=1000), pieces, 1, 1000.0).any() for _ in range(200))
@@ -37,7 +35,7 @@ def test_events_are_found_and_noise_is_left_alone() -> None:
     assert found[:650].sum() == found[760:].sum() == 0
 
 
-def test_noise_that_follows_a_rate_is_no_event() -> None:
+def test_noise_that_follows_a_rate_is_no_event():
     rng = np.random.default_rng(9)
     t = np.arange(1000) / 16.0
     rates = np.column_stack([np.sin(0.5 * t), np.cos(0.3 * t)]) ** 2
@@ -49,7 +47,7 @@ def test_noise_that_follows_a_rate_is_no_event() -> None:
     assert 1.6 < np.mean(faster**2) < 2.0
 
 
-def test_a_hum_is_a_line_and_noise_is_not() -> None:
+def test_a_hum_is_a_line_and_noise_is_not():
     rng = np.random.default_rng(10)
     t = np.arange(330) / 16.5
     runs = [rng.normal(size=330) + 0.8 * np.sin(2 * np.pi * 3.1 * (t + 7 * k)) for k in range(3)]
@@ -58,14 +56,14 @@ def test_a_hum_is_a_line_and_noise_is_not() -> None:
     assert false <= 3
 
 
-def test_wilson_interval() -> None:
+def test_wilson_interval():
     low, high = wilson(297, 300)
     assert low == pytest.approx(0.9710, abs=5e-4)
     assert high == pytest.approx(0.9966, abs=5e-4)
     assert wilson(0, 0) == (0.0, 1.0)
 
 
-def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes_near() -> None:
+def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes_near():
     rng, M = np.random.default_rng(5), 1800
     pieces, even = [np.arange(900), np.arange(900, M)], np.ones(M)
     slow = np.arange(M) % 120 < 30

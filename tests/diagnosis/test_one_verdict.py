@@ -1,7 +1,5 @@
 """Ten models, one grade each: command line, Python, page, report, JSON and exports."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -47,14 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, two_link: Problem) -> Path:
 
 
 @pytest.mark.parametrize(("method", "effects", "judged"), MODELS)
-def test_one_grade_everywhere(
-    folder: Path,
-    method: str,
-    effects: str,
-    judged: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_one_grade_everywhere(folder, method, effects, judged, tmp_path, capsys):
     model, figures = tmp_path / "model.json", tmp_path / "figures.json"
     how = ["--method", method, *(["--effects", effects] if effects else [])]
     for words in (
@@ -87,7 +78,7 @@ def test_one_grade_everywhere(
     assert f": {found.grade}. " in exported
 
 
-def test_the_grades_are_not_all_the_same(folder: Path, two_link: Problem) -> None:
+def test_the_grades_are_not_all_the_same(folder, two_link):
     train, other = (load_measurements(folder / f"{name}.csv") for name in ("train", "other"))
     good = identify(two_link, train)
     assert compare(good, other)[0].verdict.grade == "good"

@@ -1,7 +1,5 @@
 """A wrong shape constant of the model's own effects is no missing effect: it is said, and added."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -46,7 +44,7 @@ def found(estimate: Estimate, run: Measurements) -> Diagnosis:
     return diagnose(estimate, run, run)
 
 
-def test_known_gains_enter_the_columns_of_a_constant_once(estimate: Estimate, run: Measurements) -> None:
+def test_known_gains_enter_the_columns_of_a_constant_once(estimate, run):
     model = Model(estimate.robot, estimate.model.effects, gains=(0.8, 1.0, 1.2, 1.5))
     known = replace(estimate, model=model)
     rows = diagnosis_rows(run, known, known.preprocessing.resolve(run))
@@ -59,7 +57,7 @@ def test_known_gains_enter_the_columns_of_a_constant_once(estimate: Estimate, ru
             np.testing.assert_allclose(own[:, 0], model_s[:, place], rtol=1e-6, atol=1e-9)
 
 
-def test_no_effect_is_named_for_a_wrong_constant(found: Diagnosis) -> None:
+def test_no_effect_is_named_for_a_wrong_constant(found):
     assert found.verdict == "nothing_missing"
     assert not found.effects
     retuned = {r.joint: r for r in found.retuned}
@@ -72,9 +70,7 @@ def test_no_effect_is_named_for_a_wrong_constant(found: Diagnosis) -> None:
         assert retuned[2].confidence == "weak"  # at the end of its range
 
 
-def test_add_applies_them_from_the_file_and_by_name(
-    found: Diagnosis, estimate: Estimate, run: Measurements
-) -> None:
+def test_add_applies_them_from_the_file_and_by_name(found, estimate, run):
     again = Diagnosis.from_dict(json.loads(json.dumps(found.to_dict(), allow_nan=False)))
     from_file = add(estimate, again, run)
     by_name = add(estimate, ",".join(r.text for r in found.retuned), run)
@@ -84,12 +80,12 @@ def test_add_applies_them_from_the_file_and_by_name(
         add(estimate, "coulomb_friction:1", run)
 
 
-def test_findings_without_retunes_still_load(found: Diagnosis) -> None:
+def test_findings_without_retunes_still_load(found):
     old = {k: v for k, v in found.to_dict().items() if k != "retuned"}
     assert Diagnosis.from_dict(old).retuned == ()
 
 
-def test_the_text_tells_both_values(found: Diagnosis) -> None:
+def test_the_text_tells_both_values(found):
     text = next(r.explanation for r in found.retuned if r.joint == 4)
     assert text.startswith("joint 4: Coulomb turns over 0.0")
     assert "not 0.01 rad/s" in text
@@ -108,17 +104,15 @@ def test_the_text_tells_both_values(found: Diagnosis) -> None:
         ({}, (0.5, 0.5), None),
     ],
 )
-def test_a_constant_is_changed_where_data_tell(
-    change: dict[str, float], errors: tuple[float, float], said: str | None
-) -> None:
+def test_a_constant_is_changed_where_data_tell(change, errors, said):
     known = {"effect": "coulomb_friction", "joint": 1, "shape": "v_s", "before": 0.01, "after": 0.02}
-    one = ShapeEstimate(**{**known, "std": 1e-3, "gain": 100.0, "at_end": False, **change})  # type: ignore[arg-type]
+    one = ShapeEstimate(**{**known, "std": 1e-3, "gain": 100.0, "at_end": False, **change})
     made = retunes([one], as_problem("two_link").robot, *(np.array([0.0, e]) for e in errors))
     assert [r.confidence for r in made] == ([] if said is None else [said])
     assert all(r.joint == 2 and (r.rmse_before, r.rmse_after) == errors for r in made)
 
 
-def test_changed_constants_are_chosen_by_confidence(found: Diagnosis) -> None:
+def test_changed_constants_are_chosen_by_confidence(found):
     sure = next(r for r in found.retuned if r.confidence == "confident")
     both = replace(found, retuned=(sure, replace(sure, confidence="weak")))
     assert both.selected().retuned == both.retuned

@@ -1,7 +1,5 @@
 """The score against plain least squares, and what it promises."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
@@ -46,7 +44,7 @@ def plain(data: Any, fit: Fit, z: np.ndarray | None = None, drop: tuple[int, ...
     return y - (flat @ np.linalg.lstsq(flat, y.ravel(), rcond=None)[0]).reshape(n, M)
 
 
-def test_a_fit_is_least_squares_on_weighted_rows() -> None:
+def test_a_fit_is_least_squares_on_weighted_rows():
     data, z = made(size=1.0)
     score = Score(data, 10)
     fit = score.fit(())
@@ -56,7 +54,7 @@ def test_a_fit_is_least_squares_on_weighted_rows() -> None:
     assert np.sum(both.degrees) == pytest.approx(n * M - p - 1, abs=1e-6)
 
 
-def test_the_score_is_the_coarsened_drop_less_its_price() -> None:
+def test_the_score_is_the_coarsened_drop_less_its_price():
     data, z = made(size=1.0)
     score = Score(data, 50)
     fit = score.fit(())
@@ -73,7 +71,7 @@ def test_the_score_is_the_coarsened_drop_less_its_price() -> None:
     assert pytest.approx(expected, rel=1e-2) == term.J
 
 
-def test_noise_is_not_taken_for_an_effect() -> None:
+def test_noise_is_not_taken_for_an_effect():
     rng, highest = np.random.default_rng(1), []
     for seed in range(20):
         data, _ = made(seed)
@@ -84,7 +82,7 @@ def test_noise_is_not_taken_for_an_effect() -> None:
     assert max(highest) < 0.0
 
 
-def test_more_rows_of_a_law_that_is_only_nearly_right_do_not_make_it_sure() -> None:
+def test_more_rows_of_a_law_that_is_only_nearly_right_do_not_make_it_sure():
     """Twice the rows at the same error are not twice the evidence: the likelihood is coarsened."""
     data, z = made(size=0.2)
     twice = SimpleNamespace(
@@ -98,7 +96,7 @@ def test_more_rows_of_a_law_that_is_only_nearly_right_do_not_make_it_sure() -> N
     assert scores[1] < 2.5 * max(scores[0], 10.0)
 
 
-def test_an_own_constant_is_judged_in_the_place_of_the_models_column() -> None:
+def test_an_own_constant_is_judged_in_the_place_of_the_models_column():
     data, z = made()
     data.X[1, :, 1] = 0.0
     data.X[:, :, 4] *= 1e-19  # rounding, as of a mass that gravity does not see
@@ -116,7 +114,7 @@ def test_an_own_constant_is_judged_in_the_place_of_the_models_column() -> None:
     np.testing.assert_allclose(again.residual, plain(data, again, z, drop=(1,)), atol=1e-8)
 
 
-def test_what_the_model_makes_itself_is_no_candidate() -> None:
+def test_what_the_model_makes_itself_is_no_candidate():
     data, _ = made()
     score = Score(data, 10)
     fit = score.fit(())
@@ -126,7 +124,7 @@ def test_what_the_model_makes_itself_is_no_candidate() -> None:
     assert score.absorbed(fit, batch)[0] == pytest.approx(1.0)
 
 
-def test_screening_is_the_drop_of_the_squared_error() -> None:
+def test_screening_is_the_drop_of_the_squared_error():
     data, z = made(size=0.5)
     score = Score(data, 10)
     fit = score.fit(())
@@ -139,7 +137,7 @@ def test_screening_is_the_drop_of_the_squared_error() -> None:
 
 
 @pytest.mark.parametrize("k", [1, 2, 4])
-def test_signs_of_physics_hold(k: int) -> None:
+def test_signs_of_physics_hold(k):
     rng = np.random.default_rng(k)
     Z, y = rng.normal(size=(50, k)), rng.normal(size=50)
     expected = nnls(Z, y)[0]
@@ -148,7 +146,7 @@ def test_signs_of_physics_hold(k: int) -> None:
     np.testing.assert_allclose(free, np.linalg.lstsq(Z, y, rcond=None)[0], atol=1e-8)
 
 
-def test_a_basis_spans_its_columns_whatever_their_units() -> None:
+def test_a_basis_spans_its_columns_whatever_their_units():
     rng = np.random.default_rng(0)
     A = rng.normal(size=(80, 4)) * np.array([1e-6, 1.0, 1e6, 1.0])
     A = np.column_stack([A, A @ np.array([1e6, 1.0, 0.0, 2.0]), np.zeros(80)])

@@ -1,7 +1,5 @@
 """What is left is told from noise, on the rows that are evidence."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
@@ -35,7 +33,7 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize(("size", "matters"), [(0.0, ()), (0.4, ()), (2.0, (0,))])
-def test_what_is_beyond_the_noise_matters(size: float, matters: tuple[int, ...]) -> None:
+def test_what_is_beyond_the_noise_matters(size, matters):
     data, fit, residual, none = left(size)
     found = remainder(data, fit, residual, none)
     assert found.matters == matters
@@ -44,20 +42,20 @@ def test_what_is_beyond_the_noise_matters(size: float, matters: tuple[int, ...])
         assert found.beyond[0] == pytest.approx(FLOOR[0] * size / np.sqrt(2.0), rel=0.1)
 
 
-def test_a_noise_that_few_repetitions_show_may_be_larger() -> None:
+def test_a_noise_that_few_repetitions_show_may_be_larger():
     data, fit, residual, none = left(1.4)
     assert remainder(data, fit, residual, none).matters == (0,)
     data.noise.degrees[:] = 20.0
     assert remainder(data, fit, residual, none).matters == ()
 
 
-def test_what_friction_holds_at_rest_is_no_evidence() -> None:
+def test_what_friction_holds_at_rest_is_no_evidence():
     data, fit, residual, none = left(2.0)
     data.rows.still[:, 0] = 1.0
     assert remainder(data, fit, residual, none).matters == ()
 
 
-def test_what_friction_makes_where_it_turns_round_is_no_headline() -> None:
+def test_what_friction_makes_where_it_turns_round_is_no_headline():
     data, fit, residual, none = left(3.0)
     data.rows.slow[:, 0] = 1.0
     found = remainder(data, fit, residual, none)
@@ -66,7 +64,7 @@ def test_what_friction_makes_where_it_turns_round_is_no_headline() -> None:
     assert "joint 1" in _turning(found)
 
 
-def test_events_are_left_out_and_an_unknown_noise_proves_nothing() -> None:
+def test_events_are_left_out_and_an_unknown_noise_proves_nothing():
     data, fit, residual, ignore = left(0.0)
     fit.residual[0, :20] += 1e3
     ignore[:20, 0] = True
@@ -79,7 +77,7 @@ def test_events_are_left_out_and_an_unknown_noise_proves_nothing() -> None:
     assert (found.matters, found.known) == ((), False)
 
 
-def test_waves_that_are_no_harmonics_are_pieces_of_one_function() -> None:
+def test_waves_that_are_no_harmonics_are_pieces_of_one_function():
     def wave(k: float | None, joint: int = 0) -> Any:
         effect = SimpleNamespace(waves=k, joints=(joint,))
         return SimpleNamespace(key=("wave", joint), form=SimpleNamespace(effect=effect))
@@ -98,7 +96,7 @@ def test_waves_that_are_no_harmonics_are_pieces_of_one_function() -> None:
     assert in_pieces(wave(2.0), search([wave(2.0)], travel=3.0))  # was not travelled once
 
 
-def test_many_events_are_one_line() -> None:
+def test_many_events_are_one_line():
     """The findings stay in sight; every event is still listed where it is asked for."""
     events = [Event(k % 2 + 1, float(k), k + 0.5, "hum", 12.0) for k in range(4)]
     (line,) = event_lines(events)

@@ -1,7 +1,5 @@
 """Contracts that every effect of the library keeps; a new file is asked the same without a word here."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from itertools import pairwise
@@ -50,7 +48,7 @@ def to_and_fro(robot: Robot) -> Motion:
 
 
 @EVERY_EFFECT
-def test_shape_constants_are_declared_whole(name: str) -> None:
+def test_shape_constants_are_declared_whole(name):
     """Defaults, grids and bounds agree, a search starts from valid constants and can refine them."""
     kind = effect_types()[name]
     for shape in kind.shapes.values():
@@ -70,7 +68,7 @@ def test_shape_constants_are_declared_whole(name: str) -> None:
 
 @EVERY_EFFECT
 @EVERY_ROBOT
-def test_columns_fit_any_robot(name: str, which: str) -> None:
+def test_columns_fit_any_robot(name, which):
     robot = robots()[which]
     motion = steady_motion(robot)
     for effect in variants(name, robot):
@@ -90,7 +88,7 @@ def test_columns_fit_any_robot(name: str, which: str) -> None:
 
 
 @EVERY_EFFECT
-def test_every_parameter_makes_torque_in_a_motion_to_and_fro(name: str) -> None:
+def test_every_parameter_makes_torque_in_a_motion_to_and_fro(name):
     robot = robots()["arm"]
     motion = to_and_fro(robot)
     for effect in variants(name, robot):
@@ -102,7 +100,7 @@ def test_every_parameter_makes_torque_in_a_motion_to_and_fro(name: str) -> None:
 
 @EVERY_EFFECT
 @EVERY_ROBOT
-def test_written_form_and_dictionary_restore_the_effect_to_the_last_bit(name: str, which: str) -> None:
+def test_written_form_and_dictionary_restore_the_effect_to_the_last_bit(name, which):
     robot = robots()[which]
     motion = steady_motion(robot)
     for effect in variants(name, robot):
@@ -115,7 +113,7 @@ def test_written_form_and_dictionary_restore_the_effect_to_the_last_bit(name: st
 
 
 @EVERY_EFFECT
-def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name: str) -> None:
+def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name):
     """Chunked filtering computes columns piece by piece."""
     robot = robots()["tree"]
     motion = steady_motion(robot)
@@ -145,7 +143,7 @@ def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name: str) -> 
 
 
 @EVERY_EFFECT
-def test_what_an_effect_needs_is_what_it_declares(name: str) -> None:
+def test_what_an_effect_needs_is_what_it_declares(name):
     """A torque, links, a clock: the columns change with what is declared and with nothing else."""
     robot = robots()["arm"]
     motion = steady_motion(robot)
@@ -186,12 +184,12 @@ def test_what_an_effect_needs_is_what_it_declares(name: str) -> None:
 
 
 @EVERY_EFFECT
-def test_units_are_those_of_the_columns(name: str) -> None:
+def test_units_are_those_of_the_columns(name):
     check_units_are_those_of_the_columns(name)
 
 
 @EVERY_EFFECT
-def test_a_joint_has_it_once_or_declares_that_it_can_have_several(name: str) -> None:
+def test_a_joint_has_it_once_or_declares_that_it_can_have_several(name):
     robot = robots()["arm"]
     kind = effect_types()[name]
     first, *others = kind.candidates(robot, None if kind.whole_robot else 1) or [kind(robot)]
@@ -206,7 +204,7 @@ def test_a_joint_has_it_once_or_declares_that_it_can_have_several(name: str) -> 
 
 
 @EVERY_EFFECT
-def test_only_what_the_links_absorb_needs_a_frozen_model(name: str) -> None:
+def test_only_what_the_links_absorb_needs_a_frozen_model(name):
     robot = robots()["tree"]
     motion = to_and_fro(robot)
     rigid = wide_columns(effect_types()["rigid_body"](robot), motion).reshape(-1, 10 * robot.n)
@@ -218,7 +216,7 @@ def test_only_what_the_links_absorb_needs_a_frozen_model(name: str) -> None:
 
 
 @EVERY_EFFECT
-def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name: str) -> None:
+def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name):
     robot = robots()["tree"]
     effect = effect_types()[name](robot)
     constraints = effect.constraints(np.arange(len(effect.parameters)))
@@ -239,7 +237,7 @@ def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name
 
 
 @EVERY_EFFECT
-def test_what_worlds_hide_can_be_found(name: str) -> None:
+def test_what_worlds_hide_can_be_found(name):
     """A new effect may do without a world that states it again; what a world states is searched for."""
     robot = robots()["arm"]
     kind = effect_types()[name]
@@ -248,10 +246,10 @@ def test_what_worlds_hide_can_be_found(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_columns_are_the_hidden_torque(name: str) -> None:
+def test_columns_are_the_hidden_torque(name):
     check_columns_are_the_hidden_torque(name)
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_every_form_is_met(name: str) -> None:
+def test_every_form_is_met(name):
     check_every_form_is_met(name)

@@ -1,7 +1,5 @@
 """Single effects beyond the contracts, what a model makes of several, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from effect_contract import robots, steady_motion, wide_columns
@@ -17,7 +15,7 @@ from sdp_vs_penalty.robot import Robot
 Array = NDArray[np.float64]
 
 
-def test_rotor_inertia_is_what_a_spinning_link_on_the_axis_makes() -> None:
+def test_rotor_inertia_is_what_a_spinning_link_on_the_axis_makes():
     """A rotor turns with its own joint only: not the same as Izz of the link, which turns with all."""
     robot = Robot.from_dh("r", [0.0, 0.3], [0.0, 0.0], [0.2, 0.0], "modified")
     state = np.random.default_rng(0).normal(size=(3, 4, 2))
@@ -59,7 +57,7 @@ def torque_of(effect: Effect, motion: Motion, theta: Array) -> Array:
     return out
 
 
-def test_external_wrench_does_the_work_of_its_force(panda: Problem) -> None:
+def test_external_wrench_does_the_work_of_its_force(panda):
     """Power of the joint torques balances F . v of the last joint's origin, from finite differences."""
     problem = panda
     robot = problem.robot
@@ -85,7 +83,7 @@ def test_external_wrench_does_the_work_of_its_force(panda: Problem) -> None:
         assert got[k] @ motion.dq[k] == pytest.approx(-force @ velocity, rel=1e-6, abs=1e-7)
 
 
-def test_dahl_is_the_solution_of_its_differential_equation() -> None:
+def test_dahl_is_the_solution_of_its_differential_equation():
     from scipy.integrate import solve_ivp
 
     t = np.linspace(0.0, 6.0, 6001)
@@ -105,9 +103,7 @@ def test_dahl_is_the_solution_of_its_differential_equation() -> None:
     )
 
 
-def test_a_model_computes_its_current_torque_from_its_own_reference(
-    panda: Problem,
-) -> None:
+def test_a_model_computes_its_current_torque_from_its_own_reference(panda):
     problem = panda
     model = problem.model("rigid_body,torque_gain,viscous_friction")
     motion = current_motion(problem)
@@ -119,7 +115,7 @@ def test_a_model_computes_its_current_torque_from_its_own_reference(
     np.testing.assert_allclose(model.torque(theta, bare), 1.05 * motion.model_torque, atol=1e-9)
 
 
-def test_without_links_what_depends_on_them_makes_no_torque() -> None:
+def test_without_links_what_depends_on_them_makes_no_torque():
     robot = robots()["arm"]
     motion = steady_motion(robot)
     effects = parse_effects("viscous_friction,joint_zero_error,torque_gain:1", robot)
@@ -144,12 +140,12 @@ def test_without_links_what_depends_on_them_makes_no_torque() -> None:
         ("torque_offset", "arm", ""),
     ],
 )
-def test_constants_are_said_with_their_units_where_they_matter(text: str, which: str, said: str) -> None:
+def test_constants_are_said_with_their_units_where_they_matter(text, which, said):
     (effect,) = parse_effects(text, robots()[which])
     assert effect.constants == said
 
 
-def test_a_curve_reads_a_combination_of_joints_and_the_phase_of_a_turn() -> None:
+def test_a_curve_reads_a_combination_of_joints_and_the_phase_of_a_turn():
     robot, motion = robots()["arm"], steady_motion(robots()["arm"])
     ends = "@xlow=-9@xhigh=9@v1=-9@v2=9"
     both, fast, phase = parse_effects(
@@ -177,17 +173,17 @@ def test_a_curve_reads_a_combination_of_joints_and_the_phase_of_a_turn() -> None
     "name",
     ["q4", "sign(dq1)", "abs(ddq2)", "t", "temp12", "tau3", "q5+q6", "dq5-0.5dq6", "phase(80 q4)"],
 )
-def test_a_variable_reads_back_as_it_is_written(name: str) -> None:
+def test_a_variable_reads_back_as_it_is_written(name):
     assert Variable.parse(name).name == name
 
 
 @pytest.mark.parametrize("text", ["q", "q0", "speed2", "t3", "q5+dq6", "phase(q4)", "sign(q4)", "none1"])
-def test_what_is_no_variable_is_refused(text: str) -> None:
+def test_what_is_no_variable_is_refused(text):
     with pytest.raises(ValueError, match="no variable"):
         Variable.parse(text)
 
 
-def test_friction_that_turns_round_within_the_encoders_steps_is_doubtful() -> None:
+def test_friction_that_turns_round_within_the_encoders_steps_is_doubtful():
     robot, coarse = robots()["arm"], Seen(resolution=2e-4)
     short, long, held, slip = parse_effects(
         (
@@ -211,7 +207,7 @@ def test_friction_that_turns_round_within_the_encoders_steps_is_doubtful() -> No
         ("joint_coupling:1@i=3", [(0, 2)]),
     ],
 )
-def test_coupling_is_with_the_joint_that_is_named(text: str, pairs: list[tuple[int, int]]) -> None:
+def test_coupling_is_with_the_joint_that_is_named(text, pairs):
     robot = robots()["arm"]
     motion = steady_motion(robot)
     (effect,) = parse_effects(text, robot)
@@ -243,13 +239,13 @@ def test_coupling_is_with_the_joint_that_is_named(text: str, pairs: list[tuple[i
         ("coulomb_friction@v_s=inf", "must be finite"),
     ],
 )
-def test_effects_that_do_not_exist_are_refused(text: str, message: str) -> None:
+def test_effects_that_do_not_exist_are_refused(text, message):
     with pytest.raises(InputError, match=message) as caught:
         parse_effects(text, robots()["tree"])
     assert "\n" not in str(caught.value)
 
 
-def test_models_without_effects_or_with_one_twice_are_refused() -> None:
+def test_models_without_effects_or_with_one_twice_are_refused():
     robot = robots()["single"]
     with pytest.raises(InputError, match="no effect"):
         Model(robot, ())
@@ -257,7 +253,7 @@ def test_models_without_effects_or_with_one_twice_are_refused() -> None:
         Model(robot, parse_effects("viscous_friction,viscous_friction:1", robot))
 
 
-def test_a_filter_that_looks_both_ways_may_be_joints_that_stick() -> None:
+def test_a_filter_that_looks_both_ways_may_be_joints_that_stick():
     zero, late = (
         parse_effects(f"torque_filter@phase={p}", robots()["arm"])[0] for p in ("zero", "late")
     )

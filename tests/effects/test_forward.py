@@ -1,7 +1,5 @@
 """Models run forward: against MuJoCo, against exact solutions, and against their own inverse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -47,7 +45,7 @@ def pushes(n: int, steps: int, h: float, size: float = 8.0) -> Array:
 
 
 @pytest.mark.parametrize("name", ["two_link", "panda", "ur10e"])
-def test_as_mujoco_with_armature_and_damping(name: str) -> None:
+def test_as_mujoco_with_armature_and_damping(name):
     mujoco = pytest.importorskip("mujoco")
     p = plant(name, "rigid_body,viscous_friction,rotor_inertia")
     n, h, steps = p.robot.n, 1e-3, 300
@@ -70,7 +68,7 @@ def test_as_mujoco_with_armature_and_damping(name: str) -> None:
 
 
 @pytest.mark.parametrize("h", [1e-3, 1e-2])
-def test_a_block_that_is_pushed_below_its_friction_stays_and_slides_above_it(h: float) -> None:
+def test_a_block_that_is_pushed_below_its_friction_stays_and_slides_above_it(h):
     p = plant("emps", "rigid_body,coulomb_friction@v_s=0.00002", coulomb_friction=20.0)
     mass = float(p.mass(np.zeros((1, 1)))[0, 0, 0])
     steps = round(1.0 / h)
@@ -86,7 +84,7 @@ def test_a_block_that_is_pushed_below_its_friction_stays_and_slides_above_it(h: 
     )
 
 
-def test_as_a_stiff_solver_has_it() -> None:
+def test_as_a_stiff_solver_has_it():
     """One joint with a smooth sign, against scipy's Radau on the equation written down again."""
     p = plant("emps", "rigid_body,viscous_friction,coulomb_friction@v_s=0.001", coulomb_friction=20.0)
     mass, h = float(p.mass(np.zeros((1, 1)))[0, 0, 0]), 1e-3
@@ -101,7 +99,7 @@ def test_as_a_stiff_solver_has_it() -> None:
     assert ours == pytest.approx(exact, abs=2e-3 * abs(exact - 0.3))
 
 
-def test_friction_that_follows_the_load_follows_that_of_the_links_alone() -> None:
+def test_friction_that_follows_the_load_follows_that_of_the_links_alone():
     """u = m a + f v + 0.3 |m a| sign(v), v > 0 and a > 0 throughout: 1.3 m a = u - f v."""
     sizes = {"viscous_friction": 500.0, "load_dependent_friction": 0.3}
     p = plant("emps", "rigid_body,viscous_friction,load_dependent_friction", **sizes)
@@ -122,7 +120,7 @@ def test_friction_that_follows_the_load_follows_that_of_the_links_alone() -> Non
     assert ours.dq[0, 0] == pytest.approx(exact, rel=2e-3)
 
 
-def test_channels_are_undone_and_others_left_out() -> None:
+def test_channels_are_undone_and_others_left_out():
     p = plant("two_link", "rigid_body,torque_gain:2,joint_elasticity:1", torque_gain=0.1)
     torque = np.ones((5, 2))
     np.testing.assert_allclose(p.true_torque(np.arange(5.0), torque)[:, 1], 1.0 / 1.1)

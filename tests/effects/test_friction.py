@@ -1,7 +1,5 @@
 """Laws of friction by their properties: what they become in a limit, and the energy that they take."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +30,7 @@ def to_and_fro(period: float = 4.0) -> Motion:
 
 @pytest.mark.parametrize("joint", [1, 2, 3])
 @pytest.mark.parametrize("name", ["presliding_hysteresis", "maxwell_slip"])
-def test_friction_that_remembers_takes_energy_in_every_cycle(name: str, joint: int) -> None:
+def test_friction_that_remembers_takes_energy_in_every_cycle(name, joint):
     motion = to_and_fro()
     z = columns(f"{name}:{joint}@d=0.002", motion)
     if name == "presliding_hysteresis":  # Coulomb's part is a parameter of its own
@@ -44,7 +42,7 @@ def test_friction_that_remembers_takes_energy_in_every_cycle(name: str, joint: i
     assert power.sum() > 0.05 * np.abs(power).sum()
 
 
-def test_a_slider_of_no_travel_is_coulombs_and_a_long_one_a_spring() -> None:
+def test_a_slider_of_no_travel_is_coulombs_and_a_long_one_a_spring():
     motion = to_and_fro()
     sliders = columns("maxwell_slip:3@d=0.000001", motion)
     moving = np.abs(motion.dq[:, 2]) > 0.05
@@ -56,7 +54,7 @@ def test_a_slider_of_no_travel_is_coulombs_and_a_long_one_a_spring() -> None:
     np.testing.assert_allclose(spring - spring[0], travel / 16.0, atol=1e-12)
 
 
-def test_hysteresis_under_load_is_load_dependent_friction_once_it_slides() -> None:
+def test_hysteresis_under_load_is_load_dependent_friction_once_it_slides():
     motion = steady_motion(ARM)
     np.testing.assert_allclose(
         columns("load_dependent_hysteresis:2@d=0.0001", motion),
@@ -66,7 +64,7 @@ def test_hysteresis_under_load_is_load_dependent_friction_once_it_slides() -> No
 
 
 @pytest.mark.parametrize("waves", [1, 2])
-def test_friction_that_varies_with_position_is_nowhere_negative(waves: int) -> None:
+def test_friction_that_varies_with_position_is_nowhere_negative(waves):
     """Of random parameters exactly those pass whose friction is nowhere below zero."""
     problem = load_problem("two_link")
     own = f"position_dependent_friction:2@k=3@waves={waves}"
@@ -90,7 +88,7 @@ def test_friction_that_varies_with_position_is_nowhere_negative(waves: int) -> N
     assert {kept for kept, _ in verdicts} == {True, False}
 
 
-def test_warming_by_the_clock_is_settling_drift_and_by_temperature_needs_one() -> None:
+def test_warming_by_the_clock_is_settling_drift_and_by_temperature_needs_one():
     motion = steady_motion(ARM)
     for law, form in (("coulomb", 2), ("viscous", 4)):
         by_clock = columns(f"warming_friction:2@law={law}@by=clock@T=40@t0=3", motion)

@@ -1,7 +1,5 @@
 """The recipe of CONTRIBUTING: one new file is an effect, and one maker hides it in a world."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +15,7 @@ from hidden_contract import (
 from numpy.typing import NDArray
 
 import sdp_vs_penalty.effects as folder
-from sdp_vs_penalty import Problem, add, compare, diagnose, identify, load_estimate
+from sdp_vs_penalty import add, compare, diagnose, identify, load_estimate
 from sdp_vs_penalty.cli.verbs.list import details
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import effect_types, parse_effects
@@ -69,7 +67,7 @@ def new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The file in a folder of its own that counts as part of the folder of effects."""
     (tmp_path / f"{NAME}.py").write_text(FILE)
     monkeypatch.setattr(folder, "__path__", [*folder.__path__, str(tmp_path)])
-    monkeypatch.setitem(MAKERS, NAME, hardening)  # type: ignore[arg-type]
+    monkeypatch.setitem(MAKERS, NAME, hardening)
     effect_types.cache_clear()
     yield
     effect_types.cache_clear()
@@ -78,7 +76,7 @@ def new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("new_file")
-def test_one_file_keeps_the_contracts_and_is_listed() -> None:
+def test_one_file_keeps_the_contracts_and_is_listed():
     check_units_are_those_of_the_columns(NAME)
     check_columns_are_the_hidden_torque(NAME)
     check_every_form_is_met(NAME)
@@ -88,7 +86,7 @@ def test_one_file_keeps_the_contracts_and_is_listed() -> None:
 
 @pytest.mark.long
 @pytest.mark.usefixtures("new_file")
-def test_one_file_is_hidden_found_added_and_saved(two_link: Problem, tmp_path: Path) -> None:
+def test_one_file_is_hidden_found_added_and_saved(two_link, tmp_path):
     (written,) = parse_effects(f"{NAME}:2@q_0=0.7", two_link.robot)
     assert written.constants == "q_0 = 0.7 rad"
     made = hidden_runs(two_link, [(NAME, [1])], "strong", seed=3)
@@ -106,5 +104,5 @@ def test_one_file_is_hidden_found_added_and_saved(two_link: Problem, tmp_path: P
     assert after.rmse[1] < 0.6 * before.rmse[1]
 
 
-def test_without_the_file_nothing_of_it_is_left() -> None:
+def test_without_the_file_nothing_of_it_is_left():
     assert NAME not in effect_types()

@@ -1,7 +1,5 @@
 """Friction on a combination of joints: it returns by the same ratios, and never feeds energy."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +30,7 @@ def periodic() -> Motion:
 
 
 @EVERY_LAW
-def test_it_returns_to_the_joints_by_the_ratios_of_the_combination(law: str) -> None:
+def test_it_returns_to_the_joints_by_the_ratios_of_the_combination(law):
     ratios = np.array([1.0, -0.75, 2.0])
     made = effect(f"transmission_friction:1+2+3@c1=1@c2=-0.75@c3=2@law={law}")
     columns = wide_columns(made, periodic())[:, :, 0]
@@ -42,7 +40,7 @@ def test_it_returns_to_the_joints_by_the_ratios_of_the_combination(law: str) -> 
 
 
 @EVERY_LAW
-def test_friction_takes_energy_and_a_rotor_keeps_it(law: str) -> None:
+def test_friction_takes_energy_and_a_rotor_keeps_it(law):
     """At every instant where friction is a function of velocity; over a period where it remembers."""
     motion = periodic()
     made = effect(f"transmission_friction:1+3@c1=1@c3=-0.5@law={law}")
@@ -60,7 +58,7 @@ def test_friction_takes_energy_and_a_rotor_keeps_it(law: str) -> None:
     assert all(p.lower == 0.0 for p in made.parameters)
 
 
-def test_laws_and_ratios_are_written_as_words_and_numbers() -> None:
+def test_laws_and_ratios_are_written_as_words_and_numbers():
     made = effect("transmission_friction:1+2@c1=1@c2=-0.5@law=hysteresis@d=0.01")
     assert made.text == "transmission_friction:1+2@c1=1@c2=-0.5@law=hysteresis@d=0.01"
     assert made.parameters[0].name == "f_t_hysteresis(q1-0.5q2)"
@@ -74,7 +72,7 @@ def test_laws_and_ratios_are_written_as_words_and_numbers() -> None:
             effect(text)
 
 
-def test_a_known_transmission_is_among_the_candidates() -> None:
+def test_a_known_transmission_is_among_the_candidates():
     coupled = replace(ARM, transmission=parse_transmission(["50 q1", "30 q2", "20 q1 - 17 q2 - 17 q3"]))
     kind = type(effect("transmission_friction:1+2"))
 

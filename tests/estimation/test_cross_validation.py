@@ -1,7 +1,5 @@
 """Cross-validation by phase blocks: each row judged once, by a model that has not seen its motion."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -25,7 +23,7 @@ def run_of(problem: Problem, seconds: float = 24.0, noise: float = 0.02, seed: i
     return Measurements(t, motion.q, tau + noise * rng.normal(size=tau.shape), None, None, ("run",))
 
 
-def test_errors_are_of_unseen_motion(two_link: Problem) -> None:
+def test_errors_are_of_unseen_motion(two_link):
     result = cross_validate(two_link, run_of(two_link), "ols", folds=4)
     assert result.periodic
     assert len(result.folds) == 4
@@ -39,7 +37,7 @@ def test_errors_are_of_unseen_motion(two_link: Problem) -> None:
     assert [f.start for f in result.folds] == pytest.approx([0.0, 2.5, 5.0, 7.5], abs=0.02)
 
 
-def test_a_torque_of_the_judged_phase_does_not_reach_its_model(two_link: Problem) -> None:
+def test_a_torque_of_the_judged_phase_does_not_reach_its_model(two_link):
     """Another torque in one phase, in every period, changes no parameter of the fold that tests it."""
     run = run_of(two_link)
     tau = run.tau.copy()
@@ -55,7 +53,7 @@ def test_a_torque_of_the_judged_phase_does_not_reach_its_model(two_link: Problem
         assert np.abs(after.folds[0].theta - before.folds[0].theta).max() > 1e-3
 
 
-def test_shape_constants_are_each_folds_own(two_link: Problem) -> None:
+def test_shape_constants_are_each_folds_own(two_link):
     """Friction that turns round over another velocity than declared is predicted as by one who knows it,
     and what the judged phase says of that velocity is not heard."""
     run = run_of(two_link, seconds=40.0)
@@ -69,7 +67,7 @@ def test_shape_constants_are_each_folds_own(two_link: Problem) -> None:
     assert np.all(declared > 1.1 * told)
 
 
-def test_what_cannot_be_split_is_refused(two_link: Problem) -> None:
+def test_what_cannot_be_split_is_refused(two_link):
     with pytest.raises(InputError, match="fewer folds"):
         cross_validate(two_link, run_of(two_link), "ols", folds=2, preprocessing=Preprocessing(2.0, 3.0))
     with pytest.raises(InputError, match="2 or more"):

@@ -1,9 +1,6 @@
 """Which parameters the data determine: what they cannot show is the prior's, whatever the units."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +24,7 @@ def task_of(problem: Problem, seconds: float = 8.0) -> Task:
     return make_task(problem, model, compress(run, model, problem.preprocessing.resolve(run)))
 
 
-def test_shares_are_shares_and_free_of_units(arm: Problem) -> None:
+def test_shares_are_shares_and_free_of_units(arm):
     """What no torque shows has none, what is measured again and again has nearly all."""
     task = task_of(arm)
     names = [p.name for p in task.model.parameters]
@@ -44,7 +41,7 @@ def test_shares_are_shares_and_free_of_units(arm: Problem) -> None:
     assert data_share(replace(task, data=scaled), np.eye(len(names))) == pytest.approx(share, abs=1e-6)
 
 
-def test_a_model_says_who_decides_and_export_what_is_implausible(arm: Problem, tmp_path: Path) -> None:
+def test_a_model_says_who_decides_and_export_what_is_implausible(arm, tmp_path):
     run = run_of(arm, SCARA_FRICTION, SCARA_NOISE)
     made = identify(arm, run)
     made.save(tmp_path / "model.json")
@@ -81,9 +78,7 @@ def test_a_model_says_who_decides_and_export_what_is_implausible(arm: Problem, t
     assert "bounds" in loose.sources
 
 
-def test_what_was_not_found_is_said_and_nothing_is_counted(
-    arm: Problem, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_was_not_found_is_said_and_nothing_is_counted(arm, capsys):
     """A gap that is no rounding, and intervals without a standard deviation."""
     made = identify(arm, run_of(arm, SCARA_FRICTION, SCARA_NOISE, seconds=8.0))
     printing.certificate(made)

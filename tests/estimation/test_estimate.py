@@ -1,10 +1,7 @@
 """The saved estimate: the same torques to the last bit, valid JSON, spreads that are true."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -68,9 +65,7 @@ def assert_same_estimate(a: Estimate, b: Estimate, motion: Motion) -> None:
 @pytest.mark.parametrize("method", ["ols", "lmi-sdp", "lmi-sdp-entropic", "lmi-sdp-two-step"])
 @settings(max_examples=4, deadline=None, derandomize=True)
 @given(seed=seeds)
-def test_a_model_file_predicts_the_same_to_the_last_bit(
-    tmp_path_factory: pytest.TempPathFactory, method: str, seed: int
-) -> None:
+def test_a_model_file_predicts_the_same_to_the_last_bit(tmp_path_factory, method, seed):
     rng = np.random.default_rng(seed)
     problem = random_problem(rng, int(rng.integers(1, 5)))
     estimate = identify(problem, noisy_run(problem, seed % 1000), method)
@@ -83,7 +78,7 @@ def test_a_model_file_predicts_the_same_to_the_last_bit(
     assert path.read_bytes() == path.with_name("again.json").read_bytes()
 
 
-def test_a_model_with_every_effect_survives(two_link: Problem, tmp_path: Path) -> None:
+def test_a_model_with_every_effect_survives(two_link, tmp_path):
     """Shape constants, joints, memory, and the current model that some effects refer to."""
     own = {n: kind for n, kind in effect_types().items() if kind.forward != "drive"}
     every = [name for name, kind in own.items() if not kind.frozen_only]
@@ -102,7 +97,7 @@ def test_a_model_with_every_effect_survives(two_link: Problem, tmp_path: Path) -
     assert hysteresis.shape == {"d": 0.02}
 
 
-def test_the_file_holds_what_was_promised(two_link: Problem, tmp_path: Path) -> None:
+def test_the_file_holds_what_was_promised(two_link, tmp_path):
     run = noisy_run(two_link, 1)
     estimate = identify(two_link, run, seed=12)
     estimate.save(tmp_path / "model.json")
@@ -133,7 +128,7 @@ def test_the_file_holds_what_was_promised(two_link: Problem, tmp_path: Path) -> 
     assert {p["name"] for p in parameters if p["std"] is not None} == set(seen)
 
 
-def test_a_file_without_the_training_motion_loads_and_says_so(two_link: Problem, tmp_path: Path) -> None:
+def test_a_file_without_the_training_motion_loads_and_says_so(two_link, tmp_path):
     run = noisy_run(two_link, 1)
     estimate = identify(two_link, run)
     assert compare(estimate, run)[0].new_motion_share == 0.0

@@ -1,9 +1,6 @@
 """Exciting trajectories: limits, gradient, conditioning, and the file that a robot plays."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,14 +31,7 @@ positive = st.floats(0.05, 3.0)
     duration=st.floats(4.0, 20.0),
     seed=st.integers(0, 1000),
 )
-def test_an_optimised_trajectory_keeps_any_limits(
-    low: list[float],
-    span: list[float],
-    velocity: list[float],
-    acceleration: list[float],
-    duration: float,
-    seed: int,
-) -> None:
+def test_an_optimised_trajectory_keeps_any_limits(low, span, velocity, acceleration, duration, seed):
     problem = load_problem("two_link")
     lower = np.array(low)
     limits = Limits(lower, lower + span, np.array(velocity), np.array(acceleration))
@@ -55,9 +45,7 @@ def test_an_optimised_trajectory_keeps_any_limits(
     assert np.abs(dq[[0, -1]]).max() < 1e-9
 
 
-def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(
-    panda: Problem, paper: FourierTrajectory
-) -> None:
+def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(panda, paper):
     limits = Limits.of_trajectory(paper)
     before = Regressor.of(panda).condition(paper)
     assert 105.0 < before < 125.0  # the paper's own figure is 109 to 122, depending on the basis
@@ -78,21 +66,19 @@ def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(
         ({"velocity": np.array([np.nan, 1.0])}, "joint 1"),
     ],
 )
-def test_limits_that_admit_no_trajectory_are_refused(
-    two_link: Problem, change: dict[str, np.ndarray], match: str
-) -> None:
+def test_limits_that_admit_no_trajectory_are_refused(two_link, change, match):
     with pytest.raises(InputError, match=match):
         replace(Limits.of_robot(two_link.robot), **change)
 
 
-def test_other_input_is_refused(two_link: Problem) -> None:
+def test_other_input_is_refused(two_link):
     with pytest.raises(InputError, match="objective"):
         excite(two_link, objective="loud")
     with pytest.raises(InputError, match="duration"):
         excite(two_link, duration=0.5)
 
 
-def test_a_robot_can_play_the_file(two_link: Problem, tmp_path: Path) -> None:
+def test_a_robot_can_play_the_file(two_link, tmp_path):
     trajectory = random_trajectory(two_link.robot, 0, 4.0)
     path = tmp_path / "trajectory.csv"
     save_trajectory(trajectory, path)

@@ -1,12 +1,10 @@
 """Constants of several effects on one joint end where they together explain most."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from random_robots import sines
 
-from sdp_vs_penalty import Measurements, Problem
+from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.estimation.shape_constants import settled
 from sdp_vs_penalty.regression import compress
 
@@ -24,7 +22,7 @@ def texts(width: float, vs: float, delta: float) -> str:
 
 @pytest.mark.parametrize("truth", [(0.025, 0.07, 1.0), (0.025, 0.1, 2.0), (0.004, 0.05, 2.0)])
 @pytest.mark.parametrize("start", [(0.01, 0.13, 2.0), (0.02, 0.09, 1.0)])
-def test_exact_data_give_exact_constants(two_link: Problem, truth: tuple, start: tuple) -> None:
+def test_exact_data_give_exact_constants(two_link, truth, start):
     model = two_link.model(texts(*truth))
     theta = two_link.nominal(model)
     theta[len(model.rigid_indices) :] = 0.5

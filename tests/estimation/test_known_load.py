@@ -1,7 +1,5 @@
 """A weighed load gives the torque channels' gains, and gains that are known badly widen intervals."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -44,9 +42,7 @@ def measured(arm: Problem, seed: int, load: float, gain: np.ndarray = GAIN) -> M
     return Measurements(t, q, gain * (tau + 0.02 * tau.std(axis=0) * noise), names=(f"run {seed}",))
 
 
-def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(
-    arm: Problem, tmp_path: Path
-) -> None:
+def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(arm, tmp_path):
     bare, loaded = measured(arm, 1, 0.0), measured(arm, 2, 1.0)
     other = measured(arm, 3, 0.6)  # 0.9 kg
     estimate = identify(arm, bare, "ols", known_loads=[(loaded, 1.5)])
@@ -74,7 +70,7 @@ def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(
     assert not naive.lower < 0.9 < naive.upper
 
 
-def test_gains_known_to_a_per_cent_widen_the_intervals(arm: Problem, tmp_path: Path) -> None:
+def test_gains_known_to_a_per_cent_widen_the_intervals(arm, tmp_path):
     """All gains 1 % too high make a load 1 % heavier; the stated spread is that of independent ones."""
     loaded = measured(arm, 3, 1.0, np.ones(3))
     estimate = identify(arm, measured(arm, 1, 0.0, np.ones(3)), "ols")
@@ -97,7 +93,7 @@ def test_gains_known_to_a_per_cent_widen_the_intervals(arm: Problem, tmp_path: P
     )
 
 
-def test_refusals(arm: Problem) -> None:
+def test_refusals(arm):
     assert parsed_known_load("runs/load.csv:2.805") == (Path("runs/load.csv"), 2.805)
     for text in ("load.csv", "load.csv:heavy", ":2.0"):
         with pytest.raises(InputError, match="known-load"):
@@ -109,9 +105,7 @@ def test_refusals(arm: Problem) -> None:
         identify(arm, run, gain_uncertainty=-0.1)
 
 
-def test_the_command_line_takes_a_load_and_lets_it_judge_the_gains(
-    arm: Problem, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_line_takes_a_load_and_lets_it_judge_the_gains(arm, tmp_path, capsys):
     far_off = np.array([0.92, 2.0, 0.9])
     for name, seed, load in (("empty", 1, 0.0), ("load", 2, 1.0)):
         save(measured(arm, seed, load, far_off), tmp_path / f"{name}.csv")
@@ -124,7 +118,7 @@ def test_the_command_line_takes_a_load_and_lets_it_judge_the_gains(
 
 @pytest.mark.long
 @pytest.mark.real_data
-def test_the_load_of_the_real_ur10e(data_folder: Path) -> None:
+def test_the_load_of_the_real_ur10e(data_folder):
     """Gains from one loaded run weigh the same load in another run: 2.805 kg, where the authors' drive
     gains make it 2.34 and 2.48."""
     runs = {r.names[0][9:]: r for r in _ur10e_runs(data_folder / "ur10e", lambda _: None).values()}

@@ -1,7 +1,5 @@
 """Output error: the simulated motion is what is fitted, and the result is consistent."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,7 @@ from sdp_vs_penalty.simulation.simulate import simulate
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.001,torque_offset"
 
 
-def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less() -> None:
+def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less():
     """Spikes at every reversal, which no effect of the model explains, under a known truth."""
     problem = load_problem("emps")
     model = problem.model(EFFECTS)
@@ -42,7 +40,7 @@ def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less() -> 
     assert start.theta[k] == pytest.approx(95.0, rel=0.1)
 
 
-def test_answers_of_a_black_box_are_no_motion() -> None:
+def test_answers_of_a_black_box_are_no_motion():
     problem = load_problem("two_link")
     box = BlackBox(np.zeros((5, 2)), np.zeros((5, 2)), np.tile(np.eye(2), (5, 1, 1)))
     with pytest.raises(InputError, match="measured runs"):

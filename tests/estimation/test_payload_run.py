@@ -1,7 +1,5 @@
 """The run that weighs a load: only the wrist moves; its deviations are those of estimates."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -23,7 +21,7 @@ def run(estimate: Estimate) -> PayloadRun:
     return payload_run(estimate, iterations=8, seed=1)
 
 
-def test_only_the_wrist_moves_and_within_its_limits(estimate: Estimate, run: PayloadRun) -> None:
+def test_only_the_wrist_moves_and_within_its_limits(estimate, run):
     q, dq, _ = run.trajectory.states(np.linspace(0.0, 2.0, 401))
     assert np.ptp(q[:, :4], axis=0).max() == 0.0
     assert np.ptp(q[:, 4:], axis=0).min() > 0.1
@@ -31,13 +29,11 @@ def test_only_the_wrist_moves_and_within_its_limits(estimate: Estimate, run: Pay
     assert Limits.of_robot(estimate.robot).excess(run.trajectory) <= 1.0
 
 
-def test_it_weighs_better_than_a_random_motion(run: PayloadRun) -> None:
+def test_it_weighs_better_than_a_random_motion(run):
     assert np.exp(np.mean(np.log(run.deviation / run.started))) < 0.7
 
 
-def test_its_deviations_are_those_of_loads_that_are_estimated(
-    estimate: Estimate, run: PayloadRun
-) -> None:
+def test_its_deviations_are_those_of_loads_that_are_estimated(estimate, run):
     robot: Robot = estimate.robot
     t = np.arange(0.0, 2.0, 1.0 / independent_rate(estimate))
     Y = robot.regressor(*run.trajectory.states(t))[:, :, -10:] / estimate.uncertainty.noise[:, None]
@@ -47,6 +43,6 @@ def test_its_deviations_are_those_of_loads_that_are_estimated(
     np.testing.assert_allclose(spread, run.deviation, rtol=0.15)
 
 
-def test_a_joint_that_does_not_exist_is_refused(estimate: Estimate) -> None:
+def test_a_joint_that_does_not_exist_is_refused(estimate):
     with pytest.raises(InputError, match="joints that move: 9"):
         payload_run(estimate, joints=[8])

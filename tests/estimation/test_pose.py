@@ -1,7 +1,5 @@
 """One posing: the file that `export-sdp` writes holds the problem that `identify` solves."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -76,14 +74,12 @@ def _same(
 
 @pytest.mark.real_data
 @pytest.mark.parametrize("name", _REAL)
-def test_the_file_holds_the_problem_that_identify_solves(
-    name: str, data_folder: Path, tmp_path: Path
-) -> None:
+def test_the_file_holds_the_problem_that_identify_solves(name, data_folder, tmp_path):
     problem, run, _ = _arm(name, data_folder)
     _same(problem, run, tmp_path, PoseOptions())
 
 
-def test_of_a_simulated_arm_with_friction_under_every_option(tmp_path: Path) -> None:
+def test_of_a_simulated_arm_with_friction_under_every_option(tmp_path):
     two_link = load_problem("two_link")
     run = experiment(two_link).training_run(seed=2).window(0.0, 8.0)
     problem = with_filters(with_bounds(two_link.with_gravity((0.0, -9.7, 1.0)), "m2=0.1:9"), "4,6")
@@ -94,7 +90,7 @@ def test_of_a_simulated_arm_with_friction_under_every_option(tmp_path: Path) -> 
     assert any("@v_s=" in effect for effect in about["effects"])
 
 
-def test_a_default_file_for_cbf_is_the_default_method(tmp_path: Path) -> None:
+def test_a_default_file_for_cbf_is_the_default_method(tmp_path):
     problem = load_problem("two_link")
     run = experiment(problem).training_run(seed=2).window(0.0, 8.0)
     about = write_posed(problem, run, tmp_path / "a.cbf")
@@ -104,7 +100,7 @@ def test_a_default_file_for_cbf_is_the_default_method(tmp_path: Path) -> None:
     np.testing.assert_allclose((about["lower"], about["upper"]), found, rtol=1e-7)
 
 
-def test_what_was_posed_says_what_made_it() -> None:
+def test_what_was_posed_says_what_made_it():
     problem = load_problem("two_link")
     run = experiment(problem).training_run(seed=2).window(0.0, 8.0)
     posed = pose(problem, run, PoseOptions(_FRICTION, gain_uncertainty=0.01))

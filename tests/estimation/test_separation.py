@@ -1,9 +1,6 @@
 """The run that tells two effects apart: within limits, better than the default, right when it says."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +23,7 @@ def estimate() -> Estimate:
     return identify(problem, experiment(problem).training_run(), "ols")
 
 
-def test_states_are_derivatives_of_each_other_and_moves_keep_the_limits() -> None:
+def test_states_are_derivatives_of_each_other_and_moves_keep_the_limits():
     rng = np.random.default_rng(0)
     points, limits = rng.uniform(-1.0, 1.0, (5, 3)), np.array([[1.0], [4.0], [40.0]]) * [1.0, 2.0, 0.5]
     trajectory = PointTrajectory(points, shortest_moves(points, *limits), rng.uniform(0.1, 0.4, 5))
@@ -39,7 +36,7 @@ def test_states_are_derivatives_of_each_other_and_moves_keep_the_limits() -> Non
     assert 0.99 < shares.max() < 1.001
 
 
-def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(estimate: Estimate) -> None:
+def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(estimate):
     found = separate(estimate, PAIR, duration=10.0, level=0.5, iterations=30)
     limits = Limits.of_robot(estimate.robot)
     t = np.linspace(0.0, 10.0, 4001)
@@ -54,7 +51,7 @@ def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(estim
     np.testing.assert_allclose(content["points"][-1]["positions"], q[-1], atol=1e-3)
 
 
-def test_the_stated_length_decides_rightly_as_often_as_stated(estimate: Estimate) -> None:
+def test_the_stated_length_decides_rightly_as_often_as_stated(estimate):
     """Least squares of both models on noise drawn anew, beside a calculation of the distance by QR."""
     hypotheses = Hypotheses.of(estimate, PAIR, 0.5)
     trajectory = separate(estimate, PAIR, duration=10.0, level=0.5, iterations=5).trajectory
@@ -95,7 +92,7 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(estimate: Estimate
     assert special.ndtr(delta / 2.0) > LEVEL
 
 
-def test_one_effect_is_told_from_nothing_more_easily_than_from_its_rival(estimate: Estimate) -> None:
+def test_one_effect_is_told_from_nothing_more_easily_than_from_its_rival(estimate):
     motion = Hypotheses.of(estimate, PAIR, 0.5).motion(default_excitation(estimate, 10.0, 0), 10.0)
     both, one = (Hypotheses.of(estimate, text, 0.5) for text in (PAIR, "joint_spring:2"))
     assert one.distance(motion) > both.distance(motion)
@@ -103,7 +100,7 @@ def test_one_effect_is_told_from_nothing_more_easily_than_from_its_rival(estimat
     assert one.distance(motion) < 0.25 * one.row_rate * 10.0 * 1.5
 
 
-def test_what_cannot_be_separated_is_refused(estimate: Estimate) -> None:
+def test_what_cannot_be_separated_is_refused(estimate):
     with pytest.raises(InputError, match="names 3 effects"):
         separate(estimate, f"{PAIR},joint_spring:1")
     with pytest.raises(InputError, match="has viscous_friction already"):
@@ -113,7 +110,7 @@ def test_what_cannot_be_separated_is_refused(estimate: Estimate) -> None:
 _ARM = """<robot name="folding">{links}{joints}</robot>"""
 
 
-def test_an_arm_that_folds_back_onto_its_base_is_seen(tmp_path: Path) -> None:
+def test_an_arm_that_folds_back_onto_its_base_is_seen(tmp_path):
     box = '<collision><origin xyz="0.25 0 0"/><geometry><box size="0.5 0.1 0.1"/></geometry></collision>'
     links = "".join(f'<link name="l{k}">{box}</link>' for k in range(4))
     joints = "".join(
@@ -125,7 +122,6 @@ def test_an_arm_that_folds_back_onto_its_base_is_seen(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(_ARM.format(links=links, joints=joints))
     shapes = SelfCollision.of_urdf(path, 3)
-    assert shapes is not None
     assert shapes.free(np.zeros((1, 3)))
     assert not shapes.free(np.array([[0.0, 0.0, 0.0], [0.0, 2.2, 2.2]]))
     bare = tmp_path / "bare.urdf"

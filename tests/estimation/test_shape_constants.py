@@ -1,7 +1,5 @@
 """Shape constants in the regression: their columns, and what they add to the spread."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -29,7 +27,7 @@ def torque(effect: Effect, theta: np.ndarray, motion: Motion) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", sorted(n for n, e in effect_types().items() if not e.needs_command))
-def test_a_unit_of_a_constant_is_what_the_effect_itself_changes_by(two_link: Problem, name: str) -> None:
+def test_a_unit_of_a_constant_is_what_the_effect_itself_changes_by(two_link, name):
     """The linear prediction of a small change of each constant, against the effect moved by it."""
     kind = effect_types()[name]
     joints = None if kind.whole_robot else [1]

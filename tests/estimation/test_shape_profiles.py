@@ -1,9 +1,5 @@
 """Shape constants are estimated beside the parameters: the width over which Coulomb friction turns."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from random_arms import SCARA_FRICTION, run_of, scara
@@ -38,7 +34,7 @@ def estimate(arm: Problem, run: Measurements) -> Estimate:
     return identify(arm, run, "ols")
 
 
-def test_every_joint_gets_its_own_width_with_an_honest_spread(estimate: Estimate) -> None:
+def test_every_joint_gets_its_own_width_with_an_honest_spread(estimate):
     for found, truth in zip(estimate.details["shapes"], WIDTHS, strict=True):
         assert abs(found["after"] - truth) < 4.0 * found["std"]
         assert found["std"] < 0.2 * truth
@@ -46,7 +42,7 @@ def test_every_joint_gets_its_own_width_with_an_honest_spread(estimate: Estimate
     assert estimate.model.sign_width == tuple(s["after"] for s in estimate.details["shapes"])
 
 
-def test_exact_data_give_exact_widths(two_link: Problem) -> None:
+def test_exact_data_give_exact_widths(two_link):
     """Between the values of the grid as well as at the declared one, which nothing then beats."""
     for widths in ((0.02, 0.0031), (0.01, 0.01), (0.01, 0.005)):
         coulomb = ",".join(f"coulomb_friction:{j + 1}@v_s={w}" for j, w in enumerate(widths))
@@ -61,7 +57,7 @@ def test_exact_data_give_exact_widths(two_link: Problem) -> None:
         assert np.linalg.norm(found.torque(motion) - tau) < 1e-7 * np.linalg.norm(tau)
 
 
-def test_a_given_width_is_kept(arm: Problem, run: Measurements) -> None:
+def test_a_given_width_is_kept(arm, run):
     fixed = (
         "rigid_body,viscous_friction,torque_offset,coulomb_friction:1+2@v_s=0.01,coulomb_friction:3+4"
     )
@@ -71,7 +67,7 @@ def test_a_given_width_is_kept(arm: Problem, run: Measurements) -> None:
 
 
 @pytest.mark.real_data
-def test_widths_do_not_cost_what_another_motion_shows(data_folder: Path) -> None:
+def test_widths_do_not_cost_what_another_motion_shows(data_folder):
     """Wider and sharper turns each explain one run of the UR10e better, by a hundred times the noise's
     variance, and the other one worse."""
     runs = converted("ur10e", data_folder / "ur10e")

@@ -1,7 +1,5 @@
 """Intervals that hold the truth as often as they say, and verdicts that mean something."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -44,7 +42,7 @@ def measured(
     return replace(clean, tau=clean.tau + noise)
 
 
-def test_intervals_hold_the_truth(two_link: Problem) -> None:
+def test_intervals_hold_the_truth(two_link):
     """Over many repetitions with fresh noise, 95 % intervals hold the true values in about 95 %."""
     model = two_link.model(EFFECTS)
     theta = truth_of(two_link, model)
@@ -59,7 +57,7 @@ def test_intervals_hold_the_truth(two_link: Problem) -> None:
     assert 0.90 <= np.mean(shares) <= 0.99
 
 
-def test_what_cannot_be_seen_is_said(two_link: Problem) -> None:
+def test_what_cannot_be_seen_is_said(two_link):
     """Link 1 of the 2R turns about a vertical axis: of its ten parameters one makes torque."""
     model = two_link.model(EFFECTS)
     theta = truth_of(two_link, model)
@@ -82,7 +80,7 @@ def test_what_cannot_be_seen_is_said(two_link: Problem) -> None:
     assert counts(known.base)[NOT_SEEN] == 0
 
 
-def test_rotors_count_with_the_inertia_that_they_cannot_be_told_from() -> None:
+def test_rotors_count_with_the_inertia_that_they_cannot_be_told_from():
     problem = load_problem("ur10e")
     run = experiment(problem).training_run(0)
     model = problem.model()
@@ -105,7 +103,7 @@ def test_rotors_count_with_the_inertia_that_they_cannot_be_told_from() -> None:
     assert sum(np.isinf(i.lower) for i in known.standard) == 42
 
 
-def test_the_band_holds_torques_of_another_motion(two_link: Problem) -> None:
+def test_the_band_holds_torques_of_another_motion(two_link):
     """Most true torques lie in the 95 % band; measured ones in the band with noise."""
     model = two_link.model(EFFECTS)
     theta = truth_of(two_link, model)
@@ -126,7 +124,7 @@ def test_the_band_holds_torques_of_another_motion(two_link: Problem) -> None:
 
 
 @pytest.mark.real_data
-def test_the_real_panda(panda: Problem, panda_run: Measurements) -> None:
+def test_the_real_panda(panda, panda_run):
     """What carries weight is identifiable, and nothing of the 43 + 21 stays in the dark."""
     model = panda.model()
     known = of_regression(panda, model, compress(panda_run, model, panda.preprocessing))

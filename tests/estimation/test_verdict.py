@@ -1,7 +1,5 @@
 """The one verdict: what it takes to be good, and that knowing less never makes it better."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -24,7 +22,7 @@ def verdict(certificate: Certificate = SOUND, masses: np.ndarray = MASSES, **kno
     return judge(errors(**known), certificate, masses, MASSES, ("test.csv",))
 
 
-def test_good_takes_a_known_floor_unseen_motion_and_links_that_exist() -> None:
+def test_good_takes_a_known_floor_unseen_motion_and_links_that_exist():
     good = verdict()
     assert good.grade == "good"
     assert all(line.grade == "good" for line in good.lines)
@@ -34,7 +32,7 @@ def test_good_takes_a_known_floor_unseen_motion_and_links_that_exist() -> None:
 @pytest.mark.parametrize("less", [{"floor": None}, {"new_share": None}, {"new_share": 0.2}])
 @pytest.mark.parametrize("relative", [1.2, 12.0, 48.5])
 @pytest.mark.parametrize("times", [1.5, 1.9, 13.0])
-def test_knowing_less_is_never_better(less: dict[str, Any], relative: float, times: float) -> None:
+def test_knowing_less_is_never_better(less, relative, times):
     known = verdict(relative=relative, floor=RMSE / times)
     ignorant = verdict(**{"relative": relative, "floor": RMSE / times, **less})
     assert GRADES.index(ignorant.grade) <= GRADES.index("usable")
@@ -42,7 +40,7 @@ def test_knowing_less_is_never_better(less: dict[str, Any], relative: float, tim
         assert GRADES.index(ignorant.grade) <= GRADES.index(known.grade)
 
 
-def test_half_the_torque_unexplained_is_no_model() -> None:
+def test_half_the_torque_unexplained_is_no_model():
     bad = verdict(relative=48.5, floor=None)
     assert bad.grade == "do not use"
     assert bad.headline.startswith("Do not use. 48.5 % relative error; the noise floor is unknown")
@@ -50,7 +48,7 @@ def test_half_the_torque_unexplained_is_no_model() -> None:
     assert verdict(relative=20.0, floor=RMSE / 1.01).grade == "good"
 
 
-def test_links_that_cannot_be_are_not_to_be_used() -> None:
+def test_links_that_cannot_be_are_not_to_be_used():
     broken = verdict(Certificate({"pseudo-inertia": 0.04}, 1.0))
     assert broken.grade == "do not use"
     assert broken.lines[0].about == MISSING
@@ -63,7 +61,7 @@ def test_links_that_cannot_be_are_not_to_be_used() -> None:
     assert verdict(Certificate({"pseudo-inertia": 1e-12}, 1.0)).grade == "good"
 
 
-def test_a_joint_without_a_model_is_named() -> None:
+def test_a_joint_without_a_model_is_named():
     """A small error of the whole arm does not hide a joint whose mean torque does better."""
     found = verdict(r2=np.array([0.99, -5.7]), floor=RMSE / 3.0)
     assert found.grade == "usable"
@@ -72,14 +70,14 @@ def test_a_joint_without_a_model_is_named() -> None:
     assert verdict(r2=np.array([0.99, -5.7])).grade == "good"
 
 
-def test_it_survives_json() -> None:
+def test_it_survives_json():
     found = verdict()
     assert Verdict.from_dict(found.to_dict()) == found
     with pytest.raises(ValueError, match="none of good"):
         Verdict.from_dict({**found.to_dict(), "lines": [{"about": "fit", "grade": "fine", "text": ""}]})
 
 
-def test_every_joint_that_fell_or_rose_is_said() -> None:
+def test_every_joint_that_fell_or_rose_is_said():
     before, after = np.array([0.8, 0.78, 1.25]), np.array([0.81, 0.85, 0.46])
     floor = np.array([0.1, 0.1, 0.1])
     said = changes(before, after, floor)

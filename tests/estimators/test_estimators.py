@@ -1,7 +1,5 @@
 """Contracts that every estimator in the registry keeps, whoever writes it."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from dataclasses import replace
@@ -39,9 +37,9 @@ CONSTRAINED = [n for n in MEASURED if n.startswith("lmi-sdp") or n in ("penalty"
 def quick(method: str) -> Estimator:
     """The method with settings that make it fast: fewer runs, the same steps."""
     estimator = make_estimator(method)
-    names = {f.name for f in dataclasses.fields(estimator)}  # type: ignore[arg-type]
+    names = {f.name for f in dataclasses.fields(estimator)}
     small = {"runs": 2, "evaluations": 300, "starts": 2}
-    return replace(estimator, **{k: v for k, v in small.items() if k in names})  # type: ignore[type-var]
+    return replace(estimator, **{k: v for k, v in small.items() if k in names})
 
 
 def toy_run(problem: Problem, noise: float, seed: int = 0, seconds: float = 10.0) -> Measurements:
@@ -68,7 +66,7 @@ def fits(task: Task) -> dict[str, Fit]:
 
 
 @EVERY
-def test_the_class_is_a_frozen_record_of_its_settings(method: str) -> None:
+def test_the_class_is_a_frozen_record_of_its_settings(method):
     kind = estimator_types()[method]
     assert kind.name == method
     assert len(kind.description) > 15
@@ -85,9 +83,7 @@ def test_the_class_is_a_frozen_record_of_its_settings(method: str) -> None:
 
 
 @EVERY
-def test_a_fit_is_finite_and_says_what_it_minimised(
-    method: str, task: Task, fits: dict[str, Fit]
-) -> None:
+def test_a_fit_is_finite_and_says_what_it_minimised(method, task, fits):
     fit = fits[method]
     assert fit.theta.shape == task.bound.shape
     assert np.all(np.isfinite(fit.theta))
@@ -102,19 +98,17 @@ def test_a_fit_is_finite_and_says_what_it_minimised(
 
 
 @EVERY
-def test_no_method_beats_least_squares(method: str, task: Task, fits: dict[str, Fit]) -> None:
+def test_no_method_beats_least_squares(method, task, fits):
     assert task.data.loss(fits[method].theta) >= task.data.loss(task.ols) * (1 - 1e-9)
 
 
 @EVERY
-def test_the_seed_decides_everything(method: str, task: Task, fits: dict[str, Fit]) -> None:
+def test_the_seed_decides_everything(method, task, fits):
     np.testing.assert_array_equal(quick(method).fit(task).theta, fits[method].theta)
 
 
 @pytest.mark.parametrize("method", CONSTRAINED)
-def test_promised_constraints_hold_by_an_independent_check(
-    method: str, task: Task, fits: dict[str, Fit]
-) -> None:
+def test_promised_constraints_hold_by_an_independent_check(method, task, fits):
     theta, certificate = certify(task, fits[method])
     links = theta[task.links]
     assert np.all(np.linalg.eigvalsh(inertia.pseudo_inertia(links)) >= -1e-10)
@@ -128,9 +122,7 @@ def test_promised_constraints_hold_by_an_independent_check(
 
 
 @pytest.mark.parametrize("method", CONSTRAINED)
-def test_no_constrained_method_goes_below_the_certified_optimum(
-    method: str, task: Task, fits: dict[str, Fit]
-) -> None:
+def test_no_constrained_method_goes_below_the_certified_optimum(method, task, fits):
     """The plain SDP is a relaxation of every other: its proven lower bound holds for all."""
     _, plain = certify(task, LmiSdpPlain().fit(task))
     assert plain.lower is not None
@@ -138,7 +130,7 @@ def test_no_constrained_method_goes_below_the_certified_optimum(
     assert task.data.loss(theta) >= plain.lower * (1 - 1e-9)
 
 
-def test_both_methods_meet_where_both_are_given_the_same(task: Task, two_link: Problem) -> None:
+def test_both_methods_meet_where_both_are_given_the_same(task, two_link):
     """SDP against penalty: within 0.1 % of the loss; bounds only the penalty takes cost the rest."""
     convex = replace(task, constraints=replace(task.constraints, nonconvex=()))
     free = replace(convex, box=np.where(np.arange(10)[:, None] >= 4, [-np.inf, np.inf], task.box))
@@ -149,7 +141,7 @@ def test_both_methods_meet_where_both_are_given_the_same(task: Task, two_link: P
 
 
 @EVERY_MEASURED
-def test_noise_free_torque_is_reproduced_by_all_that_can(method: str, two_link: Problem) -> None:
+def test_noise_free_torque_is_reproduced_by_all_that_can(method, two_link):
     """penalty-paper excepted: two runs of annealing need not arrive."""
     if method.startswith("penalty-paper"):
         pytest.skip("a stochastic search with a budget promises nothing")
@@ -164,7 +156,7 @@ def test_noise_free_torque_is_reproduced_by_all_that_can(method: str, two_link: 
 
 
 @EVERY_MEASURED
-def test_identify_reports_progress_and_keeps_provenance(method: str, two_link: Problem) -> None:
+def test_identify_reports_progress_and_keeps_provenance(method, two_link):
     said: list[str] = []
     run = toy_run(two_link, 1.0)
     estimate = identify(two_link, run, quick(method), seed=3, progress=said.append)
@@ -177,7 +169,7 @@ def test_identify_reports_progress_and_keeps_provenance(method: str, two_link: P
     json.dumps(estimate.to_dict(), allow_nan=False)
 
 
-def test_unknown_names_are_refused_with_those_that_exist(two_link: Problem) -> None:
+def test_unknown_names_are_refused_with_those_that_exist(two_link):
     run = toy_run(two_link, 1.0)
     with pytest.raises(InputError, match=r"'magic' is unknown: there are: .*lmi-sdp.*penalty"):
         identify(two_link, run, "magic")
@@ -197,7 +189,7 @@ def one_column(sigmas: list[float], rows: int = 50) -> Regression:
     return Regression((Parameter("x", "-", "e", 0),), len(sigmas), (), tuple(factors))
 
 
-def test_weights_make_the_residuals_of_all_joints_equal() -> None:
+def test_weights_make_the_residuals_of_all_joints_equal():
     sigmas = [0.1, 1.0, 5.0]
     regression = one_column(sigmas)
     weights = joint_weights(regression, np.array([1.0]))
@@ -206,7 +198,7 @@ def test_weights_make_the_residuals_of_all_joints_equal() -> None:
     assert np.sum((weights * sigmas) ** 2) == pytest.approx(np.sum(np.square(sigmas)))
 
 
-def test_ols_is_the_minimiser_nearest_to_the_nominal_robot(task: Task) -> None:
+def test_ols_is_the_minimiser_nearest_to_the_nominal_robot(task):
     gradient = task.data.gradient(task.ols)
     scale = np.where(task.data.column_norms > 0.0, task.data.column_norms, 1.0)
     assert np.abs(gradient / scale).max() < 1e-6 * np.sqrt(task.data.tau_squared)

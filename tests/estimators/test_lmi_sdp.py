@@ -1,10 +1,7 @@
 """The convex estimators: against CVXPY with two solvers, known robots, and their own laws."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -80,9 +77,7 @@ CVXPY_SOLVERS = {"CLARABEL": {}, "SCS": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_
 
 @pytest.mark.parametrize("solver", CVXPY_SOLVERS)
 @pytest.mark.parametrize("method", METHODS)
-def test_the_readable_model_has_the_same_optimum(
-    method: str, solver: str, toy_task: Task, two_link: Problem
-) -> None:
+def test_the_readable_model_has_the_same_optimum(method, solver, toy_task, two_link):
     estimator: Any = make_estimator(method)
     fit = estimator.fit(toy_task)
     theta, certificate = certify(toy_task, fit)
@@ -93,15 +88,12 @@ def test_the_readable_model_has_the_same_optimum(
     assert value == pytest.approx(certificate.upper, abs=1e-7 * loss)
     assert fit.objective.value(found) == pytest.approx(certificate.upper, abs=1e-7 * loss)
     assert fit.constraints.margin(found) > -1e-7
-    assert certificate.gap is not None
     assert certificate.gap < 1e-8
 
 
 @pytest.mark.real_data
 @pytest.mark.parametrize("method", METHODS)
-def test_the_readable_model_agrees_on_the_real_panda(
-    method: str, panda: Problem, real_task: Task
-) -> None:
+def test_the_readable_model_agrees_on_the_real_panda(method, panda, real_task):
     estimator: Any = make_estimator(method)
     fit = estimator.fit(real_task)
     model = cvxpy_model(panda, real_task, fit.objective, estimator.thickness, estimator.body)
@@ -124,7 +116,7 @@ def relative_torque_error(problem: Problem, theta: np.ndarray, truth: np.ndarray
 
 
 @pytest.mark.parametrize("method", ["ols", *METHODS, "lmi-sdp-two-step"])
-def test_noise_free_the_two_link_robot_is_reproduced(method: str, two_link: Problem) -> None:
+def test_noise_free_the_two_link_robot_is_reproduced(method, two_link):
     """pi_2R and the torques of p_real, which is feasible, thick enough and inside every bound."""
     truth = with_friction(two_link, p_real(two_link))
     estimate = identify(two_link, simulated(two_link, truth), method)
@@ -137,7 +129,7 @@ def test_noise_free_the_two_link_robot_is_reproduced(method: str, two_link: Prob
 
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(seeds)
-def test_a_random_feasible_robot_round_trips(seed: int) -> None:
+def test_a_random_feasible_robot_round_trips(seed):
     """Simulate, identify, predict another motion: a tree of one to five joints of both kinds."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 6))
@@ -145,12 +137,15 @@ def test_a_random_feasible_robot_round_trips(seed: int) -> None:
     box = np.full((n, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.01
     nominal = np.array([link_parameters(rng, 0.5, thickness=0.05) for _ in range(n)])
-    problem = Problem("random", "random", robot, box, nominal)
+    problem = Problem("random", "random", robot, box, nominal, torque_side="link")
     truth = np.concatenate([link_parameters(rng, 0.5) for _ in range(n)])
     theta = with_friction(problem, truth, 0.4)
     run = simulated(problem, theta, seed % 1000, seconds=12.0)
-    estimate = identify(problem, run)
-    assert relative_torque_error(problem, estimate.theta, theta) < 1e-5
+    estimate, free = identify(problem, run), identify(problem, run, "ols", check=False)
+    # Constraints that the truth obeys cost nothing beside what the filters leave of dry friction.
+    error, least = (relative_torque_error(problem, e.theta, theta) for e in (estimate, free))
+    assert error < max(1e-5, 1.01 * least)
+    assert least < 1e-3
     assert estimate.certificate.worst == 0.0
     assert estimate.certificate.positive_mass_matrices == 1.0
     assert np.all(np.linalg.eigvalsh(inertia.pseudo_inertia(estimate.links)) >= 0.0)
@@ -158,7 +153,7 @@ def test_a_random_feasible_robot_round_trips(seed: int) -> None:
     assert np.all(inertia.gyration(estimate.links) <= reach)
 
 
-def test_a_solver_without_the_cone_of_the_prior_is_named(toy_task: Task) -> None:
+def test_a_solver_without_the_cone_of_the_prior_is_named(toy_task):
     pytest.importorskip("cvxopt")
     with pytest.raises(InputError, match=r"cvxopt.*no exp cone.*clarabel.*lmi-sdp-thickness"):
         LmiSdp(solver="cvxopt").fit(toy_task)
@@ -168,7 +163,7 @@ def test_a_solver_without_the_cone_of_the_prior_is_named(toy_task: Task) -> None
 # --- laws -------------------------------------------------------------------------------------------
 
 
-def test_loss_rises_with_what_is_demanded(toy_task: Task) -> None:
+def test_loss_rises_with_what_is_demanded(toy_task):
     def loss(thickness: float) -> float:
         return toy_task.data.loss(LmiSdpThickness(thickness=thickness).fit(toy_task).theta)
 
@@ -179,12 +174,11 @@ def test_loss_rises_with_what_is_demanded(toy_task: Task) -> None:
     assert losses[-1] > losses[1] * (1 + 1e-6)
 
 
-def test_an_entropic_pull_of_growing_weight_reaches_the_nominal_robot(toy_task: Task) -> None:
+def test_an_entropic_pull_of_growing_weight_reaches_the_nominal_robot(toy_task):
     nominal = toy_task.nominal[toy_task.links]
 
     def distance(entropy: float) -> float:
         fit = LmiSdpEntropic(entropy=entropy).fit(toy_task)
-        assert fit.objective.entropy is not None
         return fit.objective.entropy.value(fit.theta) / fit.objective.entropy.weight
 
     distances = [distance(w) for w in (1e-2, 1.0, 1e2, 1e6)]
@@ -193,7 +187,7 @@ def test_an_entropic_pull_of_growing_weight_reaches_the_nominal_robot(toy_task: 
     assert np.all(inertia.consistency_margin(nominal) > 0.0)
 
 
-def test_the_two_step_chain_is_what_it_says(toy_task: Task) -> None:
+def test_the_two_step_chain_is_what_it_says(toy_task):
     fit = LmiSdpTwoStep().fit(toy_task)
     chain = {k: np.array(fit.details[k]) for k in ("beta_prime", "beta_star", "beta_star_e")}
     target = toy_task.base @ toy_task.ols
@@ -212,7 +206,7 @@ def test_the_two_step_chain_is_what_it_says(toy_task: Task) -> None:
     assert fit.constraints.margin(fit.theta) >= -1e-9
 
 
-def test_a_joint_that_never_reverses_keeps_its_certificate(two_link: Problem) -> None:
+def test_a_joint_that_never_reverses_keeps_its_certificate(two_link):
     """Its Coulomb and offset columns differ by nothing but rounding: their range is what bounds them."""
     model = two_link.model()
     t = np.arange(0.0, 8.0, 2e-3)
@@ -231,14 +225,13 @@ def test_a_joint_that_never_reverses_keeps_its_certificate(two_link: Problem) ->
     assert "coulomb_friction f_c1" in kept
     assert "coulomb_friction f_c2" not in kept
     _, certificate = certify(task, LmiSdp().fit(task))
-    assert certificate.gap is not None
     assert certificate.gap < 1e-6
     # The SDP does not receive what is not convex, and the data say nothing of it here.
     convex = {c.family for c in task.constraints.convex}
     assert max(v for family, v in certificate.violations.items() if family in convex) == 0.0
 
 
-def test_a_model_without_links_is_a_bounded_least_squares_problem(two_link: Problem) -> None:
+def test_a_model_without_links_is_a_bounded_least_squares_problem(two_link):
     rng = np.random.default_rng(0)
     t = np.arange(0.0, 10.0, 2e-3)
     motion = sines(rng, 2, t)
@@ -265,9 +258,7 @@ def without_answers(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
     monkeypatch.setattr(clarabel, "solve", solve)
 
 
-def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(
-    panda: Problem, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(panda, monkeypatch):
     """The panda's nominal links are thinner than 7 cm: an interior point has to be searched."""
     model = panda.model()
     p = len(model.parameters)
@@ -296,7 +287,7 @@ def real_task(panda: Problem, panda_run: Measurements) -> Task:
 
 @pytest.mark.long
 @pytest.mark.real_data
-def test_figures_on_the_real_panda(panda: Problem, panda_run: Measurements) -> None:
+def test_figures_on_the_real_panda(panda, panda_run):
     """Train on the first 14 s, test after 14.2 s: the figures that issue and README state."""
     from sdp_vs_penalty import compare
 
@@ -309,7 +300,6 @@ def test_figures_on_the_real_panda(panda: Problem, panda_run: Measurements) -> N
         if method == "ols":
             continue
         certificate = estimate.certificate
-        assert certificate.gap is not None
         assert certificate.gap < 1e-8
         convex = {f: v for f, v in certificate.violations.items() if f != "barycentric inertia"}
         assert max(convex.values()) == 0.0
@@ -324,7 +314,7 @@ def test_figures_on_the_real_panda(panda: Problem, panda_run: Measurements) -> N
 
 
 @pytest.mark.real_data
-def test_the_real_runs_rank_is_that_of_the_paper(panda: Problem, real_task: Task) -> None:
+def test_the_real_runs_rank_is_that_of_the_paper(panda, real_task):
     """43 base parameters and 21 of friction and offset, all excited."""
     data = real_task.data
     assert real_task.base.shape == (64, 91)
@@ -339,7 +329,7 @@ def test_the_real_runs_rank_is_that_of_the_paper(panda: Problem, real_task: Task
 @pytest.mark.parametrize(
     ("name", "maker"), [("panda", 18.0), ("ur10e", 33.5), ("ur10", 28.9), ("tx40", 27.0)]
 )
-def test_real_arms_weigh_about_what_their_makers_say(data_folder: Path, name: str, maker: float) -> None:
+def test_real_arms_weigh_about_what_their_makers_say(data_folder, name, maker):
     """Within 1.5 times, though the makers' figures hold the base; torque alone says it of no arm."""
     from corruptions import arms
 

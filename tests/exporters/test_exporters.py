@@ -1,7 +1,5 @@
 """What leaves for a simulator makes the same torques there; nothing else of a user's file changes."""
 
-from __future__ import annotations
-
 import ctypes
 import json
 import re
@@ -25,6 +23,7 @@ from sdp_vs_penalty.estimation import Certificate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.exporters.export import export, formats
 from sdp_vs_penalty.page import jobs
+from sdp_vs_penalty.page.asked import Asked
 from sdp_vs_penalty.robot import Robot, inertia, load_urdf
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.signals import Preprocessing
@@ -165,7 +164,7 @@ def check_urdf_parity(path: Path, estimate: Estimate) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_urdf_made_from_a_model(name: str, tmp_path: Path) -> None:
+def test_urdf_made_from_a_model(name, tmp_path):
     estimate = estimate_of(robots(tmp_path)[name], FULL, 3)
     out = tmp_path / "out.urdf"
     assert export(estimate, out) == ("rotor_inertia",)
@@ -190,7 +189,7 @@ def only_numbers_of_inertials_changed(before: bytes, after: bytes) -> None:
         assert re.findall(kept, before, re.S) == re.findall(kept, after, re.S)
 
 
-def test_a_users_urdf_is_edited_byte_for_byte(tmp_path: Path) -> None:
+def test_a_users_urdf_is_edited_byte_for_byte(tmp_path):
     original, out = tmp_path / "tree.urdf", tmp_path / "out.urdf"
     estimate = estimate_of(robots(tmp_path)["tree"], FULL, 3)
     export(estimate, out, urdf=original)
@@ -220,7 +219,7 @@ def test_a_users_urdf_is_edited_byte_for_byte(tmp_path: Path) -> None:
     assert again.read_bytes() == after
 
 
-def test_a_model_from_dh_goes_into_a_urdf_with_other_frames(tmp_path: Path) -> None:
+def test_a_model_from_dh_goes_into_a_urdf_with_other_frames(tmp_path):
     """The same two-link arm with frames elsewhere on the joint axes, as a vendor would draw it."""
     robot = load_problem("two_link").robot
     estimate = estimate_of(robot, "rigid_body", 4)
@@ -274,11 +273,11 @@ def check_mjcf_parity(estimate: Estimate, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_mjcf_makes_the_same_torques(name: str, tmp_path: Path) -> None:
+def test_mjcf_makes_the_same_torques(name, tmp_path):
     check_mjcf_parity(estimate_of(robots(tmp_path)[name], FULL, 3), tmp_path)
 
 
-def test_a_payload_for_the_makers_controllers(tmp_path: Path) -> None:
+def test_a_payload_for_the_makers_controllers(tmp_path):
     """Mass, centre from the flange, inertia about the centre: the body's own, whoever writes it."""
     robot = load_problem("panda").robot
     mass, com, tensor = 1.3, np.array([0.01, -0.02, 0.15]), np.diag([0.004, 0.005, 0.003])
@@ -294,7 +293,7 @@ def test_a_payload_for_the_makers_controllers(tmp_path: Path) -> None:
     assert told["inertia"] == pytest.approx(tensor.ravel().tolist(), abs=1e-12)
     estimate.save(tmp_path / "model.json")
     request = {"model": str(tmp_path / "model.json"), "folder": str(tmp_path), "flange": "0,0,0.05"}
-    jobs.take({**request, "name": "endeffector-config.json"}, lambda _: None)  # as the page asks for it
+    jobs.take(Asked({**request, "name": "endeffector-config.json"}))  # as the page asks for it
     told = json.loads((tmp_path / "endeffector-config.json").read_text())
     assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.05]).tolist())
     export(estimate, tmp_path / "load.script")
@@ -305,7 +304,7 @@ def test_a_payload_for_the_makers_controllers(tmp_path: Path) -> None:
         export(estimate_of(robot, FULL, 3), tmp_path / "load.script")
 
 
-def test_sdf_and_drakes_urdf_hold_links_and_rotors(tmp_path: Path) -> None:
+def test_sdf_and_drakes_urdf_hold_links_and_rotors(tmp_path):
     estimate = estimate_of(load_problem("panda").robot, FULL, 3)
     assert export(estimate, tmp_path / "robot.sdf") == ("rotor_inertia",)
     root = ElementTree.parse(tmp_path / "robot.sdf").getroot()
@@ -326,7 +325,7 @@ def test_sdf_and_drakes_urdf_hold_links_and_rotors(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.inverse_dynamics(links.ravel(), q, dq, ddq), wanted, atol=PARITY)
 
 
-def test_sidecar_holds_what_a_urdf_cannot(tmp_path: Path) -> None:
+def test_sidecar_holds_what_a_urdf_cannot(tmp_path):
     robot = load_problem("two_link").robot
     estimate = estimate_of(robot, f"{FULL},presliding_hysteresis:2@d=0.004", 3)
     assert "presliding_hysteresis" in " ".join(export(estimate, tmp_path / "m.urdf"))
@@ -347,7 +346,7 @@ def test_sidecar_holds_what_a_urdf_cannot(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".urdf", ".xml"])
-def test_inconsistent_inertials_are_refused(suffix: str, tmp_path: Path) -> None:
+def test_inconsistent_inertials_are_refused(suffix, tmp_path):
     robot = load_problem("two_link").robot
     rng = np.random.default_rng(0)
     links = np.array([random_robots.link_parameters(rng, 0.4) for _ in range(2)])
@@ -369,7 +368,7 @@ def test_inconsistent_inertials_are_refused(suffix: str, tmp_path: Path) -> None
         export(estimate, out)  # a rod is a possible body
 
 
-def test_other_refusals(tmp_path: Path) -> None:
+def test_other_refusals(tmp_path):
     estimate = estimate_of(emps(), "viscous_friction", 0)
     with pytest.raises(InputError, match="suffix"):
         export(estimate, tmp_path / "out.stl")
@@ -384,9 +383,7 @@ def test_other_refusals(tmp_path: Path) -> None:
         export(full, tmp_path / "out.urdf", urdf=path)
 
 
-def test_check_urdf_names_the_link_and_mends_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_urdf_names_the_link_and_mends_it(tmp_path, capsys):
     path, fixed = tmp_path / "bad.urdf", tmp_path / "fixed.urdf"
     path.write_bytes(
         TREE.replace('izz="0.01"/>\n    </inertial>', 'izz="0.05"/>\n    </inertial>').encode()
@@ -418,9 +415,7 @@ def test_check_urdf_names_the_link_and_mends_it(
     assert exit_code.value.code == 2
 
 
-def test_check_urdf_names_moving_links_without_inertial(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_urdf_names_moving_links_without_inertial(tmp_path, capsys):
     """Unless something with an inertial is fixed to them; the base and fixed links need none."""
     path = tmp_path / "bare.urdf"
     joint = '<joint name="{0}" type="{2}"><parent link="{1}"/><child link="{0}"/></joint>'
@@ -443,7 +438,7 @@ def test_check_urdf_names_moving_links_without_inertial(
     assert json.loads((tmp_path / "c.json").read_text())["moving_links_without_inertial"] == ["bare"]
 
 
-def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_verb(tmp_path, capsys):
     estimate = estimate_of(load_problem("two_link").robot, f"{FULL},torque_offset", 3)
     model, out = tmp_path / "model.json", tmp_path / "out.urdf"
     estimate.save(model)
@@ -463,9 +458,7 @@ def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 10_000), joints=st.integers(1, 7), frames=st.booleans(), turned=st.booleans())
-def test_any_tree_survives_being_written_and_edited(
-    tmp_path: Path, seed: int, joints: int, frames: bool, turned: bool
-) -> None:
+def test_any_tree_survives_being_written_and_edited(tmp_path, seed, joints, frames, turned):
     """A random tree of revolute and prismatic joints: made, reloaded, edited with another model.
 
     turned : the user's file names the joints in the opposite order.
@@ -486,7 +479,7 @@ def test_any_tree_survives_being_written_and_edited(
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 @pytest.mark.parametrize("name", [*NAMES])
-def test_c_header_makes_the_same_torques(name: str, tmp_path: Path) -> None:
+def test_c_header_makes_the_same_torques(name, tmp_path):
     effects = f"{FULL},torque_offset"
     estimate = estimate_of(robots(tmp_path)[name], effects, 3)
     robot, header, source = estimate.robot, tmp_path / "arm.h", tmp_path / "arm.c"
@@ -510,7 +503,7 @@ def test_c_header_makes_the_same_torques(name: str, tmp_path: Path) -> None:
         assert np.abs(out - expected[k]).max() <= PARITY
 
 
-def test_friction_table_holds_what_follows_the_velocity(tmp_path: Path) -> None:
+def test_friction_table_holds_what_follows_the_velocity(tmp_path):
     robot = load_problem("two_link").robot
     effects = (
         "rigid_body,viscous_friction,coulomb_friction,stribeck_friction,torque_offset,joint_spring:1"
@@ -527,7 +520,7 @@ def test_friction_table_holds_what_follows_the_velocity(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", formats())
-def test_every_export_keeps_the_contract(ending: str, tmp_path: Path) -> None:
+def test_every_export_keeps_the_contract(ending, tmp_path):
     """A file that reads back the same numbers, twice the same bytes, and says what it leaves out."""
     effects = f"{FULL},torque_offset,presliding_hysteresis,payload"
     estimate = estimate_of(load_problem("two_link").robot, effects, 3)

@@ -1,7 +1,5 @@
 """Small arms as URDF files, for tests of what belongs to a robot that is nobody's built-in one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Robots have joints of one kind only where shape constants are at work: one const
 once has no unit.
 """
 
-from __future__ import annotations
-
 import ast
 from dataclasses import replace
 from functools import cache

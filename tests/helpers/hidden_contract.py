@@ -5,8 +5,6 @@ The worlds state the torque of an effect a second time, in code that shares noth
 draws are stated here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -170,10 +168,10 @@ def check_every_form_is_met(name: str) -> None:
     assert len(forms) == int(np.prod(choices)), "the hidden worlds do not meet every form"
 
 
-def _drifts(name: str, forms: Mapping[float, Callable[[TrueMotion, int], Array]]):  # type: ignore[no-untyped-def]
+def _drifts(name: str, forms: Mapping[float, Callable[[TrueMotion, int], Array]]):
     def made(w: World, j: int) -> list[Hidden]:
         return [
-            at_joint(name, j, lambda w, m, law=law: law(m, j), None, form=form, T=60.0)  # type: ignore[misc]
+            at_joint(name, j, lambda w, m, law=law: law(m, j), None, form=form, T=60.0)
             for form, law in forms.items()
         ]
 
@@ -223,7 +221,7 @@ def _by_the_clock(w: World, j: int) -> list[Hidden]:
     }
     return [
         replace(
-            at_joint("warming_friction", j, lambda w, m, x=x: np.exp(-m.t / 60.0) * x(m)),  # type: ignore[misc]
+            at_joint("warming_friction", j, lambda w, m, x=x: np.exp(-m.t / 60.0) * x(m)),
             shape={"law": law, "by": 2.0, "T": 60.0},
         )
         for law, x in laws.items()

@@ -80,7 +80,6 @@ def start(temporary: Path, *arguments: str) -> Server:
     process = subprocess.Popen(
         command, cwd=temporary, env=environment, stdout=subprocess.PIPE, text=True
     )
-    assert process.stdout is not None
     printed = re.search(rf"http://127\.0\.0\.1:{port}/\?key=(\S+)", process.stdout.readline())
     assert printed
     return Server(process, port, temporary, printed[1])
@@ -147,7 +146,7 @@ def open_page(context: BrowserContext, server: Server, path: str = "new") -> Pag
         if not re.match(rf"(http|ws)://127\.0\.0\.1:{server.port}/|data:|blob:", url):
             faults.append(f"asked {url}")
 
-    page.faults = faults  # type: ignore[attr-defined]
+    page.faults = faults
     page.goto(f"{server.address}{path}?key={server.key}")
     # A tab of a session that is there already shows the step that was shown last.
     page.wait_for_selector(key("robot-two_link"), state="attached")

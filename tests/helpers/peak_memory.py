@@ -1,7 +1,5 @@
 """How much memory this process takes at most while something runs (Linux; elsewhere zero)."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """Runs of a motion that repeats itself, for whatever tells new motion from old."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty import Measurements

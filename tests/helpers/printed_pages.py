@@ -1,7 +1,5 @@
 """What the pages of docs/ show of outputs, and whether a program still prints it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Arms as URDF files, made for the tests, and measurements of them whose truth is known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

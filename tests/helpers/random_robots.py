@@ -1,7 +1,5 @@
 """Random robots, links and motions for the tests, and an independent computation of their torques."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

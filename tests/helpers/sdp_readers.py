@@ -1,7 +1,5 @@
 """Readers of the two SDP file formats, independent of the writers: what is exported comes back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

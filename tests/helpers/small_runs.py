@@ -1,7 +1,5 @@
 """Small simulated measurements as files, for tests of readers and of the command line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -31,7 +31,7 @@ from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.robot import load_urdf
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page
+    from playwright.sync_api import Browser, Page
 
 
 def said(page: Page) -> dict[str, list[str]]:
@@ -118,9 +118,7 @@ def story(
         yield seen
 
 
-def test_the_hidden_effect_is_named_and_its_error_falls(
-    story: dict[str, Any], files: list[Path]
-) -> None:
+def test_the_hidden_effect_is_named_and_its_error_falls(story, files):
     assert story["uses"] == ["train", "train", "train", "test"]
     for words in ("Joint 1", "N m", "noise", "test.npz", "all hold", "Where it fails", "velocity"):
         assert words in story["fit"]
@@ -141,7 +139,7 @@ def test_the_hidden_effect_is_named_and_its_error_falls(
     assert story["proof"] == "proof.json"
 
 
-def test_one_grade_everywhere_and_no_stale_sentence(story: dict[str, Any], files: list[Path]) -> None:
+def test_one_grade_everywhere_and_no_stale_sentence(story, files):
     """Click through: after each change every stage says the same, and nothing of the model before."""
     graded = compare(load_estimate(story["folder"] / "model.json"), load_measurements(files[3]))[0]
     assert story["grade"].lower() == graded.verdict.grade
@@ -166,7 +164,7 @@ def test_one_grade_everywhere_and_no_stale_sentence(story: dict[str, Any], files
     assert "Missing:" not in page.inner_text("[data-stage=diagnose]")
 
 
-def test_the_report_is_accessible_and_what_is_taken_away_works(story: dict[str, Any]) -> None:
+def test_the_report_is_accessible_and_what_is_taken_away_works(story):
     report = story["context"].new_page()
     report.goto(f"file://{story['folder'] / 'report.html'}")
     assert story["barriers"] + barriers(report) == []
@@ -183,9 +181,7 @@ def test_the_report_is_accessible_and_what_is_taken_away_works(story: dict[str, 
     assert not re.search(r"<(script|img|link)[^>]+(src|href)=[\"']?(http|//)", html)
 
 
-def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
-    story: dict[str, Any], browser: Browser, server: Server
-) -> None:
+def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(story, browser, server):
     with a_context(browser, viewport=PHONE, color_scheme="dark", has_touch=True) as context:
         page = open_page(context, server, story["page"].url.removeprefix(server.address))
         page.wait_for_selector("table.history", state="attached")
@@ -215,7 +211,7 @@ def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
 
 
 @pytest.mark.slow
-def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files: list[Path]) -> None:
+def test_with_the_keyboard_alone(context, server, files):
     page = open_page(context, server)
     choosers: list[Any] = []
     page.on("filechooser", lambda chooser: choosers.append(chooser))
@@ -285,7 +281,7 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
 
 @pytest.mark.slow
 @pytest.mark.real_data
-def test_how_fast_it_answers_on_the_real_panda(context: BrowserContext, server: Server) -> None:
+def test_how_fast_it_answers_on_the_real_panda(context, server):
     """A joint's torques stand there 0.3 s after a click where nothing else runs."""
     page = open_page(context, server)
     pick(page, "panda")

@@ -31,11 +31,10 @@ from page_driver import (
     serving,
 )
 
-from sdp_vs_penalty import Problem
 from sdp_vs_penalty.page.uploads import SILENCE
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page
+    from playwright.sync_api import BrowserContext, Page
 
 
 def simulating(context: BrowserContext, server: Server, robot: str = "panda", path: str = "new") -> Page:
@@ -49,7 +48,7 @@ def simulating(context: BrowserContext, server: Server, robot: str = "panda", pa
 
 
 @pytest.mark.slow
-def test_cancel_ends_the_work(context: BrowserContext, server: Server) -> None:
+def test_cancel_ends_the_work(context, server):
     page = simulating(context, server)
     page.wait_for_selector(".working .status:has-text('simulating')")
     (worker,) = busy(server)
@@ -63,9 +62,7 @@ def test_cancel_ends_the_work(context: BrowserContext, server: Server) -> None:
 
 
 @pytest.mark.slow
-def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
-    context: BrowserContext, server: Server
-) -> None:
+def test_a_closed_tab_leaves_nothing_running_and_is_found_again(context, server):
     page = open_page(context, server)
     address = page.url
     pick(page, "panda")
@@ -103,7 +100,7 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
 
 
 @pytest.mark.slow
-def test_two_tabs_are_independent(context: BrowserContext, server: Server) -> None:
+def test_two_tabs_are_independent(context, server):
     first, second = simulating(context, server), simulating(context, server, "emps", "")
     assert first.url != second.url
     for page, joints in ((first, 7), (second, 1)):
@@ -131,9 +128,7 @@ def bad_runs(folder: Path) -> dict[str, tuple[Path, str]]:
     }
 
 
-def test_bad_files_are_refused_in_a_sentence(
-    context: BrowserContext, server: Server, files: list[Path], tmp_path: Path
-) -> None:
+def test_bad_files_are_refused_in_a_sentence(context, server, files, tmp_path):
     page = open_page(context, server)
     pick(page, "two_link")
     for name, (path, words) in bad_runs(tmp_path).items():
@@ -156,7 +151,7 @@ def test_bad_files_are_refused_in_a_sentence(
     page.wait_for_selector("table.runs")
 
 
-def test_bad_robots_are_refused_and_names_are_no_paths(context: BrowserContext, server: Server) -> None:
+def test_bad_robots_are_refused_and_names_are_no_paths(context, server):
     page = open_page(context, server)
     entity = '<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/hostname">]><robot name="r">&x;</robot>'
     secret = Path("/etc/hostname").read_text().strip() if Path("/etc/hostname").exists() else "?"
@@ -193,9 +188,7 @@ def test_bad_robots_are_refused_and_names_are_no_paths(context: BrowserContext, 
     assert not [p for p in server.temporary.rglob("*.urdf") if p not in kept]
 
 
-def test_files_can_be_dragged_onto_the_page(
-    context: BrowserContext, server: Server, two_link: Problem
-) -> None:
+def test_files_can_be_dragged_onto_the_page(context, server, two_link):
     page = open_page(context, server)
     drop = page.evaluate_handle(
         "text => { const d = new DataTransfer();"
@@ -206,7 +199,7 @@ def test_files_can_be_dragged_onto_the_page(
     page.wait_for_selector(".chosen:has-text('arm.urdf')")
 
 
-def test_other_sites_and_names_get_nothing(server: Server) -> None:
+def test_other_sites_and_names_get_nothing(server):
     def status(method: str, path: str, headers: dict[str, str]) -> int:
         connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
         connection.request(method, path, headers=headers)
@@ -242,9 +235,7 @@ def test_other_sites_and_names_get_nothing(server: Server) -> None:
 
 
 @pytest.mark.slow
-def test_the_folder_is_offered_and_kept_as_it_is(
-    browser: Browser, files: list[Path], tmp_path: Path
-) -> None:
+def test_the_folder_is_offered_and_kept_as_it_is(browser, files, tmp_path):
     folder, temporary = tmp_path / "mine", tmp_path / "tmp"
     folder.mkdir()
     temporary.mkdir()
@@ -278,7 +269,7 @@ def test_the_folder_is_offered_and_kept_as_it_is(
     assert before == {p: p.lstat().st_mtime_ns for p in folder.iterdir()}
 
 
-def test_a_taken_port_is_said(server: Server) -> None:
+def test_a_taken_port_is_said(server):
     code = "from sdp_vs_penalty.cli.main import main; main()"
     command = [sys.executable, "-c", code, "page", "--no-browser", "--port", str(server.port)]
     environment = {**os.environ, "PYTHONPATH": ROOT}

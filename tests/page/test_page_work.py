@@ -1,7 +1,5 @@
 """The workbench without a browser: sessions, workers, uploads, who may ask."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import http.client
@@ -37,11 +35,11 @@ from sdp_vs_penalty.page.charts import (
     missing_chart,
     torque_chart,
 )
-from sdp_vs_penalty.page.options import fields_of
+from sdp_vs_penalty.page.controls import fields_of
 from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
-from sdp_vs_penalty.page.worker_pool import JobProcess, WorkerPool
+from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
 from sdp_vs_penalty.reports.plots import (
     Curves,
     envelope,
@@ -94,9 +92,7 @@ def drop(session: Session, path: Path, name: str | None = None) -> None:
 
 
 @pytest.mark.long
-def test_what_changes_nothing_is_what_the_verbs_say(
-    sessions: Sessions, two_link: Problem, hidden: HiddenRuns, tmp_path: Path
-) -> None:
+def test_what_changes_nothing_is_what_the_verbs_say(sessions, two_link, hidden, tmp_path):
     """Run forward, proof, posed problem and inertials: the numbers of the functions behind the verbs."""
     names = ("a.csv", "b.csv", "test.csv")  # two for two processes
     for run, name in zip(hidden.runs[:3], names, strict=True):
@@ -121,20 +117,16 @@ def test_what_changes_nothing_is_what_the_verbs_say(
         return s
 
     s = asyncio.run(story())
-    assert s.model is not None
     model = load_estimate(s.model.file)
     ahead = s.answer("forward")
-    assert ahead is not None
     assert ahead["verdict"] == follow(model, tmp_path / "test.csv").verdict
     arrays = s.arrays(ahead["file"], 0)
     assert arrays["poses"].shape[1] == 2 * two_link.robot.n
     assert arrays["simulated"][0] == pytest.approx(arrays["measured"][0])
     assert made == ["proof.json", "problem.cbf", "problem.cbf.json"]
     proved = s.answer("prove")
-    assert proved is not None
     assert proved["holds"]
     interval = re.search(r"\[[^\]]*\]", proved["said"])
-    assert interval is not None
     low, high = json.loads(interval[0])
     assert low <= model.certificate.upper * (1 + 1e-9)
     assert high >= model.certificate.lower * (1 - 1e-9)
@@ -145,7 +137,7 @@ def test_what_changes_nothing_is_what_the_verbs_say(
     assert s.answer("forward") is None
 
 
-def test_a_urdf_with_an_impossible_link_is_named_and_mended(sessions: Sessions, tmp_path: Path) -> None:
+def test_a_urdf_with_an_impossible_link_is_named_and_mended(sessions, tmp_path):
     text = (Path(__file__).parents[2] / "docs" / "my_arm.urdf").read_text()
     wrong = re.sub(r'izz="[^"]*"', 'izz="50"', text, count=1)
     (tmp_path / "arm.urdf").write_text(wrong)
@@ -166,9 +158,7 @@ def test_a_urdf_with_an_impossible_link_is_named_and_mended(sessions: Sessions, 
 
 
 @pytest.mark.slow
-def test_the_story_without_a_browser(
-    sessions: Sessions, two_link: Problem, hidden: HiddenRuns, tmp_path: Path
-) -> None:
+def test_the_story_without_a_browser(sessions, two_link, hidden, tmp_path):
     """The same models, numbers and files as the functions of the command line give."""
     for run, name in zip(hidden.runs, ("a.csv", "b.csv", "c.csv", "my test.csv"), strict=True):
         save(run, tmp_path / name)
@@ -182,7 +172,6 @@ def test_the_story_without_a_browser(
         assert [r["use"] for r in s.runs] == ["train", "train", "train", "test"]
         await finish(s, s.identify)
         await finish(s, s.diagnose)
-        assert s.findings is not None
         found = s.findings.effects[0]
         assert found.effect == "presliding_hysteresis"
         await finish(s, lambda: s.add([found.text]))
@@ -192,7 +181,6 @@ def test_the_story_without_a_browser(
     before, after = (m.comparison["rmse"] for m in s.history)
     assert after[0] < 0.6 * before[0]
     assert s.history[1].judged_on == ["my test.csv"]
-    assert s.findings is not None
     assert s.added == {s.findings.effects[0].text}
     estimate = load_estimate(s.history[1].file)
     from sdp_vs_penalty import compare
@@ -220,16 +208,14 @@ def test_the_story_without_a_browser(
 
 
 @pytest.mark.slow
-def test_bounds_of_the_page_hold_and_are_on_the_command_line(
-    sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
-) -> None:
+def test_bounds_of_the_page_hold_and_are_on_the_command_line(sessions, hidden, tmp_path):
     save(hidden.runs[0], tmp_path / "a.csv")
 
     async def story() -> list[Session]:
         made = []
         for bounds in ("", "total=:8"):
             s = sessions.new()
-            await finish(s, lambda s=s: s.choose_robot("two_link"))  # type: ignore[misc]
+            await finish(s, lambda s=s: s.choose_robot("two_link"))
             drop(s, tmp_path / "a.csv")
             await finish(s, s.read_arrived)
             s.asked = fields_of(declared(identify_verb.verb), "bounds")
@@ -250,8 +236,7 @@ async def taken_and_opened(s: Session, other: Session) -> Session:
     await finish(s, lambda: s.take("model.json", ready.append))
     await finish(s, lambda: s.take("findings.json", ready.append))
     for k, _ in enumerate(s.runs):
-        await finish(s, lambda k=k: s.take(f"run-{k + 1}.csv", ready.append))  # type: ignore[misc]
-    assert s.findings is not None
+        await finish(s, lambda k=k: s.take(f"run-{k + 1}.csv", ready.append))
     assert load_diagnosis(s.folder / "findings.json").to_dict() == s.findings.to_dict()
     await finish(other, lambda: other.choose_robot("two_link"))
     for run, name in zip(s.runs, ready[2:], strict=True):
@@ -261,9 +246,7 @@ async def taken_and_opened(s: Session, other: Session) -> Session:
     return other
 
 
-def test_a_turned_robot_is_set_upright_by_the_check(
-    sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
-) -> None:
+def test_a_turned_robot_is_set_upright_by_the_check(sessions, hidden, tmp_path):
     """The check's finding carries the gravity that it proposes; changing the robot can be undone."""
     save(hidden.runs[0], tmp_path / "a.csv")
 
@@ -272,7 +255,6 @@ def test_a_turned_robot_is_set_upright_by_the_check(
         await finish(s, lambda: s.choose_robot("two_link"))
         drop(s, tmp_path / "a.csv")
         await finish(s, s.read_arrived)
-        assert s.robot is not None
         own = s.robot["own_gravity"]
         assert not any(f["gravity"] for f in s.runs[0]["findings"])
         await finish(s, lambda: s.mount(",".join(str(-g) for g in own)))
@@ -281,20 +263,16 @@ def test_a_turned_robot_is_set_upright_by_the_check(
         assert s.robot["gravity"] == pytest.approx(own, abs=0.02)
         await finish(s, lambda: s.choose_robot("emps"))
         assert s.runs == []
-        assert s.notice is not None
         assert s.notice.undo
         s.bring_back()
         return s, s.runs
 
     s, runs = asyncio.run(story())
     assert not runs[0]["findings"]
-    assert s.robot is not None
     assert s.robot["name"] == "two_link"
 
 
-def test_meaningless_runs_are_identified_only_when_asked_twice(
-    sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
-) -> None:
+def test_meaningless_runs_are_identified_only_when_asked_twice(sessions, hidden, tmp_path):
     """Torques with the wrong sign: refused with the reason, as on the command line."""
     run = hidden.runs[0]
     save(replace(run, tau=-run.tau), tmp_path / "flipped.csv")
@@ -316,9 +294,7 @@ def test_meaningless_runs_are_identified_only_when_asked_twice(
     assert "--no-check" in s.commands()[0]
 
 
-def test_a_run_is_repaired_where_it_is_certain(
-    sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
-) -> None:
+def test_a_run_is_repaired_where_it_is_certain(sessions, hidden, tmp_path):
     """What `check --fix` does: a new run in the old one's place, the changes said and kept beside it."""
     run = hidden.runs[0]
     tau = run.tau.copy()
@@ -342,13 +318,12 @@ def test_a_run_is_repaired_where_it_is_certain(
     (run,) = s.runs
     assert run["name"] == "spikes_fixed.csv"
     assert run["findings"] == []
-    assert s.notice is not None
     assert "Repaired copy of spikes.csv" in s.notice.texts[0]
     beside = (s.folder / run["file"]).with_suffix(".txt").read_text()
     assert beside.splitlines() == list(s.notice.texts)
 
 
-def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions: Sessions) -> None:
+def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions):
     async def story() -> tuple[Session, JobProcess, float]:
         s = sessions.new()
         await finish(s, lambda: s.choose_robot("panda"))
@@ -367,7 +342,6 @@ def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions: Sessions) 
     s, work, seconds = asyncio.run(story())
     assert seconds < 1.0
     assert s.runs == []
-    assert s.notice is not None
     assert s.notice.texts == ("Cancelled: nothing was changed.",)
     work.process.wait(2.0)
 
@@ -385,13 +359,12 @@ async def put(session: Session, name: str, kind: str, content: bytes = b"x") -> 
     return (await _keep(session, request, name, kind)).status_code
 
 
-def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions: Sessions) -> None:
+def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions):
     async def story() -> Session:
         s = sessions.new()
         await finish(s, lambda: s.choose_robot("two_link"))
         s.simulate("joint_spring", [1], "strong", 0)
         assert await put(s, "arm.urdf", "robot") == 400
-        assert s.notice is not None
         assert s.notice.texts[0].startswith("arm.urdf: a job is running")
         assert await put(s, "run.csv", "runs") == 200  # read when the work is done
         assert s.task is not None
@@ -402,7 +375,7 @@ def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions: Sess
     assert asyncio.run(story()).robot is not None
 
 
-def test_a_full_disk_is_said(sessions: Sessions, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_said(sessions, monkeypatch):
     def full(*_: object) -> int:
         raise OSError(28, "No space left on device")
 
@@ -415,9 +388,7 @@ def test_a_full_disk_is_said(sessions: Sessions, monkeypatch: pytest.MonkeyPatch
     assert s.arrived == {}
 
 
-def test_of_a_dropped_run_only_its_samples_are_kept(
-    sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
-) -> None:
+def test_of_a_dropped_run_only_its_samples_are_kept(sessions, hidden, tmp_path):
     """The file's copy goes when it was read, or refused; a file of the person's own stays."""
     save(hidden.runs[0], tmp_path / "own.csv")
     save(hidden.runs[1], tmp_path / "dropped.csv")
@@ -439,7 +410,7 @@ def test_of_a_dropped_run_only_its_samples_are_kept(
     assert (tmp_path / "own.csv").is_file()
 
 
-def test_a_worker_that_the_system_ends_is_a_sentence(pool: WorkerPool) -> None:
+def test_a_worker_that_the_system_ends_is_a_sentence(pool):
     async def story() -> None:
         work = pool.worker()
         doing = asyncio.ensure_future(work.do(LONG, lambda _: None))
@@ -450,9 +421,9 @@ def test_a_worker_that_the_system_ends_is_a_sentence(pool: WorkerPool) -> None:
         asyncio.run(story())
 
 
-def test_every_error_of_a_job_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_error_of_a_job_is_a_sentence(monkeypatch):
     def fails(error: Exception) -> dict[str, Any]:
-        def job(request: Any, progress: Any) -> dict[str, Any]:
+        def job(asked: Any) -> dict[str, Any]:
             raise error
 
         monkeypatch.setitem(jobs.JOBS, "fails", job)
@@ -465,10 +436,9 @@ def test_every_error_of_a_job_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> 
     assert "\n" not in said
 
 
-def test_a_worker_ends_with_its_server(pool: WorkerPool) -> None:
+def test_a_worker_ends_with_its_server(pool):
     """The server is killed: its end of the pipe closes, and with it the worker."""
     work = pool.worker()
-    assert work.process.stdin is not None
     assert work.process.stdout is not None
     work.process.stdin.write(json.dumps(LONG).encode() + b"\n")
     work.process.stdin.flush()
@@ -487,7 +457,7 @@ def receive(folder: Path, name: str, *chunks: bytes, length: int | None = None) 
     return asyncio.run(uploads.receive(folder, shown, length, pieces(*chunks), "runs"))
 
 
-def test_files_are_kept_under_our_names(tmp_path: Path) -> None:
+def test_files_are_kept_under_our_names(tmp_path):
     for name in ("../../evil.csv", "C:\\Windows\\run.csv", "/etc/passwd.csv", "a\0b.csv", "ä ö.csv"):
         path = receive(tmp_path, name, b"t,q1,", b"tau1\n")
         assert path.parent == tmp_path
@@ -498,7 +468,7 @@ def test_files_are_kept_under_our_names(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 5
 
 
-def test_too_much_is_refused_before_it_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_much_is_refused_before_it_is_kept(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"run\.csv: 1024 MB; the page takes files up to 256 MB"):
         receive(tmp_path, "run.csv", b"never read", length=2**30)
     monkeypatch.setattr(uploads, "LARGEST_FILE", 2**20)
@@ -513,9 +483,7 @@ def test_too_much_is_refused_before_it_is_kept(tmp_path: Path, monkeypatch: pyte
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_room_is_reserved_before_anything_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_room_is_reserved_before_anything_is_written(tmp_path, monkeypatch):
     """Eight files of 200 MB at once: as many as there is room for, never more."""
     monkeypatch.setattr(uploads, "LARGEST_FILE", 256)
     monkeypatch.setattr(uploads, "LARGEST_SESSION", 1024)
@@ -542,9 +510,7 @@ def test_room_is_reserved_before_anything_is_written(
     assert sorted(tmp_path.iterdir()) == sorted(kept)
 
 
-def test_silence_and_lost_connections_leave_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_silence_and_lost_connections_leave_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(uploads, "SILENCE", 0.05)
 
     async def silent() -> AsyncIterator[bytes]:
@@ -562,9 +528,7 @@ def test_silence_and_lost_connections_leave_nothing(
 
 
 @pytest.mark.parametrize("shown", [False, True], ids=["not connected yet", "all lost at once"])
-def test_tabs_without_a_connection_are_kept_a_minute(
-    shown: bool, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tabs_without_a_connection_are_kept_a_minute(shown, sessions, monkeypatch):
     """None of twenty that are opened at once, or lose their connections at once, is lost."""
     monkeypatch.setattr(sessions, "_all", {})
     made = [sessions.new() for _ in range(sessions_module.MOST)]
@@ -581,7 +545,7 @@ def test_tabs_without_a_connection_are_kept_a_minute(
     assert sum(sessions.get(session.token) is not None for session in made) == 4 - shown
 
 
-def test_the_authors_four_files_are_one_run(tmp_path: Path) -> None:
+def test_the_authors_four_files_are_one_run(tmp_path):
     files = {}
     for name in uploads.LOG_FILES:
         (tmp_path / f"user-{name}").write_text("1\n")
@@ -592,7 +556,6 @@ def test_the_authors_four_files_are_one_run(tmp_path: Path) -> None:
     assert uploads.logger_folder(tmp_path, missing) is None
     assert len(missing) == 4
     made = uploads.logger_folder(tmp_path, files)
-    assert made is not None
     assert sorted(p.name for p in made.iterdir()) == sorted(uploads.LOG_FILES)
     assert list(files) == ["other.csv"]
     assert all((tmp_path / f"user-{name}").exists() for name in uploads.LOG_FILES)
@@ -619,7 +582,7 @@ def test_the_authors_four_files_are_one_run(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("kind", ["http", "websocket"])
-def test_only_this_page_may_ask(headers: dict[str, str], allowed: bool | None, kind: str) -> None:
+def test_only_this_page_may_ask(headers, allowed, kind):
     reached, sent = [], []
 
     async def app(scope: Any, receive: Any, send: Any) -> None:
@@ -644,7 +607,7 @@ def test_only_this_page_may_ask(headers: dict[str, str], allowed: bool | None, k
         assert b"content-security-policy" in dict(sent[0]["headers"])
 
 
-def test_an_error_of_a_request_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_error_of_a_request_is_one_line(capsys):
     async def app(scope: Any, receive: Any, send: Any) -> None:
         raise KeyError("Session is disconnected")  # what engine.io does to a tab that was silent
 
@@ -665,7 +628,7 @@ def test_an_error_of_a_request_is_one_line(capsys: pytest.CaptureFixture[str]) -
         ("/", "", None),
     ],
 )
-def test_the_printed_address_lets_in_once(path: str, query: str, to: bytes | None) -> None:
+def test_the_printed_address_lets_in_once(path, query, to):
     """The key leaves the address bar, and stays in a cookie that scripts and other sites do not get."""
     sent: list[Any] = []
 
@@ -689,13 +652,13 @@ def test_the_printed_address_lets_in_once(path: str, query: str, to: bytes | Non
         assert word in headers[b"set-cookie"]
 
 
-def test_over_tls_only_the_named_host_is_asked_and_the_cookie_stays_there() -> None:
+def test_over_tls_only_the_named_host_is_asked_and_the_cookie_stays_there():
     sent: list[Any] = []
 
     async def send(message: Any) -> None:
         sent.append(message)
 
-    gate = guarded(None, 99, "secret", "lab.example", tls=True)  # type: ignore[arg-type]
+    gate = guarded(None, 99, "secret", "lab.example", tls=True)
     scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"key=secret"}
     for host in (b"127.0.0.1:99", b"lab.example:99"):
         asyncio.run(gate({**scope, "headers": [(b"host", host)]}, None, send))
@@ -714,9 +677,7 @@ def test_over_tls_only_the_named_host_is_asked_and_the_cookie_stays_there() -> N
         ("192.0.2.1", ("cert.pem", "missing.pem"), "no such file"),
     ],
 )
-def test_other_computers_are_served_over_tls_only(
-    host: str, files: tuple[str, ...], words: str, tmp_path: Path
-) -> None:
+def test_other_computers_are_served_over_tls_only(host, files, words, tmp_path):
     for name in ("cert.pem", "key.pem"):
         (tmp_path / name).write_text("x")
     with pytest.raises(InputError, match=words):
@@ -724,7 +685,7 @@ def test_other_computers_are_served_over_tls_only(
 
 
 @pytest.mark.slow
-def test_the_page_over_tls(tmp_path: Path) -> None:
+def test_the_page_over_tls(tmp_path):
     if shutil.which("openssl") is None:
         pytest.skip("openssl makes the certificate")
     files = tmp_path / "key.pem", tmp_path / "cert.pem"
@@ -736,7 +697,6 @@ def test_the_page_over_tls(tmp_path: Path) -> None:
     command += ["--key", str(files[0]), "--certificate", str(files[1])]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
-        assert server.stdout is not None
         printed = re.search(r"https://127\.0\.0\.1:(\d+)(/\?key=\S+)", server.stdout.readline())
         assert printed
         trusted = ssl.create_default_context(cafile=str(files[1]))
@@ -750,14 +710,11 @@ def test_the_page_over_tls(tmp_path: Path) -> None:
     finally:
         server.terminate()
         server.wait(10)
-        assert server.stdout is not None
         server.stdout.close()
 
 
-def test_jobs_of_all_tabs_wait_for_each_other(
-    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("sdp_vs_penalty.page.worker_pool.AT_ONCE", 1)
+def test_jobs_of_all_tabs_wait_for_each_other(sessions, monkeypatch):
+    monkeypatch.setattr("sdp_vs_penalty.page.worker.AT_ONCE", 1)
 
     async def story() -> tuple[str, Session]:
         first, second = sessions.new(), sessions.new()
@@ -767,7 +724,6 @@ def test_jobs_of_all_tabs_wait_for_each_other(
         await asyncio.sleep(0.05)
         second.simulate("joint_spring", [3], "strong", 0)
         await asyncio.sleep(0.3)
-        assert second.working is not None
         status = second.working.status
         for s in (second, first):
             s.cancel()
@@ -778,7 +734,6 @@ def test_jobs_of_all_tabs_wait_for_each_other(
 
     status, second = asyncio.run(story())
     assert status == "waiting for the jobs of other tabs"
-    assert second.robot is not None
     assert second.robot["name"] == "two_link"
 
 
@@ -789,9 +744,7 @@ class Tab:
         pass
 
 
-def test_sessions_are_private_and_end_with_the_server(
-    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sessions_are_private_and_end_with_the_server(pool, monkeypatch):
     monkeypatch.setattr(sessions_module, "_CONNECTS", 0.0)  # no tab is about to come back
     sessions = Sessions(pool)
     first, second = sessions.new(), sessions.new()
@@ -816,7 +769,7 @@ def test_sessions_are_private_and_end_with_the_server(
     assert not sessions.root.exists()
 
 
-def test_long_curves_are_drawn_by_their_envelope() -> None:
+def test_long_curves_are_drawn_by_their_envelope():
     t = np.arange(200_000) / 1000.0
     y = np.sin(t)
     y[123_456] = 9.0
@@ -834,7 +787,7 @@ def test_long_curves_are_drawn_by_their_envelope() -> None:
     assert json.dumps(whole)
 
 
-def test_measured_curves_are_drawn_where_the_recording_lies() -> None:
+def test_measured_curves_are_drawn_where_the_recording_lies():
     rng = np.random.default_rng(0)
     t, q = np.arange(300) / 100.0, rng.uniform(-1.0, 1.0, (300, 2))
     read = {"t": t, "q": q, "dq": 2.0 * q, "ddq": q, "modelled": q}
@@ -851,7 +804,7 @@ def test_measured_curves_are_drawn_where_the_recording_lies() -> None:
     assert json.dumps(missing_chart(pair, units, read))
 
 
-def test_without_the_extra_it_says_what_to_install() -> None:
+def test_without_the_extra_it_says_what_to_install():
     code = (
         "import sys; sys.modules['nicegui'] = None; "
         "from sdp_vs_penalty.cli.main import main; main(['page'])"

@@ -11,7 +11,8 @@ import pytest
 
 from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
 from sdp_vs_penalty.paper import figures, wrenches
-from sdp_vs_penalty.paper.figures import FIGURES, figure_8, make_figures, save
+from sdp_vs_penalty.paper.figures import FIGURES, make_figures, save
+from sdp_vs_penalty.paper.figures import two_link as drawn
 from sdp_vs_penalty.paper.tables import study, table_v
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
 
@@ -74,9 +75,9 @@ def test_a_shape_without_volume_is_refused(two_link: Problem) -> None:
         replace(cone, radius=0.0, slope=0.0) if cone.link == 1 else cone for cone in two_link.cones
     )
     with pytest.raises(InputError, match="link 2: its shape has no volume"):
-        figure_8.radius_profile(replace(two_link, cones=flat), 1)
+        drawn.radius_profile(replace(two_link, cones=flat), 1)
     with pytest.raises(InputError, match="no shape"):
-        figure_8.radius_profile(replace(two_link, cones=()), 0)
+        drawn.radius_profile(replace(two_link, cones=()), 0)
 
 
 def test_files_are_written_where_asked(

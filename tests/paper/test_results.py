@@ -1,7 +1,5 @@
 """The committed tables: cheap checks always; everything again under ``pytest -m reproduce``."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 
@@ -41,13 +39,13 @@ def close(new: str, old: str, relative: float, absolute: float) -> bool:
 
 
 @pytest.mark.parametrize("name", ["III", "IV", "VIII", "IX"])
-def test_published_cells_are_as_printed(name: str) -> None:
+def test_published_cells_are_as_printed(name):
     printed = load_problem("panda").published[f"table_{name}"]
     for published, row in zip(printed, committed("panda", name), strict=False):
         assert {key: row[key] for key in published} == published
 
 
-def test_cheap_columns_come_out_as_committed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_cheap_columns_come_out_as_committed(monkeypatch, tmp_path):
     """OLS and the SDP on simulated data, without the real run: seconds."""
     monkeypatch.setenv("SDP_VS_PENALTY_DATA", str(tmp_path))
     few = {"ols": "ols", "lmi_sdp": "lmi-sdp"}
@@ -84,9 +82,7 @@ def again(data_folder: Path) -> dict[tuple[str, str], list[Row]]:
 
 @pytest.mark.reproduce
 @pytest.mark.parametrize(("problem", "name"), CASES)
-def test_everything_comes_out_as_committed(
-    again: dict[tuple[str, str], list[Row]], problem: str, name: str
-) -> None:
+def test_everything_comes_out_as_committed(again, problem, name):
     new, old = again[problem, name], committed(problem, name)
     assert len(new) == len(old)
     assert list(new[0]) == list(old[0])

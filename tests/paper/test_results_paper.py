@@ -3,8 +3,6 @@
 Cheap checks always; everything again, within stated tolerances, under ``pytest -m reproduce``.
 """
 
-from __future__ import annotations
-
 import csv
 from functools import cache
 from pathlib import Path
@@ -73,7 +71,7 @@ def study(problem: str) -> Study:
 
 @pytest.mark.reproduce
 @pytest.mark.parametrize("name", MADE)
-def test_made_again(name: str) -> None:
+def test_made_again(name):
     problem, keys, relative, absolute = MADE[name]
     (table,) = build_tables([name], study(problem))
     new = keyed(name, list(csv.DictReader(table.csv().splitlines())))

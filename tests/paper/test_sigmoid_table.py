@@ -1,7 +1,5 @@
 """Table I's sigmoid friction: recovered exactly, with honest intervals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -25,14 +23,13 @@ def sampled(x: Experiment, step: float) -> tuple[Motion, np.ndarray]:
     return motion, np.sum([source(motion) for source in x.sources], axis=0)
 
 
-def test_without_noise_table_one_is_recovered(panda: Problem, x: Experiment) -> None:
+def test_without_noise_table_one_is_recovered(panda, x):
     fit = fit_sigmoid(panda, exact_rows(*sampled(x, 0.05)))
-    assert x.friction is not None
     assert np.abs(fit.phi / x.friction - 1.0).max() < 1e-6
     assert fit.rmse.max() < 1e-9
 
 
-def test_intervals_cover_the_truth_at_their_nominal_rate(panda: Problem, x: Experiment) -> None:
+def test_intervals_cover_the_truth_at_their_nominal_rate(panda, x):
     motion, torque = sampled(x, 0.1)
     fits = []
     for seed in range(20):
@@ -51,7 +48,7 @@ def test_intervals_cover_the_truth_at_their_nominal_rate(panda: Problem, x: Expe
     assert np.all(np.abs(np.mean(narrow, axis=0) - 0.5) < 0.17)
 
 
-def test_too_few_samples_are_refused(panda: Problem, x: Experiment) -> None:
+def test_too_few_samples_are_refused(panda, x):
     motion, torque = sampled(x, 1.0)
     with pytest.raises(InputError, match="Too few samples"):
         fit_sigmoid(panda, exact_rows(motion, torque))

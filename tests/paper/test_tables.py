@@ -1,7 +1,5 @@
 """Tables as data and files; the published columns verbatim; ours against what they are made from."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re
@@ -11,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
+from sdp_vs_penalty import InputError, Measurements, load_problem
 from sdp_vs_penalty.estimators import Estimator, PenaltyPaper
 from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
 from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables
@@ -61,9 +59,7 @@ def rows(table: Table) -> list[dict[str, str]]:
 
 
 @pytest.mark.parametrize("name", ["III", "IV", "VIII", "IX"])
-def test_published_cells_come_first_and_as_printed(
-    tables: dict[tuple[str, str], Table], panda: Problem, name: str
-) -> None:
+def test_published_cells_come_first_and_as_printed(tables, panda, name):
     printed = panda.published[f"table_{name}"]
     made = tables["panda", name]
     header = list(printed[0])
@@ -75,9 +71,7 @@ def test_published_cells_come_first_and_as_printed(
         assert len(ours) == len(printed)
 
 
-def test_tables_three_eight_and_nine_are_one_robot(
-    tables: dict[tuple[str, str], Table], panda: Problem, without_data: None
-) -> None:
+def test_tables_three_eight_and_nine_are_one_robot(tables, panda, without_data):
     """pi of the links in VIII and IX is III, method by method, to the digits printed."""
     study = Study(panda)
     links = rows(tables["panda", "VIII"]) + rows(tables["panda", "IX"])
@@ -90,7 +84,7 @@ def test_tables_three_eight_and_nine_are_one_robot(
         np.testing.assert_allclose(got, expected, atol=2e-3)
 
 
-def test_all_three_forms_hold_the_same_cells(tables: dict[tuple[str, str], Table]) -> None:
+def test_all_three_forms_hold_the_same_cells(tables):
     for table in tables.values():
         cells = table.cells()
         read = list(csv.reader(io.StringIO(table.csv())))
@@ -107,7 +101,7 @@ def test_all_three_forms_hold_the_same_cells(tables: dict[tuple[str, str], Table
         assert [line.count(" & ") for line in lines] == [len(table.columns) - 1] * len(cells)
 
 
-def test_escaping_and_number_columns() -> None:
+def test_escaping_and_number_columns():
     assert escape_latex(r"a_b 5 % & ^ { \x") == (r"a\_b 5 \% \& \textasciicircum{} \{ \textbackslash{}x")
     assert number_column(["-12.345", "1.2e-05", "", "inf"]) == "S[table-format=-2.3e-1]"
     assert number_column(["3", "14"]) == "S[table-format=2.0]"
@@ -122,14 +116,14 @@ def test_escaping_and_number_columns() -> None:
         Table("X", "x", "x", (Column("a"),), (("1", "2"),))
 
 
-def test_files_of_the_names_asked_for_are_written(tmp_path: Path, without_data: None) -> None:
+def test_files_of_the_names_asked_for_are_written(tmp_path, without_data):
     out = tmp_path / "new"
     ((_, paths),) = make_tables(["viii"], problem="two_link", out=out)
     assert [p.name for p in paths] == ["table_VIII.csv", "table_VIII.md", "table_VIII.tex"]
     assert sorted(p.name for p in out.iterdir()) == sorted(p.name for p in paths)
 
 
-def test_unknown_names_are_refused_before_anything_is_written(tmp_path: Path) -> None:
+def test_unknown_names_are_refused_before_anything_is_written(tmp_path):
     with pytest.raises(InputError, match="table 'XII' is unknown"):
         make_tables(["III", "XII"], out=tmp_path / "new")
     with pytest.raises(InputError, match="belongs to two_link"):
@@ -139,7 +133,7 @@ def test_unknown_names_are_refused_before_anything_is_written(tmp_path: Path) ->
     assert not (tmp_path / "new").exists()
 
 
-def test_any_urdf_has_tables_too(tmp_path: Path, without_data: None) -> None:
+def test_any_urdf_has_tables_too(tmp_path, without_data):
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(
         """<robot name="arm"><link name="base"/><link name="a"/><link name="b"/>
@@ -156,7 +150,7 @@ def test_any_urdf_has_tables_too(tmp_path: Path, without_data: None) -> None:
 
 @pytest.mark.long
 @pytest.mark.real_data
-def test_real_data_add_measured_columns(panda: Problem) -> None:
+def test_real_data_add_measured_columns(panda):
     study = SmallStudy(panda)
     three, four = build_tables(["III", "IV"], study)
     assert {f"{m}_measured" for m in METHODS} <= {c.name for c in three.columns}
@@ -176,7 +170,7 @@ def test_real_data_add_measured_columns(panda: Problem) -> None:
         assert by_name[f"{published}_measured"] > by_name["lmi_sdp_measured"]
 
 
-def test_standard_deviations_are_those_of_repeated_experiments(two_link: Problem) -> None:
+def test_standard_deviations_are_those_of_repeated_experiments(two_link):
     """Against the spread of estimates over many draws of the noise, oversampling included."""
     study = Study(two_link)
     task = study.task(study.simulated)
@@ -200,12 +194,12 @@ def test_standard_deviations_are_those_of_repeated_experiments(two_link: Problem
 
 
 @pytest.mark.real_data
-def test_the_authors_own_bound_contradicts_table_eight(panda: Problem) -> None:
+def test_the_authors_own_bound_contradicts_table_eight(panda):
     (table,) = build_tables(["errata"], Study(panda))
     assert rows(table)[6]["what_shows_it"] == "the authors' file reads c5z,-0.35,0.05"
 
 
-def test_measured_tables_are_not_replaced_by_others(tmp_path: Path, without_data: None) -> None:
+def test_measured_tables_are_not_replaced_by_others(tmp_path, without_data):
     """Without the real run, tables go beside what is measured, and say what they are."""
     held = "estimate,joint_1,data\nols_measured,0.5,measured\n"
     (tmp_path / "table_VI.csv").write_text(held)
@@ -220,7 +214,7 @@ def test_measured_tables_are_not_replaced_by_others(tmp_path: Path, without_data
     assert {path.parent for path in paths} == {tmp_path}
 
 
-def test_the_cart_of_the_benchmark_sticks_and_slides() -> None:
+def test_the_cart_of_the_benchmark_sticks_and_slides():
     """Below Coulomb friction it stays; above, it slides at (F - F_c - offset) / F_v, and stops again."""
     constants = (100.0, 200.0, 20.0, -3.0, 0.0)
     t = np.arange(0.0, 12.0, 1e-3)

@@ -46,7 +46,7 @@ def feasible(two_link: Problem, real: np.ndarray) -> Slice:
 
 @pytest.fixture(scope="module")
 def intervals(two_link: Problem, feasible: Slice) -> WrenchIntervals:
-    return wrench_intervals(two_link.robot, feasible, np.arange(3), *states(two_link, 3))
+    return wrench_intervals(two_link.robot, feasible, *states(two_link, 3))
 
 
 @pytest.mark.parametrize(("name", "column"), [("two_link", "p_real"), ("panda", "p_hat")])
@@ -71,11 +71,11 @@ def test_unfeasible_parameters_make_the_same_torques_and_absurd_wrenches(
     torque = two_link.robot.inverse_dynamics(real.ravel(), q, dq, ddq)
     true = joint_wrenches(two_link.robot, real, q, dq, ddq)
     worst = []
-    for found in unfeasible_retrievals(two_link, base @ real.ravel(), 5, boxed=False):
-        assert inertia.consistency_margin(found.links).min() < 0.0
-        theirs = two_link.robot.inverse_dynamics(found.links.ravel(), q, dq, ddq)
+    for links in unfeasible_retrievals(two_link, base @ real.ravel(), 5, boxed=False):
+        assert inertia.consistency_margin(links).min() < 0.0
+        theirs = two_link.robot.inverse_dynamics(links.ravel(), q, dq, ddq)
         assert np.abs(theirs - torque).max() < 1e-6 * np.abs(torque).max()
-        wrenches = joint_wrenches(two_link.robot, found.links, q, dq, ddq)
+        wrenches = joint_wrenches(two_link.robot, links, q, dq, ddq)
         worst.append(np.abs(wrenches - true).max() / np.abs(true).max())
     assert len(worst) == 5
     assert max(worst) > 1e3
@@ -108,7 +108,7 @@ def test_every_feasible_parameter_of_equal_torque_lies_inside(
         reach *= 0.7
     theta = feasible.interior + share * reach * step
     at = states(problem, 1)
-    found = wrench_intervals(problem.robot, feasible, [0.0], *at)
+    found = wrench_intervals(problem.robot, feasible, *at)
     wrench = joint_wrenches(problem.robot, theta, *at)
     tiny = 1e-9 * np.abs(wrench).max()
     assert np.all(found.lower_bound - tiny <= wrench)

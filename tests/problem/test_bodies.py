@@ -1,7 +1,5 @@
 """Bodies of links: what they hold, where they come from, and files that make it hard to tell."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +31,7 @@ def fits(problem: Problem, links: np.ndarray) -> np.ndarray:
 
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(seeds)
-def test_a_body_holds_its_points_and_little_else(seed: int) -> None:
+def test_a_body_holds_its_points_and_little_else(seed):
     """Of a box the least ellipsoid is known: half axes sqrt(3) times its own; in any pose."""
     rng = np.random.default_rng(seed)
     half = rng.uniform(0.02, 0.5, 3)
@@ -48,7 +46,7 @@ def test_a_body_holds_its_points_and_little_else(seed: int) -> None:
     np.testing.assert_array_equal(back.quadric, body.quadric)
 
 
-def test_a_body_is_as_large_as_what_it_is_known_from_says() -> None:
+def test_a_body_is_as_large_as_what_it_is_known_from_says():
     """Of one link: a metre where nothing is known, twice the ellipsoid of the inertial, 1.2 times the
     least ellipsoid of a box and a layer of 3 cm, a decimetre about an exact centre of mass."""
     robot = Robot("pendulum", (Joint("j", "revolute", -1, np.eye(4), np.eye(3)[2], np.eye(4)),))
@@ -72,7 +70,7 @@ def test_a_body_is_as_large_as_what_it_is_known_from_says() -> None:
 
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(seeds)
-def test_truthful_arms_fit_whatever_their_file_says(seed: int) -> None:
+def test_truthful_arms_fit_whatever_their_file_says(seed):
     """Solid links of half a metre; the file knows nothing, or inertials that are a third wrong."""
     rng = np.random.default_rng(seed)
     robot = tree(rng, int(rng.integers(1, 6)))
@@ -88,7 +86,7 @@ def test_truthful_arms_fit_whatever_their_file_says(seed: int) -> None:
             assert row.margin(indices) > 0.0
 
 
-def test_the_published_truths_and_nominal_robots_fit() -> None:
+def test_the_published_truths_and_nominal_robots_fit():
     for name, column in (("panda", "p_hat"), ("two_link", "p_real")):
         problem = load_problem(name)
         assert {body.source for body in problem.link_bodies} == {"bounds"}
@@ -99,7 +97,7 @@ def test_the_published_truths_and_nominal_robots_fit() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_files_own_inertials_fit_and_travel(seed: int, tmp_path: Path) -> None:
+def test_a_files_own_inertials_fit_and_travel(seed, tmp_path):
     problem = load_problem(random_arm(tmp_path, seed))
     assert np.all(fits(problem, problem.nominal_links) > 0.3)
     again = problem_from_dict(problem_to_dict(problem), problem.robot)
@@ -141,12 +139,12 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("kind", SHAPES)
-def test_geometry_is_read_in_any_unit(kind: str, tmp_path: Path) -> None:
+def test_geometry_is_read_in_any_unit(kind, tmp_path):
     """The same box; without inertials the nominal link fills it with the stated density."""
     shape, unit = SHAPES[kind]
     folder = tmp_path / "my_arm"
     folder.mkdir()
-    stl(folder / "box.stl", tuple(unit * x for x in BOX))  # type: ignore[arg-type]
+    stl(folder / "box.stl", tuple(unit * x for x in BOX))
     problem = arm(folder, shape)
     (body,) = problem.link_bodies
     assert body.source == "geometry"
@@ -161,7 +159,7 @@ def test_geometry_is_read_in_any_unit(kind: str, tmp_path: Path) -> None:
     assert volume == pytest.approx(np.prod(BOX), rel=1e-4)
 
 
-def test_a_model_keeps_its_bodies_and_its_certificate_measures_them(tmp_path: Path) -> None:
+def test_a_model_keeps_its_bodies_and_its_certificate_measures_them(tmp_path):
     """Saved, loaded and grown by an effect, under bodies that its file no longer tells."""
     inertial = (
         '<inertial><origin xyz="0.2 0 0"/><mass value="6.4"/>'
@@ -171,7 +169,6 @@ def test_a_model_keeps_its_bodies_and_its_certificate_measures_them(tmp_path: Pa
     one = np.ones(1)
     made = identify(problem, run_of(problem, (one, one, one), 0.01 * one))
     assert made.certificate.violations["body"] == 0.0
-    assert made.certificate.body_share is not None
     assert 0.0 < made.certificate.body_share < 1.0
     mass = float(made.links[0, 0])
     assert made.certificate.density == pytest.approx([mass / 0.0032] * 2)
@@ -184,7 +181,7 @@ def test_a_model_keeps_its_bodies_and_its_certificate_measures_them(tmp_path: Pa
     assert grown.certificate.violations["body"] == 0.0
 
 
-def test_guessed_masses_take_the_scale_of_the_torque(tmp_path: Path) -> None:
+def test_guessed_masses_take_the_scale_of_the_torque(tmp_path):
     """EMPS: nobody states the carriage's mass; a guess of 1 kg would make 95 kg a pinhead."""
     problem = load_problem("emps")
     assert problem.guessed_links.all()
@@ -215,9 +212,7 @@ def visual(radius: float) -> str:
         ('<sphere radius="0.1"/>', visual(0.05), "geometry"),
     ],
 )
-def test_geometry_that_says_nothing_is_left_out(
-    shape: str, fixed: str, source: str, tmp_path: Path
-) -> None:
+def test_geometry_that_says_nothing_is_left_out(shape, fixed, source, tmp_path):
     """The body is then the inertial's, and what is fixed to a link is part of its body."""
     (tmp_path / "noise.stl").write_bytes(np.random.default_rng(0).bytes(400))
     inertial = (

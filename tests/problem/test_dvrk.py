@@ -1,9 +1,5 @@
 """The dVRK's patient-side manipulator: its remote centre, its parallelogram, its coupled motors."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,7 +8,7 @@ from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.robot import random_trajectory
 
 
-def test_the_tool_turns_about_the_remote_centre_and_slides_through_it() -> None:
+def test_the_tool_turns_about_the_remote_centre_and_slides_through_it():
     robot = load_problem("dvrk_psm").robot
     names = [joint.name for joint in robot.tree]
     for q in robot.random_configurations(20, seed=0):
@@ -25,7 +21,7 @@ def test_the_tool_turns_about_the_remote_centre_and_slides_through_it() -> None:
         np.testing.assert_allclose(relative, np.diag([-1.0, -1.0, 1.0]), atol=1e-9)
 
 
-def test_a_simulated_arm_is_identified() -> None:
+def test_a_simulated_arm_is_identified():
     """The authors' model explains what it made; every constraint holds."""
     problem = load_problem("dvrk_psm")
     model = problem.model()
@@ -41,7 +37,7 @@ def test_a_simulated_arm_is_identified() -> None:
     assert np.all(np.linalg.norm(left, axis=0) < 0.03 * np.linalg.norm(tau, axis=0))
 
 
-def test_tables_without_header_are_read_at_their_rate(tmp_path: Path) -> None:
+def test_tables_without_header_are_read_at_their_rate(tmp_path):
     rows = np.random.default_rng(0).normal(size=(30, 6))
     path = tmp_path / "results.csv"
     np.savetxt(path, rows, delimiter=",")

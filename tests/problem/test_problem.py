@@ -1,9 +1,6 @@
 """Problems: nominal robots that are plausible whatever the robot, and defaults that shut nothing out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -45,7 +42,7 @@ def odd_robots() -> dict[str, Robot]:
 
 
 @pytest.mark.parametrize("name", odd_robots())
-def test_odd_robots_have_a_plausible_nominal_and_room_inside(name: str) -> None:
+def test_odd_robots_have_a_plausible_nominal_and_room_inside(name):
     robot = odd_robots()[name]
     problem = bare(robot)
     links = problem.nominal_links
@@ -61,7 +58,7 @@ def test_odd_robots_have_a_plausible_nominal_and_room_inside(name: str) -> None:
 
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(seeds)
-def test_given_inertials_are_kept_where_they_are_consistent(seed: int) -> None:
+def test_given_inertials_are_kept_where_they_are_consistent(seed):
     rng = np.random.default_rng(seed)
     robot = tree(rng, int(rng.integers(1, 6)))
     given = np.array([link_parameters(rng, 0.5) for _ in robot.joints])
@@ -80,7 +77,7 @@ PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"/>
 </robot>"""
 
 
-def test_a_single_pendulum_is_not_shut_out_by_defaults(tmp_path: Path) -> None:
+def test_a_single_pendulum_is_not_shut_out_by_defaults(tmp_path):
     """Its kinematics show no reach at all; 2.5 kg half a metre down the rod must remain admissible."""
     path = tmp_path / "pendulum.urdf"
     path.write_text(PENDULUM.format(kind="continuous"))
@@ -98,7 +95,7 @@ def test_a_single_pendulum_is_not_shut_out_by_defaults(tmp_path: Path) -> None:
     assert [known[f"f_{k}1"] for k in "vco"] == pytest.approx([0.1, 0.2, 0.3], rel=1e-3)
 
 
-def test_a_single_slide_shows_its_mass(tmp_path: Path) -> None:
+def test_a_single_slide_shows_its_mass(tmp_path):
     path = tmp_path / "slide.urdf"
     path.write_text(PENDULUM.format(kind="prismatic"))
     problem = load_problem(path)
@@ -113,9 +110,7 @@ def test_a_single_slide_shows_its_mass(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "two_link"])
-def test_nominal_robots_of_built_in_problems_come_from_their_bounds(
-    name: str, request: pytest.FixtureRequest
-) -> None:
+def test_nominal_robots_of_built_in_problems_come_from_their_bounds(name, request):
     """Never from the published estimates: those are what the tables compare with."""
     problem: Problem = request.getfixturevalue(name)
     blind = replace(problem, folder=None)
@@ -132,7 +127,7 @@ def test_nominal_robots_of_built_in_problems_come_from_their_bounds(
                     assert abs(problem.nominal_links[link, 0] - float(row[column])) > 1e-3
 
 
-def test_turned_gravity_finds_its_own_base_parameters(panda: Problem) -> None:
+def test_turned_gravity_finds_its_own_base_parameters(panda):
     """Mounted on a wall, joint 1 carries weight: more parameters make torque than the 43 named."""
     upright, wall = panda.with_gravity((0.0, 0.0, -9.8)), panda.with_gravity((-9.81, 0.0, 0.0))
     assert upright.independent == panda.independent
@@ -140,7 +135,7 @@ def test_turned_gravity_finds_its_own_base_parameters(panda: Problem) -> None:
     assert len(base_parameters(wall.model("rigid_body"), wall.independent)[0]) == 45
 
 
-def test_a_heavy_axis_is_not_cut_to_the_default_mass(tmp_path: Path) -> None:
+def test_a_heavy_axis_is_not_cut_to_the_default_mass(tmp_path):
     """The defaults for a robot without published bounds give way to what its own file says."""
     file = tmp_path / "axis.urdf"
     file.write_text(
@@ -158,7 +153,7 @@ def test_a_heavy_axis_is_not_cut_to_the_default_mass(tmp_path: Path) -> None:
     assert estimate.details["on_bounds"] == []
 
 
-def test_bounds_by_a_word() -> None:
+def test_bounds_by_a_word():
     """In place of the problem's; the rest stays, and a nominal link outside comes to their middle."""
     problem = load_problem("two_link")
     mass = problem.nominal_links[1, 0]
@@ -180,7 +175,7 @@ def test_bounds_by_a_word() -> None:
 
 
 @pytest.mark.parametrize("name", ["ur10", "ur5", "panda"])
-def test_an_arm_of_unknown_masses_weighs_about_what_its_maker_says(name: str) -> None:
+def test_an_arm_of_unknown_masses_weighs_about_what_its_maker_says(name):
     """Reaches [m], torque limits [N m] and the total mass [kg] of the makers' URDFs."""
     reaches, limits, total = {
         "ur10": ([0.0, 0.22, 0.612, 0.572, 0.115, 0.115], [330, 330, 150, 54, 54, 54], 28.7),

@@ -1,7 +1,5 @@
 """The paper's tables against each other: what follows from what, and where they contradict."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -30,25 +28,25 @@ def rows_that_differ(problem: Problem, pi: np.ndarray, corrected: bool) -> set[i
     return out
 
 
-def test_with_the_corrections_every_printed_digit_follows(panda: Problem) -> None:
+def test_with_the_corrections_every_printed_digit_follows(panda):
     assert rows_that_differ(panda, pi_p_hat(panda, True), corrected=True) == set()
 
 
-def test_as_printed_the_known_rows_and_no_others_differ(panda: Problem) -> None:
+def test_as_printed_the_known_rows_and_no_others_differ(panda):
     assert rows_that_differ(panda, pi_p_hat(panda, False), corrected=False) == {17, 21, 25, 39}
     assert rows_that_differ(panda, pi_p_hat(panda, True), corrected=False) == {17}
     empty = {int(r["row"]) for r in panda.published["table_III"][:43] if not r["pi_p_hat"]}
     assert empty == EMPTY
 
 
-def test_published_values_stay_as_printed(panda: Problem) -> None:
+def test_published_values_stay_as_printed(panda):
     assert published_values(panda, "p_hat", corrected=False)["c6z"] == -1.0517e-02
     assert published_values(panda, "p_hat", corrected=True)["c6z"] == -0.01924
     row = next(r for r in panda.published["table_VIII"] if r["parameter"] == "c6z")
     assert row["p_hat"] == "-1.0517e-02"
 
 
-def test_the_symbol_of_row_two_counts_m3_once(panda: Problem) -> None:
+def test_the_symbol_of_row_two_counts_m3_once(panda):
     base, _ = base_parameters(panda.model(), panda.independent)
     m3 = base[1, 20]
     assert m3 == pytest.approx(0.316**2)  # 0.0998 m3 and nothing more
@@ -56,7 +54,7 @@ def test_the_symbol_of_row_two_counts_m3_once(panda: Problem) -> None:
     np.testing.assert_allclose(base[1, 20:] - base[5, 20:], 0.0, atol=1e-12)
 
 
-def test_delta_is_not_consistent_at_its_printed_digits(panda: Problem) -> None:
+def test_delta_is_not_consistent_at_its_printed_digits(panda):
     links = published_links(panda, "delta")
     moments = np.linalg.eigvalsh(inertia.inertia_matrix(inertia.barycentric_from_standard(links[1])[4:]))
     assert moments[0] == pytest.approx(-2.2e-5, abs=1e-6)
@@ -68,6 +66,6 @@ def test_delta_is_not_consistent_at_its_printed_digits(panda: Problem) -> None:
     assert published_values(panda, "delta")["c7z"] < panda.box[6, 3, 0]
 
 
-def test_an_unknown_column_is_refused(panda: Problem) -> None:
+def test_an_unknown_column_is_refused(panda):
     with pytest.raises(InputError, match="no published parameters 'p_star'"):
         published_links(panda, "p_star")

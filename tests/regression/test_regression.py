@@ -1,7 +1,5 @@
 """Compression: exact, additive, in the order of time; base parameters; memory flat in N."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np
@@ -10,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty import InputError, Problem
+from sdp_vs_penalty import InputError, load_problem
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.regression import LeastSquares, compress
-from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.regression.base_parameters import base_parameters, base_rows, random_motion
 from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.signals import Preprocessing, filtered_torque
 
@@ -57,7 +55,7 @@ def assert_same_loss(a: LeastSquares, b: LeastSquares, rng: np.random.Generator)
 
 @quick
 @given(seeds)
-def test_factors_answer_what_all_rows_would(seed: int) -> None:
+def test_factors_answer_what_all_rows_would(seed):
     model, _, run = case(seed)
     regression = compress(run, model, FILTERS)
     wide, torque = rows_of(model, run)
@@ -84,7 +82,7 @@ def test_factors_answer_what_all_rows_would(seed: int) -> None:
 
 @quick
 @given(seeds)
-def test_merging_blocks_equals_one_pass(seed: int) -> None:
+def test_merging_blocks_equals_one_pass(seed):
     model, _, run = case(seed)
     rng = np.random.default_rng(seed)
     whole = compress(run, model, FILTERS, blocks_per_run=1)
@@ -96,7 +94,7 @@ def test_merging_blocks_equals_one_pass(seed: int) -> None:
 
 @quick
 @given(seeds)
-def test_files_merge_like_one_measurement(seed: int) -> None:
+def test_files_merge_like_one_measurement(seed):
     model, _, first = case(seed)
     rng = np.random.default_rng(seed + 1)
     motion = sines(rng, 3, np.arange(100.0, 108.0, 4e-3))
@@ -112,7 +110,7 @@ def test_files_merge_like_one_measurement(seed: int) -> None:
 
 @quick
 @given(seeds)
-def test_base_parameters_make_the_same_torque(seed: int) -> None:
+def test_base_parameters_make_the_same_torque(seed):
     """pi = B theta determines every torque: Y theta = Y B^+ B theta; and nothing less does."""
     rng = np.random.default_rng(seed)
     robot = tree(rng, int(rng.integers(1, 6)))
@@ -127,14 +125,41 @@ def test_base_parameters_make_the_same_torque(seed: int) -> None:
     assert np.linalg.matrix_rank(scaled, tol=1e-8) == len(kept)
 
 
-def test_base_parameters_of_the_panda_are_the_papers_43(panda: Problem) -> None:
+def test_base_parameters_of_the_panda_are_the_papers_43(panda):
     model = panda.model(["rigid_body"])
     matrix, kept = base_parameters(model, panda.independent)
     assert matrix.shape == (43, 70)
     assert [model.parameters[k].name for k in kept] == list(panda.independent or ())
 
 
-def test_base_parameters_of_the_two_link_robot_are_the_papers_8(two_link: Problem) -> None:
+SCARA = """<robot name="scara"><link name="base"/><link name="a"/><link name="b"/><link name="c"/>
+<joint name="1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
+<limit lower="-2.9" upper="2.9" effort="200" velocity="8"/></joint>
+<joint name="2" type="revolute"><parent link="a"/><child link="b"/><origin xyz=".4 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-2.7" upper="2.7" effort="100" velocity="10"/></joint>
+<joint name="3" type="prismatic"><parent link="b"/><child link="c"/><origin xyz=".35 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-.1" upper=".3" effort="400" velocity="1.5"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("which", ["scara", "panda"])
+def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
+    """As many as random motion can tell apart: beside an upright slide's weight, its offset is none."""
+    (tmp_path / "scara.urdf").write_text(SCARA)
+    problem = load_problem(tmp_path / "scara.urdf" if which == "scara" else which)
+    model = problem.model("rigid_body,rotor_inertia,viscous_friction,torque_offset")
+    motion = random_motion(problem.robot, 1)
+    columns = np.zeros((len(motion.t), problem.robot.n, len(model.parameters)))
+    for j, block in enumerate(model.columns(motion)):
+        columns[:, j, block.indices] = block.columns
+    columns = columns.reshape(-1, columns.shape[2])
+    base, seen = base_rows(problem, model), np.linalg.norm(columns, axis=0)
+    rank = np.linalg.matrix_rank(columns[:, seen > 1e-9] / seen[seen > 1e-9], tol=1e-8)
+    assert len(base.rows) == rank == (4 + 2 + 3 + 3 if which == "scara" else 43 + 5 + 7 + 7)
+    # The torque follows from them: their leading columns make every other one.
+    np.testing.assert_allclose(columns[:, base.leading] @ base.rows, columns, atol=1e-8 * seen.max())
+
+
+def test_base_parameters_of_the_two_link_robot_are_the_papers_8(two_link):
     """pi_2R of the supplementary material, with row 6 corrected to J2zz - 0.64 m2."""
     model = two_link.model(["rigid_body"])
     matrix, kept = base_parameters(model, two_link.independent)
@@ -156,7 +181,7 @@ def test_base_parameters_of_the_two_link_robot_are_the_papers_8(two_link: Proble
     np.testing.assert_allclose(matrix[1], row(Ixx2=1.0, Iyy2=-1.0, mx2=0.0, m2=l2**2), atol=1e-9)
 
 
-def test_independent_parameters_must_be_independent(panda: Problem) -> None:
+def test_independent_parameters_must_be_independent(panda):
     model = panda.model(["rigid_body"])
     names = list(panda.independent or ())
     with pytest.raises(InputError, match="not the robot's 43 independent"):
@@ -185,7 +210,7 @@ def peak_beyond_samples(run: Measurements, model: Model) -> int:
         tracemalloc.stop()
 
 
-def test_memory_beyond_the_samples_does_not_grow_with_their_number() -> None:
+def test_memory_beyond_the_samples_does_not_grow_with_their_number():
     """4x the samples: what is added beyond a few copies of them stays the same."""
     rng = np.random.default_rng(0)
     robot = Robot.from_dh("r", [0.0] * 4, [0.0, 1.57, -1.57, 1.57], [0.3] * 4, "modified")

@@ -1,7 +1,5 @@
 """The demo: what is hidden is found without being told, and the error of its joint falls."""
 
-from __future__ import annotations
-
 import re
 import time
 from pathlib import Path
@@ -15,7 +13,7 @@ from sdp_vs_penalty.reports.demo import HIDDEN
 pytest.importorskip("plotly")
 
 
-def test_the_demo_tells_the_whole_story(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_demo_tells_the_whole_story(tmp_path, capsys):
     begin = time.process_time()
     with pytest.raises(SystemExit) as stop:
         main(["demo", "--out", str(tmp_path / "demo")])

@@ -1,7 +1,5 @@
 """Bars cut at the noise floor, a finding's joint lit, causes that explain nothing hidden."""
 
-from __future__ import annotations
-
 import re
 from types import SimpleNamespace
 
@@ -12,7 +10,7 @@ from sdp_vs_penalty.reports.pictures import bars, found_shares, heat_map, heat_r
 UNITS = ["N*m", "N*m"]
 
 
-def test_bars_are_errors_over_noise_cut_at_the_floor() -> None:
+def test_bars_are_errors_over_noise_cut_at_the_floor():
     drawn = bars([0.1, 1.25], [0.11, 0.46], [0.1, 0.1], UNITS)
     assert re.findall(r"<td class=\"number\">(.*?)</td>", drawn) == ["1 → 1.1", "12.5 → 4.6"]
     assert re.findall(r'class="change (\w+)">(.*?)<', drawn) == [("worse", "+10 %"), ("better", "-63 %")]
@@ -25,7 +23,7 @@ def test_bars_are_errors_over_noise_cut_at_the_floor() -> None:
     assert "1.25 N m" in alone
 
 
-def test_a_confident_finding_is_lit_by_construction() -> None:
+def test_a_confident_finding_is_lit_by_construction():
     found = SimpleNamespace(effect="presliding_hysteresis", joints=(2,), confidence="confident")
     found.held_out_rmse_before, found.held_out_rmse_after = [1.0, 2.0], [0.9, 1.0]
     weak = SimpleNamespace(**{**vars(found), "effect": "spring", "confidence": "weak"})
@@ -38,7 +36,7 @@ def test_a_confident_finding_is_lit_by_construction() -> None:
     assert "No cause explains" in heat_map("model", [], 2)
 
 
-def test_stretches_are_shaded_on_each_axis() -> None:
+def test_stretches_are_shaded_on_each_axis():
     drawn = shades([(1.0, 2.0, "reversal")], ("x", "x2"))
     assert [(s["xref"], s["yref"], s["x0"], s["x1"]) for s in drawn] == [
         ("x", "y domain", 1.0, 2.0),

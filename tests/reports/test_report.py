@@ -1,7 +1,5 @@
 """The report is one file that asks for nothing, says what it must, and draws in a real browser."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import re
@@ -80,9 +78,7 @@ class Outline(HTMLParser):
             self.addresses.append(str(found.get("href")))
 
 
-def test_one_file_with_every_section_and_no_request(
-    made: tuple[dict[str, Estimate], Measurements, str],
-) -> None:
+def test_one_file_with_every_section_and_no_request(made):
     html = made[2]
     outline = Outline()
     outline.feed(html)
@@ -108,16 +104,14 @@ def figures_of(html: str) -> list[str]:
     return [gzip.decompress(base64.b64decode(text)).decode() for text in found]
 
 
-def test_nothing_of_the_user_becomes_markup(made: tuple[dict[str, Estimate], Measurements, str]) -> None:
+def test_nothing_of_the_user_becomes_markup(made):
     html = made[2]
     assert "<script>alert(1)" not in html
     assert "&lt;script&gt;alert(1)" in html
     assert "<b>x</b>" not in html
 
 
-def test_the_figures_are_those_of_the_models(
-    made: tuple[dict[str, Estimate], Measurements, str],
-) -> None:
+def test_the_figures_are_those_of_the_models(made):
     models, run, html = made
     from sdp_vs_penalty import compare
 
@@ -137,9 +131,7 @@ def test_the_figures_are_those_of_the_models(
     assert f"numpy {np.__version__}" in text
 
 
-def test_the_ellipsoid_has_the_links_inertia(
-    made: tuple[dict[str, Estimate], Measurements, str],
-) -> None:
+def test_the_ellipsoid_has_the_links_inertia(made):
     """A solid ellipsoid of the drawn half axes and the link's mass has the link's inertia."""
     link = np.array([2.0, 0.2, -0.4, 0.6, 0.5, 0.01, 0.6, -0.02, 0.03, 0.4])
     points = ellipsoid(link, 60)
@@ -154,7 +146,7 @@ def test_the_ellipsoid_has_the_links_inertia(
     assert ellipsoid(np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])) is None  # a rod
 
 
-def test_poses_are_the_robots(two_link: Problem) -> None:
+def test_poses_are_the_robots(two_link):
     """Gravity torque by the drawn poses: potential energy's slope."""
     robot, links = two_link.robot, two_link.nominal_links
     q, step = np.array([0.3, -0.7]), 1e-6
@@ -173,7 +165,7 @@ def test_poses_are_the_robots(two_link: Problem) -> None:
         assert (energy(q + move) - energy(q - move)) / (2 * step) == pytest.approx(torque[j], abs=1e-6)
 
 
-def test_the_verb_and_short_runs(two_link: Problem, tmp_path: Path) -> None:
+def test_the_verb_and_short_runs(two_link, tmp_path):
     run = experiment(two_link).training_run(0)
     keep = (run.t > run.t[0] + 2.0) & (run.t < run.t[0] + 3.8)
     short = replace(run, t=run.t[keep], q=run.q[keep], tau=run.tau[keep], dq=None)
@@ -189,9 +181,7 @@ def test_the_verb_and_short_runs(two_link: Problem, tmp_path: Path) -> None:
         assert words in out.read_text()
 
 
-def test_it_draws_in_chromium(
-    made: tuple[dict[str, Estimate], Measurements, str], tmp_path: Path
-) -> None:
+def test_it_draws_in_chromium(made, tmp_path):
     """Plots that can be seen are there after the scripts ran, and no script was refused."""
     from page_driver import browsing  # which skips without Chromium
 
@@ -210,9 +200,7 @@ def test_it_draws_in_chromium(
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
-def test_joints_are_zoomed_together_and_far_figures_wait(
-    made: tuple[dict[str, Estimate], Measurements, str], tmp_path: Path
-) -> None:
+def test_joints_are_zoomed_together_and_far_figures_wait(made, tmp_path):
     playwright = pytest.importorskip("playwright.sync_api")
     path = tmp_path / "report.html"
     path.write_text(made[2])
@@ -239,9 +227,7 @@ def test_joints_are_zoomed_together_and_far_figures_wait(
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="pdftotext is not installed")
-def test_on_paper_everything_is_open_and_no_figure_is_cut(
-    made: tuple[dict[str, Estimate], Measurements, str], tmp_path: Path
-) -> None:
+def test_on_paper_everything_is_open_and_no_figure_is_cut(made, tmp_path):
     path, paper = tmp_path / "report.html", tmp_path / "report.pdf"
     path.write_text(made[2])
     options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
@@ -262,7 +248,7 @@ def test_on_paper_everything_is_open_and_no_figure_is_cut(
 
 
 @pytest.mark.real_data
-def test_how_long_it_takes_on_the_real_panda(panda: Problem, panda_run: Measurements) -> None:
+def test_how_long_it_takes_on_the_real_panda(panda, panda_run):
     estimate = identify(panda, panda_run, "ols")
     begin = time.process_time()
     html = make_report({"ols": estimate}, panda_run)
@@ -270,9 +256,7 @@ def test_how_long_it_takes_on_the_real_panda(panda: Problem, panda_run: Measurem
     assert len(html) < 2.5e6
 
 
-def test_measured_curves_are_drawn_with_band_and_data(
-    made: tuple[dict[str, Estimate], Measurements, str],
-) -> None:
+def test_measured_curves_are_drawn_with_band_and_data(made):
     models, data, _ = made
     x = np.linspace(-1.0, 1.0, 9)
     one = Curve(1, ("q1",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, "1 q1^2 N m", 0.2, 0.1)

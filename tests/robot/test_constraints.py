@@ -1,7 +1,5 @@
 """Constraint arrays against what they stand for: eigenvalues, point masses, geometry."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -38,7 +36,7 @@ def random_body(rng: np.random.Generator) -> Body:
 
 @quick
 @given(seeds, st.floats(0.001, 0.3))
-def test_minimum_thickness_holds_exactly_if_the_link_is_that_thick(seed: int, radius: float) -> None:
+def test_minimum_thickness_holds_exactly_if_the_link_is_that_thick(seed, radius):
     theta = wild_link(np.random.default_rng(seed))
     if theta[0] <= 1e-3 or abs(inertia.thickness(theta) - radius) < 1e-6:
         return
@@ -48,7 +46,7 @@ def test_minimum_thickness_holds_exactly_if_the_link_is_that_thick(seed: int, ra
 
 @quick
 @given(seeds)
-def test_ellipsoid_is_the_mean_over_the_mass(seed: int) -> None:
+def test_ellipsoid_is_the_mean_over_the_mass(seed):
     """tr(P Q) is the integral of 1 - (x - c)^T D (x - c), written here as a sum over points."""
     rng = np.random.default_rng(seed)
     masses, x = rng.uniform(0.1, 1.0, 20), rng.normal(size=(20, 3))
@@ -66,7 +64,7 @@ def test_ellipsoid_is_the_mean_over_the_mass(seed: int) -> None:
 @pytest.mark.parametrize("cone", CONES)
 @quick
 @given(seed=seeds)
-def test_projection_is_the_nearest_point_of_the_cone(cone: str, seed: int) -> None:
+def test_projection_is_the_nearest_point_of_the_cone(cone, seed):
     """Moreau: x = P(x) - P(-x) with both parts in the self-dual cone and orthogonal."""
     x = random_value(np.random.default_rng(seed), cone)
     inside, polar = project(cone, x), project(cone, -x)
@@ -77,7 +75,7 @@ def test_projection_is_the_nearest_point_of_the_cone(cone: str, seed: int) -> No
     np.testing.assert_allclose(project(cone, inside), inside, atol=1e-12)
 
 
-def test_worst_violation_of_each_family_in_its_own_units() -> None:
+def test_worst_violation_of_each_family_in_its_own_units():
     theta = np.zeros(10)
     theta[0] = 5.0  # a point mass: consistent but only just, and 2 kg too heavy
     demands = ConstraintSet(
@@ -100,7 +98,7 @@ def test_worst_violation_of_each_family_in_its_own_units() -> None:
 
 @quick
 @given(seeds)
-def test_barycentric_bound_is_about_the_centre_of_mass(seed: int) -> None:
+def test_barycentric_bound_is_about_the_centre_of_mass(seed):
     rng = np.random.default_rng(seed)
     theta = link_parameters(rng, 0.5)
     barycentric = inertia.barycentric_from_standard(theta)
@@ -125,7 +123,7 @@ def in_two_link(problem: Problem, link: int, c: np.ndarray, mass: float = 1.3) -
 
 @quick
 @given(seeds)
-def test_cones_of_the_two_link_robot_are_its_shapes(two_link: Problem, seed: int) -> None:
+def test_cones_of_the_two_link_robot_are_its_shapes(two_link, seed):
     """Fig. 8: link 1 a cylinder of 0.15 m around y; link 2 one of 0.08 m around x whose last
     0.2 m taper to 0.02 m at the frame's origin; the paper's alpha_2 is written as an if-else."""
     rng = np.random.default_rng(seed)
@@ -141,9 +139,7 @@ def test_cones_of_the_two_link_robot_are_its_shapes(two_link: Problem, seed: int
 
 
 @pytest.mark.parametrize("name", ["panda", "two_link"])
-def test_convex_constraints_follow_from_the_published_bounds(
-    name: str, request: pytest.FixtureRequest
-) -> None:
+def test_convex_constraints_follow_from_the_published_bounds(name, request):
     """Whatever satisfies the barycentric boxes and is consistent satisfies the SDP's constraints:
     the trace bound and the centre-of-mass rows are consequences, not further demands."""
     problem: Problem = request.getfixturevalue(name)
@@ -178,7 +174,7 @@ def test_convex_constraints_follow_from_the_published_bounds(
 
 @quick
 @given(seeds)
-def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed: int) -> None:
+def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed):
     """The certificate's lower bound multiplies by these numbers: they must follow."""
     from sdp_vs_penalty.robot import Robot
 
@@ -219,7 +215,7 @@ def extreme_point(demands: ConstraintSet, rng: np.random.Generator, p: int) -> n
 
 
 @pytest.mark.parametrize("length", [1.0, 1e-3, 1e3])
-def test_the_sign_of_an_eigenvalue_does_not_depend_on_units(length: float) -> None:
+def test_the_sign_of_an_eigenvalue_does_not_depend_on_units(length):
     """A link in kilometres: its moments are 1e-9 of its mass, and rounding of the mass is larger."""
     rng = np.random.default_rng(0)
     t = np.diag([length, length, length, 1.0])

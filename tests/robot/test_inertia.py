@@ -1,7 +1,5 @@
 """The parameter order, the conversions between conventions, and what consistency means."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -28,7 +26,7 @@ def parameters_of(masses: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 @quick
 @given(seeds)
-def test_pseudo_inertia_is_the_second_moment_of_the_mass(seed: int) -> None:
+def test_pseudo_inertia_is_the_second_moment_of_the_mass(seed):
     masses, x = cloud(np.random.default_rng(seed))
     homogeneous = np.column_stack([x, np.ones(len(x))])
     second = np.einsum("k,ki,kj->ij", masses, homogeneous, homogeneous)
@@ -39,7 +37,7 @@ def test_pseudo_inertia_is_the_second_moment_of_the_mass(seed: int) -> None:
 
 @quick
 @given(seeds)
-def test_barycentric_and_standard_invert_each_other(seed: int) -> None:
+def test_barycentric_and_standard_invert_each_other(seed):
     rng = np.random.default_rng(seed)
     masses, x = cloud(rng)
     theta = parameters_of(masses, x)
@@ -55,7 +53,7 @@ def test_barycentric_and_standard_invert_each_other(seed: int) -> None:
 
 @quick
 @given(seeds)
-def test_transform_moves_the_mass(seed: int) -> None:
+def test_transform_moves_the_mass(seed):
     rng = np.random.default_rng(seed)
     masses, x = cloud(rng)
     placement = pose(rng, 2.0)
@@ -74,7 +72,7 @@ def test_transform_moves_the_mass(seed: int) -> None:
 
 @quick
 @given(seeds)
-def test_consistent_means_positive_mass_definite_inertia_and_triangle(seed: int) -> None:
+def test_consistent_means_positive_mass_definite_inertia_and_triangle(seed):
     """The eigenvalue of the 4x4 against the three classical conditions, on both sides."""
     rng = np.random.default_rng(seed)
     mass = rng.choice([-1.0, 1.0, 1.0, 1.0]) * rng.uniform(0.1, 3.0)
@@ -90,7 +88,7 @@ def test_consistent_means_positive_mass_definite_inertia_and_triangle(seed: int)
         assert inertia.triangle_margin(theta) == pytest.approx(triangle, abs=1e-9)
 
 
-def test_thickness_of_known_bodies() -> None:
+def test_thickness_of_known_bodies():
     ball = inertia.standard_from_barycentric([3.0, 1, 2, 3, *(3.0 * 0.4 * np.array([1, 0, 1, 0, 0, 1]))])
     assert inertia.thickness(ball) == pytest.approx(1.0 / np.sqrt(5.0))  # R = 1 m
     rod = inertia.standard_from_barycentric([2.0, 0, 0, 0, *np.array([1, 0, 1, 0, 0, 0]) / 6.0])
@@ -101,7 +99,7 @@ def test_thickness_of_known_bodies() -> None:
     assert inertia.thickness(np.stack([ball, rod])).shape == (2,)
 
 
-def test_a_massless_link_has_no_centre_of_mass_and_no_warning(recwarn: pytest.WarningsRecorder) -> None:
+def test_a_massless_link_has_no_centre_of_mass_and_no_warning(recwarn):
     barycentric = inertia.barycentric_from_standard(np.zeros(10))
     assert barycentric[0] == 0.0
     assert np.all(np.isnan(barycentric[1:]))

@@ -1,7 +1,5 @@
 """Joints that follow others: q_tree = B q + b, tau = B^T tau_tree, held against MuJoCo's constraints."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -57,7 +55,7 @@ def some_links(robot: Robot) -> np.ndarray:
     return np.array([link_parameters(rng, 0.4) for _ in range(robot.links)])
 
 
-def test_what_moves_and_what_has_parameters(urdf: Path) -> None:
+def test_what_moves_and_what_has_parameters(urdf):
     robot, nominal = load_urdf(urdf)
     assert robot.joint_names == ("lift_joint", "swing_joint", "roll_joint")
     assert robot.n == 3
@@ -71,7 +69,7 @@ def test_what_moves_and_what_has_parameters(urdf: Path) -> None:
         assert np.array_equal(a, b)
 
 
-def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf: Path) -> None:
+def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf):
     mujoco = pytest.importorskip("mujoco")
     robot, _ = load_urdf(urdf)
     heavy = replace(robot, mechanism=replace(robot.mechanism, massless=()))  # MuJoCo wants a mass
@@ -93,7 +91,7 @@ def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf: P
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
-def test_regressor_mass_matrix_and_derivatives_agree_with_the_dynamics(urdf: Path) -> None:
+def test_regressor_mass_matrix_and_derivatives_agree_with_the_dynamics(urdf):
     robot, _ = load_urdf(urdf)
     links = some_links(robot)
     q, dq, ddq = states(robot, 5)
@@ -117,7 +115,7 @@ def test_regressor_mass_matrix_and_derivatives_agree_with_the_dynamics(urdf: Pat
             np.testing.assert_allclose(derivative[:, :, j], (ends[0] - ends[1]) / 2e-6, atol=1e-5)
 
 
-def test_a_robot_with_followers_is_identified_and_written_back(urdf: Path) -> None:
+def test_a_robot_with_followers_is_identified_and_written_back(urdf):
     problem = load_problem(urdf)
     robot = problem.robot
     links = problem.nominal_links
@@ -149,9 +147,7 @@ def test_a_robot_with_followers_is_identified_and_written_back(urdf: Path) -> No
         ('multiplier="-1"', 'multiplier="minus"', "finite number"),
     ],
 )
-def test_a_mimic_joint_that_cannot_be_is_one_sentence(
-    urdf: Path, old: str, new: str, words: str
-) -> None:
+def test_a_mimic_joint_that_cannot_be_is_one_sentence(urdf, old, new, words):
     text = urdf.read_text()
     assert old in text
     urdf.write_text(text.replace(old, new))
@@ -160,7 +156,7 @@ def test_a_mimic_joint_that_cannot_be_is_one_sentence(
     assert str(urdf) in str(caught.value)
 
 
-def test_a_problem_says_what_follows_by_formulas(tmp_path: Path) -> None:
+def test_a_problem_says_what_follows_by_formulas(tmp_path):
     (tmp_path / "problem.toml").write_text(
         'title = "bars"\n[kinematics]\nconvention = "modified"\na = [0, 0.3, 0.2]\n'
         'alpha_over_pi = [0.5, 0, 0]\nd = [0, 0, 0]\n[mechanism]\n'
@@ -176,7 +172,7 @@ def test_a_problem_says_what_follows_by_formulas(tmp_path: Path) -> None:
         load_problem(tmp_path)
 
 
-def test_transmissions_of_a_urdf(urdf: Path) -> None:
+def test_transmissions_of_a_urdf(urdf):
     element = (
         "<transmission name='wrist'><type>transmission_interface/DifferentialTransmission</type>"
         "<actuator name='a'><mechanicalReduction>50</mechanicalReduction></actuator>"
@@ -187,7 +183,6 @@ def test_transmissions_of_a_urdf(urdf: Path) -> None:
     urdf.write_text(urdf.read_text().replace("</robot>", element))
     robot = load_urdf(urdf)[0]
     transmission = robot.transmission
-    assert transmission is not None
     np.testing.assert_array_equal(transmission.matrix, [[1, 0, 0], [0, 100, 50], [0, -100, 50]])
     np.testing.assert_array_equal(robot.couplings, [[0, 1, 0.5], [0, 1, -0.5]])
     assert set(transmission.positions) == {"joint"}

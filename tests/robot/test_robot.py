@@ -1,7 +1,5 @@
 """Kinematics and rigid-body dynamics: against Pinocchio's RNEA and against virtual work."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,7 +21,7 @@ def random_case(seed: int, samples: int = 3) -> tuple[Robot, np.ndarray, np.ndar
 
 @quick
 @given(seeds)
-def test_regressor_equals_inverse_dynamics_equals_virtual_work(seed: int) -> None:
+def test_regressor_equals_inverse_dynamics_equals_virtual_work(seed):
     robot, theta, (q, dq, ddq) = random_case(seed)
     by_regressor = robot.regressor(q, dq, ddq) @ theta
     by_rnea = robot.inverse_dynamics(theta, q, dq, ddq)
@@ -35,7 +33,7 @@ def test_regressor_equals_inverse_dynamics_equals_virtual_work(seed: int) -> Non
 
 @quick
 @given(seeds)
-def test_masses_of_least_squares_may_be_negative(seed: int) -> None:
+def test_masses_of_least_squares_may_be_negative(seed):
     """Pinocchio divides by what a joint carries, but all of this is linear in the parameters."""
     robot, theta, (q, dq, ddq) = random_case(seed)
     consistent = robot.mass_matrices(theta, q)
@@ -61,7 +59,7 @@ def test_masses_of_least_squares_may_be_negative(seed: int) -> None:
         np.testing.assert_allclose(by[:, :, 0], slope, atol=1e-5 * (np.abs(slope).max() + scale))
 
 
-def test_dh_conventions_place_the_same_arm() -> None:
+def test_dh_conventions_place_the_same_arm():
     """A planar 2R written in both conventions: the tip of the second link at the same place."""
     standard = Robot.from_dh("s", [0.7, 0.4], [0.0, 0.0], [0.0, 0.0], "standard")
     modified = Robot.from_dh("m", [0.0, 0.7], [0.0, 0.0], [0.0, 0.0], "modified")

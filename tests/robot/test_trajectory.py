@@ -1,9 +1,5 @@
 """The exciting trajectory: derivatives, blends, limits, and the authors' own files."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -21,7 +17,7 @@ def paper(panda: Problem) -> FourierTrajectory:
 
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 10_000))
-def test_velocity_and_acceleration_are_the_derivatives(seed: int) -> None:
+def test_velocity_and_acceleration_are_the_derivatives(seed):
     trajectory = random_trajectory(load_problem("panda").robot, seed)
     h = 1e-5
     joins = np.array([trajectory.blend, trajectory.duration - trajectory.blend])
@@ -33,7 +29,7 @@ def test_velocity_and_acceleration_are_the_derivatives(seed: int) -> None:
     np.testing.assert_allclose(ddq, (after[1] - before[1]) / (2 * h), atol=1e-7)
 
 
-def test_it_starts_and_ends_at_rest_and_stays_there(paper: FourierTrajectory) -> None:
+def test_it_starts_and_ends_at_rest_and_stays_there(paper):
     q, dq, ddq = paper.states([-1.0, 0.0, 21.0, 30.0])
     assert np.all(dq == 0.0)
     assert np.all(ddq == 0.0)
@@ -41,7 +37,7 @@ def test_it_starts_and_ends_at_rest_and_stays_there(paper: FourierTrajectory) ->
     np.testing.assert_array_equal(q[2], q[3])
 
 
-def test_random_trajectories_stay_inside_range_and_velocity_limits(panda: Problem) -> None:
+def test_random_trajectories_stay_inside_range_and_velocity_limits(panda):
     lower, upper, velocity = joint_limits(panda.robot)
     for seed in range(20):
         q, dq, _ = random_trajectory(panda.robot, seed).states(np.linspace(0.0, 10.0, 4001))
@@ -52,13 +48,13 @@ def test_random_trajectories_stay_inside_range_and_velocity_limits(panda: Proble
     assert not np.allclose(first, random_trajectory(panda.robot, 4).states([4.0])[0])
 
 
-def test_a_duration_without_room_for_the_blends_is_refused() -> None:
+def test_a_duration_without_room_for_the_blends_is_refused():
     with pytest.raises(InputError, match="above twice the blend"):
         FourierTrajectory(np.ones((1, 1)), np.ones((1, 1)), np.zeros(1), 1.0, 0.5, 1.0)
 
 
 @pytest.mark.real_data
-def test_table_two_is_what_the_generator_wrote(data_folder: Path, paper: FourierTrajectory) -> None:
+def test_table_two_is_what_the_generator_wrote(data_folder, paper):
     parameters = np.loadtxt(data_folder / "panda" / "gen_params.txt")
     np.testing.assert_array_equal(paper.a, parameters[:7])
     np.testing.assert_array_equal(paper.b, parameters[7:])

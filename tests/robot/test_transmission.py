@@ -1,7 +1,5 @@
 """Transmissions: joints from channels logged on either side, and the same power on both."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -27,7 +25,7 @@ def drawn(seed: int, n: int = 5) -> tuple[Transmission, np.random.Generator]:
 
 
 @CASES
-def test_joints_come_back_from_channels_of_either_side(seed: int) -> None:
+def test_joints_come_back_from_channels_of_either_side(seed):
     transmission, rng = drawn(seed)
     q, dq, motors = rng.normal(size=(3, 40, transmission.n))
     tau = motors @ transmission.matrix
@@ -62,12 +60,12 @@ def test_joints_come_back_from_channels_of_either_side(seed: int) -> None:
         (["1e999 q1"], "not finite"),
     ],
 )
-def test_a_transmission_that_cannot_be_is_refused(motors: list[str], words: str) -> None:
+def test_a_transmission_that_cannot_be_is_refused(motors, words):
     with pytest.raises(InputError, match=words):
         parse_transmission(motors)
 
 
-def test_the_tx40_converts_as_its_authors_do() -> None:
+def test_the_tx40_converts_as_its_authors_do():
     """The authors' rule, written out: q = q_m / N, then q6 -= q5; tau = tau_m N, then tau5 += tau6."""
     robot = load_problem("tx40").robot
     assert robot.transmission is not None
@@ -85,7 +83,7 @@ def test_the_tx40_converts_as_its_authors_do() -> None:
     np.testing.assert_array_equal(wrist, [0, 0, 0, 0, 1, 1])
 
 
-def test_a_log_of_motors_is_recognised_by_the_robots_transmission() -> None:
+def test_a_log_of_motors_is_recognised_by_the_robots_transmission():
     robot = load_problem("tx40").robot
     assert robot.transmission is not None
     t = np.arange(0.0, 2.0, 0.01)

@@ -1,7 +1,5 @@
 """The library of instances: what is written is the problem, and its proofs are accepted."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json
@@ -43,7 +41,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, d
     return folder, rows
 
 
-def test_two_hundred_instances_need_no_measurements() -> None:
+def test_two_hundred_instances_need_no_measurements():
     everything = instances.library()
     assert sum(not item.measured for item in everything) >= 200
     assert len({item.folder for item in everything}) == len(everything)
@@ -54,7 +52,7 @@ def test_two_hundred_instances_need_no_measurements() -> None:
         instances.selected(["gurobi"], everything)
 
 
-def test_every_file_is_its_sum_and_every_proof_is_accepted(written) -> None:  # type: ignore[no-untyped-def]
+def test_every_file_is_its_sum_and_every_proof_is_accepted(written):
     folder, rows = written
     for row in rows.values():
         place = folder / row["folder"]
@@ -75,7 +73,7 @@ def test_every_file_is_its_sum_and_every_proof_is_accepted(written) -> None:  # 
     assert not rows["two_link simulated two-step regulariser"]["sha256 problem.dat-s"]
 
 
-def test_a_solver_reaches_the_proved_interval_from_each_file(written) -> None:  # type: ignore[no-untyped-def]
+def test_a_solver_reaches_the_proved_interval_from_each_file(written):
     folder, rows = written
     for name, row in rows.items():
         for file, read in (("problem.cbf", read_cbf), ("problem.dat-s", read_sdpa)):
@@ -95,7 +93,7 @@ def test_a_solver_reaches_the_proved_interval_from_each_file(written) -> None:  
             assert about["lower"] - slack <= loss <= about["upper"] + slack, (name, file)
 
 
-def test_arrays_are_the_problem_of_the_text(written) -> None:  # type: ignore[no-untyped-def]
+def test_arrays_are_the_problem_of_the_text(written):
     folder, rows = written
     kinds = ("zero", "nonnegative", "soc", "exp", "psd")
     for row in rows.values():
@@ -106,7 +104,7 @@ def test_arrays_are_the_problem_of_the_text(written) -> None:  # type: ignore[no
             np.testing.assert_allclose(np.sort(made["A_value"]), np.sort(sent.A.data), rtol=1e-15)
 
 
-def test_the_same_bytes_come_again(written, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_the_same_bytes_come_again(written, tmp_path):
     folder, _ = written
     wanted = [i for i in instances.library() if i.name in NAMES][:2]
     library.write_library(tmp_path, wanted, lambda *_: None)

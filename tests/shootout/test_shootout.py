@@ -1,7 +1,5 @@
 """The shootout's judgement: instances, proofs, classes; wrong answers are planted and must be found."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -49,7 +47,7 @@ def best(two_link: Instance) -> Answer:
     return CONTESTANTS["lmi-sdp"].solve(two_link, 1e-8)
 
 
-def test_instances_are_deterministic_and_differ() -> None:
+def test_instances_are_deterministic_and_differ():
     names = [n for n, e in catalogue().items() if e.quick and e.group != "chains"]
     first = {n: instance(n).hash for n in names}
     instance.cache_clear()
@@ -59,14 +57,14 @@ def test_instances_are_deterministic_and_differ() -> None:
 
 
 @pytest.mark.parametrize("name", SMALL)
-def test_the_interval_is_narrow_and_proved(name: str) -> None:
+def test_the_interval_is_narrow_and_proved(name):
     found = reference(instance(name))
     assert found.verdict == "feasible"
     assert 0.0 <= found.gap <= 1e-8
 
 
 @pytest.mark.parametrize("mass", [1e-3, 1e3])
-def test_units_change_numbers_only(two_link: Instance, mass: float) -> None:
+def test_units_change_numbers_only(two_link, mass):
     length = mass
     other = in_units(two_link, mass, length)
     torque = 1.0 / (mass * length**2)
@@ -98,7 +96,7 @@ def test_units_change_numbers_only(two_link: Instance, mass: float) -> None:
 
 
 @pytest.mark.parametrize("name", ["ill-conditioned infeasible 1e-3", "ill-conditioned infeasible 1e-6"])
-def test_infeasible_instances_are_proved_infeasible(name: str) -> None:
+def test_infeasible_instances_are_proved_infeasible(name):
     made = instance(name)
     assert made.interior is None
     known = reference(made)
@@ -110,14 +108,14 @@ def test_infeasible_instances_are_proved_infeasible(name: str) -> None:
     assert judge(made, known, replace(says, claims="unbounded"), 1e-6).kind == "silently_wrong"
 
 
-def test_the_default_path_is_right(two_link: Instance, proved: Reference, best: Answer) -> None:
+def test_the_default_path_is_right(two_link, proved, best):
     verdict = judge(two_link, proved, best, 1e-8)
     assert verdict.kind == "right"
     assert verdict.gap <= 1e-8
     assert proved.lower <= verdict.upper
 
 
-def test_planted_wrong_answers_are_found(two_link: Instance, proved: Reference, best: Answer) -> None:
+def test_planted_wrong_answers_are_found(two_link, proved, best):
     inside = two_link.interior
     assert inside is not None
     optimal = replace(best, claims="optimal", multipliers=None)
@@ -141,9 +139,7 @@ def test_planted_wrong_answers_are_found(two_link: Instance, proved: Reference, 
     assert judge(two_link, proved, suboptimal, 0.5).kind == "right"
 
 
-def test_what_our_interval_cannot_decide_is_not_called_wrong(
-    two_link: Instance, proved: Reference, best: Answer
-) -> None:
+def test_what_our_interval_cannot_decide_is_not_called_wrong(two_link, proved, best):
     wide = replace(proved, lower=0.0)
     verdict = judge(two_link, wide, replace(best, multipliers=None), 1e-8)
     assert verdict.kind == "inaccurate"
@@ -152,7 +148,7 @@ def test_what_our_interval_cannot_decide_is_not_called_wrong(
 
 @pytest.mark.parametrize("name", list(CONTESTANTS))
 @pytest.mark.parametrize("problem", SMALL)
-def test_every_contestant_on_every_small_instance(name: str, problem: str) -> None:
+def test_every_contestant_on_every_small_instance(name, problem):
     contestant = CONTESTANTS[name]
     if contestant.absent:
         pytest.skip(contestant.absent)
@@ -173,7 +169,7 @@ def test_every_contestant_on_every_small_instance(name: str, problem: str) -> No
         assert verdict.kind == "right" or admits
 
 
-def test_the_forms_users_write_have_the_same_optimum(two_link: Instance) -> None:
+def test_the_forms_users_write_have_the_same_optimum(two_link):
     known = reference(two_link)
     for formulation in ("residual", "gram", "rows"):
         posed = replace(two_link, formulation=formulation)
@@ -186,7 +182,7 @@ def test_the_forms_users_write_have_the_same_optimum(two_link: Instance) -> None
     assert difference > 0.0
 
 
-def test_conic_errors_see_each_kind_of_mistake(two_link: Instance) -> None:
+def test_conic_errors_see_each_kind_of_mistake(two_link):
     """Zero at the optimum; each error by itself, planted; of the entropic problem too."""
     for made in (two_link, instance("two_link one-step regulariser")):
         conic = made.sdp.conic
@@ -226,7 +222,7 @@ def _raise() -> bytes:
     raise ValueError("the matrix is odd")
 
 
-def test_a_run_ends_in_its_own_process() -> None:
+def test_a_run_ends_in_its_own_process():
     assert in_child(lambda: b"x" * 200_000, 20.0, 1.0)[:2] == ("ended", b"x" * 200_000)
     kind, _, seconds = in_child(_sleep, 0.3, 1.0)
     assert kind == "timeout"
@@ -240,7 +236,7 @@ def test_a_run_ends_in_its_own_process() -> None:
     assert (kind, words) == ("failed", "ValueError: the matrix is odd")
 
 
-def test_seconds_are_processor_time(two_link: Instance, proved: Reference, best: Answer) -> None:
+def test_seconds_are_processor_time(two_link, proved, best):
     """Of two contestants that say half a second, one sleeps and the other's program computes."""
     busy = "import time\nwhile time.process_time() < 0.5: pass"
 
@@ -262,7 +258,7 @@ def test_seconds_are_processor_time(two_link: Instance, proved: Reference, best:
     assert 0.5 * 0.5 / elapsed <= spun <= 0.5
 
 
-def test_names_that_do_not_exist_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_that_do_not_exist_are_refused(monkeypatch):
     with pytest.raises(InputError, match=r"'gurobi' is unknown: there are: clarabel"):
         chosen(["gurobi"])
     with pytest.raises(InputError, match=r"choose from two_link, panda"):
@@ -275,7 +271,7 @@ def test_names_that_do_not_exist_are_refused(monkeypatch: pytest.MonkeyPatch) ->
         instance("x")
 
 
-def test_summary_of_known_runs(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_summary_of_known_runs(tmp_path):
     def row(
         problem: str, solver: str, kind: str, seconds: float, gap: float = 1e-9
     ) -> dict[str, object]:
@@ -325,7 +321,7 @@ def _run(problem: str, solver: str, **changes: object) -> dict[str, object]:
     return row | changes
 
 
-def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time() -> None:
+def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time():
     rows = [
         _run("a", "slow"), _run("b", "slow", seconds=0.3),
         _run("a", "quick", seconds=0.001),
@@ -343,7 +339,7 @@ def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time() -> None
     assert summary.answer(rows[-2:]) == ""
 
 
-def test_written_intervals_contain_what_was_proved() -> None:
+def test_written_intervals_contain_what_was_proved():
     rng = np.random.default_rng(0)
     for value in (*rng.normal(size=200) * 10.0 ** rng.integers(-9, 9, 200), 768.30886830123, -1e-17):
         row = dict.fromkeys(("lower", "upper"), float(value)) | {"gap": abs(float(value))}

@@ -1,7 +1,5 @@
 """Runs of the shootout: resuming, killed processes and workers; nothing is lost."""
 
-from __future__ import annotations
-
 import csv
 import os
 import signal
@@ -25,10 +23,10 @@ def setup(out: Path, **changes: object) -> Shootout:
         "accuracies": (1e-4, 1e-6),
         "jobs": 1,
     }
-    return Shootout(out, **{**chosen, **changes})  # type: ignore[arg-type]
+    return Shootout(out, **{**chosen, **changes})
 
 
-def test_runs_resume(tmp_path: Path) -> None:
+def test_runs_resume(tmp_path):
     out = tmp_path / "shootout"
     first = runner.run(setup(out))
     rows = first.results.rows
@@ -55,7 +53,7 @@ def test_runs_resume(tmp_path: Path) -> None:
     assert len(more.results.rows) == 4
 
 
-def test_runs_of_an_instance_that_changed_are_done_again(tmp_path: Path) -> None:
+def test_runs_of_an_instance_that_changed_are_done_again(tmp_path):
     runner.run(setup(tmp_path / "s", solvers=["clarabel"], accuracies=(1e-4,)))
     path = tmp_path / "s" / "runs.csv"
     digest = Results(tmp_path / "s").rows[0]["hash"]
@@ -65,7 +63,7 @@ def test_runs_of_an_instance_that_changed_are_done_again(tmp_path: Path) -> None
     assert [r["hash"] for r in outcome.results.rows] == [digest]
 
 
-def test_folders_that_hold_something_else_are_refused(tmp_path: Path) -> None:
+def test_folders_that_hold_something_else_are_refused(tmp_path):
     (tmp_path / "table_III.csv").write_text("a,b\n1,2\n")
     with pytest.raises(InputError, match="holds other files"):
         Results(tmp_path)
@@ -79,7 +77,7 @@ def test_folders_that_hold_something_else_are_refused(tmp_path: Path) -> None:
         Results(other)
 
 
-def test_the_time_limit_ends_one_cell_and_tighter_ones_are_not_tried(tmp_path: Path) -> None:
+def test_the_time_limit_ends_one_cell_and_tighter_ones_are_not_tried(tmp_path):
     outcome = runner.run(setup(tmp_path / "s", solvers=["penalty"], time_limit=1e-3))
     kinds = {r["settings"]: (r["class"], r["remark"]) for r in outcome.results.rows}
     assert kinds["1e-04"][0] == kinds["1e-06"][0] == "timeout"
@@ -87,13 +85,13 @@ def test_the_time_limit_ends_one_cell_and_tighter_ones_are_not_tried(tmp_path: P
 
 
 @pytest.mark.parametrize("accuracies", [(), (0.0,), (2.0,)])
-def test_senseless_settings_are_refused(tmp_path: Path, accuracies: tuple[float, ...]) -> None:
+def test_senseless_settings_are_refused(tmp_path, accuracies):
     with pytest.raises(InputError, match="--accuracy"):
         setup(tmp_path, accuracies=accuracies)
 
 
 @pytest.mark.slow
-def test_a_cluster_loses_nothing_when_a_worker_is_killed(tmp_path: Path) -> None:
+def test_a_cluster_loses_nothing_when_a_worker_is_killed(tmp_path):
     distributed = pytest.importorskip("distributed")
     quiet = {"silence_logs": 50, "dashboard_address": None}
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as local:
@@ -121,7 +119,7 @@ def test_a_cluster_loses_nothing_when_a_worker_is_killed(tmp_path: Path) -> None
     assert {r["class"] for r in outcome.results.rows} == {"right"}
 
 
-def test_nobody_at_the_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_at_the_address(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers"):

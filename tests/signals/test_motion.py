@@ -1,9 +1,6 @@
 """The record of a training motion: small, and near everything that it was made from."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,14 +15,13 @@ from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
 
 def share(train: Measurements, judged: Measurements) -> float:
     record = record_motion(train, SETTINGS)
-    assert record is not None
     kept = MotionRecord.from_dict(json.loads(json.dumps(record.to_dict())))
     found = kept.new_share_of(judged, SETTINGS)
     assert found is not None
     return found
 
 
-def test_what_has_been_trained_on_is_not_new() -> None:
+def test_what_has_been_trained_on_is_not_new():
     """Off the samples, at another rate, a period later; with a stand before it, of which only the
     sudden start is new."""
     once = run_of(10, 11.0)
@@ -38,7 +34,7 @@ def test_what_has_been_trained_on_is_not_new() -> None:
     assert share(both, run_of(16, 9.0, 0.9)) == 0.0
 
 
-def test_other_motion_is_new() -> None:
+def test_other_motion_is_new():
     once = run_of(10, 11.0)
     assert share(once, run_of(20, 11.0)) > 0.9
     assert share(run_of(10, 5.0), run_of(11, 4.0, 5.2)) > 0.9
@@ -52,11 +48,9 @@ def test_other_motion_is_new() -> None:
     assert share(once, slower) > 0.8
 
 
-def test_the_record_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_record_is_bounded(monkeypatch):
     """Periods add nothing; much motion is kept more coarsely, and stays known, or not at all."""
     one, ten = (record_motion(run_of(10, s), SETTINGS) for s in (11.0, 96.0))
-    assert one is not None
-    assert ten is not None
     assert ten.points < 1.5 * one.points
     rng = np.random.default_rng(3)
     wild = run_of(10, 120.0)
@@ -64,7 +58,6 @@ def test_the_record_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     wild.q[:, 0] = smooth / smooth.std()
     monkeypatch.setattr(motion, "_MOST", 14_000)
     record = record_motion(wild, SETTINGS)
-    assert record is not None
     assert 2 * JOINTS * record.points <= 14_000
     assert record.distance > motion.DISTANCE
     assert record.new_share_of(wild, SETTINGS) == 0.0
@@ -72,9 +65,8 @@ def test_the_record_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     assert record_motion(wild, SETTINGS) is None
 
 
-def test_records_join() -> None:
+def test_records_join():
     a, b = (record_motion(run_of(seed, 11.0), SETTINGS) for seed in (10, 20))
-    assert a is not None
     assert b is not None
     both = a.joined(b)
     assert both is not None
@@ -84,12 +76,11 @@ def test_records_join() -> None:
 
 
 @pytest.mark.real_data
-def test_the_panda_repeats_itself_after_a_period(data_folder: Path) -> None:
+def test_the_panda_repeats_itself_after_a_period(data_folder):
     """14.2-20.9 s are 0.9-7.6 s again; what lies between them is another motion."""
     problem = load_problem("panda")
     run = load_measurements(data_folder / "panda")
     settings = problem.preprocessing.resolve(run)
     for train, judged, new in (((0, 14), (14.2, 20.9), 0.0), ((0, 7.6), (8, 13.2), 1.0)):
         record = record_motion(run.window(*train), settings)
-        assert record is not None
         assert record.new_share_of(run.window(*judged), settings) == pytest.approx(new, abs=0.01)

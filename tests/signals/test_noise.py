@@ -1,7 +1,5 @@
 """The noise floor: that of the true noise, whatever the model gets wrong and wherever samples fall."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -64,17 +62,16 @@ PERIODS = {"on the rows": 9.6, "off the log": 9.6 + 0.37 * DT, "off the rows": 9
 @pytest.mark.long
 @pytest.mark.parametrize("ar", [0.0, 0.6, 0.98])
 @pytest.mark.parametrize("period", PERIODS.values(), ids=PERIODS)
-def test_the_floor_is_the_true_noises(period: float, ar: float) -> None:
+def test_the_floor_is_the_true_noises(period, ar):
     """Within 1 %, white or coloured, wherever the period ends between samples."""
     squares = []
     for seed in range(6):
         floor = noise_of(without_model(run_of(100 + seed, period, 160.0, ar))).floor
-        assert floor is not None
         squares.append(np.mean(floor**2))
     assert np.sqrt(np.mean(squares)) / true_floor(ar) == pytest.approx(1.0, abs=0.01)
 
 
-def test_the_floor_of_runs_that_repeat_each_other() -> None:
+def test_the_floor_of_runs_that_repeat_each_other():
     """Four runs with one motion, none of which repeats itself; each starts at another instant."""
     shown = []
     for seed in range(0, 16, 4):
@@ -86,7 +83,7 @@ def test_the_floor_of_runs_that_repeat_each_other() -> None:
     assert np.sqrt(np.mean(shown)) / true_floor(0.6) == pytest.approx(1.0, abs=0.03)
 
 
-def test_drift_and_events_are_no_noise() -> None:
+def test_drift_and_events_are_no_noise():
     run = run_of(3, 10.0, 80.0)
     clean = noise_of(without_model(run)).floor
     disturbed = run.tau + 0.02 * run.t[:, None]
@@ -98,7 +95,7 @@ def test_drift_and_events_are_no_noise() -> None:
     assert not noise.suspect[:, [0, 1, 3, 4, 5]].any()
 
 
-def test_without_repetition_the_spectrum_tells_the_noise_within_a_factor_of_two() -> None:
+def test_without_repetition_the_spectrum_tells_the_noise_within_a_factor_of_two():
     """The model's error is not in it."""
     rows = without_model(run_of(5, 80.0, 40.0))
     noise = noise_of(rows)
@@ -106,11 +103,11 @@ def test_without_repetition_the_spectrum_tells_the_noise_within_a_factor_of_two(
     assert np.all(np.abs(np.log2(noise.floor / true_floor(0.0))) < 1.0)
 
 
-def test_two_seconds_of_repetition_are_too_little() -> None:
+def test_two_seconds_of_repetition_are_too_little():
     assert noise_of(without_model(run_of(6, 20.0, 23.0))).source != REPETITION
 
 
-def test_whitening_makes_white_noise_of_unit_variance() -> None:
+def test_whitening_makes_white_noise_of_unit_variance():
     """The whitener of one run on another one's noise."""
     noise = noise_of(without_model(run_of(8, 9.63, 160.0, 0.98)))
     other = run_of(9, 9.63, 160.0, 0.98)
@@ -129,7 +126,7 @@ def correlation(x: Array) -> float:
     return float(np.corrcoef(x[1:], x[:-1])[0, 1])
 
 
-def test_a_window_has_the_floor_of_the_whole() -> None:
+def test_a_window_has_the_floor_of_the_whole():
     """A training window may throw the repetition away; the noise is that of all that was measured."""
     run = run_of(3, 9.63, 60.0)
     tau = run.tau.copy()
@@ -148,7 +145,7 @@ def test_a_window_has_the_floor_of_the_whole() -> None:
 
 
 @pytest.mark.parametrize(("rate", "colour"), [(250.0, 0.0), (500.0, 0.5), (1000.0, 0.7)])
-def test_the_floor_is_right_within_30_percent(rate: float, colour: float) -> None:
+def test_the_floor_is_right_within_30_percent(rate, colour):
     """Of a motion that never repeats, with friction that turns round, below coloured noise."""
     from scipy.signal import lfilter
 
@@ -165,7 +162,7 @@ def test_the_floor_is_right_within_30_percent(rate: float, colour: float) -> Non
     np.testing.assert_allclose(floor, rows.torque.std(axis=0), rtol=0.3)
 
 
-def test_torque_that_was_smoothed_before_it_was_logged_says_nothing_of_its_noise() -> None:
+def test_torque_that_was_smoothed_before_it_was_logged_says_nothing_of_its_noise():
     """As on a real UR10: far above the motion there is only what the drive's filter has left."""
     from scipy.signal import butter, sosfiltfilt
 
@@ -178,7 +175,7 @@ def test_torque_that_was_smoothed_before_it_was_logged_says_nothing_of_its_noise
     assert spectral_floor(segmented(Measurements(t, q, smooth), settings)) is None
 
 
-def test_torque_that_is_louder_while_the_arm_moves_says_nothing_of_its_noise() -> None:
+def test_torque_that_is_louder_while_the_arm_moves_says_nothing_of_its_noise():
     """As on a real TX40: halves of one log had floors 31 times apart."""
     rng = np.random.default_rng(3)
     t = np.arange(0.0, 24.0, 0.002)
@@ -193,7 +190,7 @@ def test_torque_that_is_louder_while_the_arm_moves_says_nothing_of_its_noise() -
     assert spectral_floor(swelling) is None
 
 
-def test_a_log_that_is_too_slow_or_short_shows_nothing() -> None:
+def test_a_log_that_is_too_slow_or_short_shows_nothing():
     t = np.arange(0.0, 3.0, 0.05)
     q = np.sin(t)[:, None]
     rows = segmented(Measurements(t, q, q), Preprocessing(2.0, 4.0))

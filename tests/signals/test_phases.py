@@ -1,7 +1,5 @@
 """Splits by phase: no motion on both sides, whatever the period, the stand before it, the run."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from periodic_runs import SETTINGS, run_of
@@ -24,7 +22,7 @@ def folds_of(*runs: Measurements, count: int = 5) -> PhaseFolds:
 
 
 @pytest.mark.parametrize("still", [0.0, 3.0])
-def test_samples_a_period_apart_are_on_one_side(still: float) -> None:
+def test_samples_a_period_apart_are_on_one_side(still):
     run = run_of(10, 27.0, still=still)
     (clock,) = motion_clocks(tracks_of(run))
     assert clock.periodic
@@ -40,7 +38,7 @@ def test_samples_a_period_apart_are_on_one_side(still: float) -> None:
         assert not np.any(uses[1] & kept[0])
 
 
-def test_every_instant_is_tested_once_and_the_guard_is_kept() -> None:
+def test_every_instant_is_tested_once_and_the_guard_is_kept():
     run = run_of(10, 8.0)  # not long enough to repeat itself
     split = folds_of(run, count=4)
     assert not split.clocks[0].periodic
@@ -53,7 +51,7 @@ def test_every_instant_is_tested_once_and_the_guard_is_kept() -> None:
         assert len(train) > 0.3 * len(run.t)
 
 
-def test_runs_of_one_motion_share_its_clock() -> None:
+def test_runs_of_one_motion_share_its_clock():
     """Whether it repeats itself in them or not, wherever each begins; other runs have their own."""
     runs = [run_of(10, 8.0), run_of(20, 8.0), run_of(11, 7.0, 1.3)]
     clocks = motion_clocks(tracks_of(concatenate(runs)))
@@ -65,7 +63,7 @@ def test_runs_of_one_motion_share_its_clock() -> None:
     assert clocks[1].at(0.0) == pytest.approx(clocks[0].at(6.0), abs=0.02)
 
 
-def test_ramps_and_stands_hide_no_period() -> None:
+def test_ramps_and_stands_hide_no_period():
     """A way to where the motion repeats, and one from there, of up to two seconds."""
     run = run_of(10, 24.0)
     edge = np.clip(np.minimum(run.t, run.t[-1] - run.t) / 1.2, 0.0, 1.0)[:, None]
@@ -73,7 +71,7 @@ def test_ramps_and_stands_hide_no_period() -> None:
     assert repeat_period(run.t, run_of(10, 24.0, period=40.0).q) is None
 
 
-def test_a_run_is_split_by_phase() -> None:
+def test_a_run_is_split_by_phase():
     """Two parts of one period, and of all its repetitions; none where it repeats too fast."""
     run = run_of(10, 27.0)
     (clock,) = motion_clocks(tracks_of(run))

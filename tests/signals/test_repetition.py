@@ -1,7 +1,5 @@
 """Where a motion comes back: the period, and what counts as a repeat."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np
@@ -24,7 +22,7 @@ def periodic(rng: np.random.Generator, t: np.ndarray, period: float, joints: int
 
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(seeds, st.floats(4.0, 9.0))
-def test_the_period_is_found_between_the_samples(seed: int, period: float) -> None:
+def test_the_period_is_found_between_the_samples(seed, period):
     rng = np.random.default_rng(seed)
     t = np.arange(3.0, 24.0, 0.031)
     q = periodic(rng, t, period) + 1e-4 * rng.normal(size=(len(t), 3))
@@ -33,14 +31,14 @@ def test_the_period_is_found_between_the_samples(seed: int, period: float) -> No
 
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(seeds)
-def test_motion_without_repetition_has_no_period(seed: int) -> None:
+def test_motion_without_repetition_has_no_period(seed):
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 20.0, 0.03)
     q = np.sin(np.outer(t, rng.uniform(0.3, 4.0, 12))) @ rng.normal(size=(12, 3))
     assert repeat_period(t, q + 0.3 * t[:, None]) is None
 
 
-def test_one_joint_that_does_not_repeat_is_enough_however_small_its_motion() -> None:
+def test_one_joint_that_does_not_repeat_is_enough_however_small_its_motion():
     rng = np.random.default_rng(0)
     t = np.arange(0.0, 20.0, 0.03)
     q = periodic(rng, t, 5.0)
@@ -49,7 +47,7 @@ def test_one_joint_that_does_not_repeat_is_enough_however_small_its_motion() -> 
     assert repeat_period(t, q) is None
 
 
-def test_a_joint_that_only_flickers_does_not_hide_the_period() -> None:
+def test_a_joint_that_only_flickers_does_not_hide_the_period():
     rng = np.random.default_rng(0)
     t = np.arange(0.0, 20.0, 0.03)
     q = periodic(rng, t, 5.0)
@@ -57,21 +55,21 @@ def test_a_joint_that_only_flickers_does_not_hide_the_period() -> None:
     assert repeat_period(t, q) == pytest.approx(5.0, abs=2e-3)
 
 
-def test_standing_still_and_short_runs_have_no_period() -> None:
+def test_standing_still_and_short_runs_have_no_period():
     t = np.arange(0.0, 10.0, 0.03)
     assert repeat_period(t, np.zeros((len(t), 2))) is None
     short = t[t < 2.5]
     assert repeat_period(short, periodic(np.random.default_rng(0), short, 1.0)) is None
 
 
-def test_slow_motion_is_not_its_own_repetition() -> None:
+def test_slow_motion_is_not_its_own_repetition():
     """Neighbouring samples of a slow motion are alike; only a valley of the difference is a repeat."""
     t = np.arange(0.0, 300.0, 0.1)
     q = np.sin(2.0 * np.pi * t / 400.0)[:, None]
     assert repeat_period(t, q) is None
 
 
-def test_long_logs_take_no_quadratic_time() -> None:
+def test_long_logs_take_no_quadratic_time():
     rng = np.random.default_rng(0)
     t = np.arange(0.0, 3600.0, 0.031)  # an hour of rows
     q = periodic(rng, t, 700.0, 6)
@@ -81,7 +79,7 @@ def test_long_logs_take_no_quadratic_time() -> None:
     assert period == pytest.approx(700.0, abs=1e-2)
 
 
-def test_what_differs_at_one_phase_between_other_instants_too_is_no_event() -> None:
+def test_what_differs_at_one_phase_between_other_instants_too_is_no_event():
     """Five periods of 100 rows: rows 20 to 23 of one period are odd, or others are too."""
     rows = np.arange(400)
     both, phase = np.column_stack([rows, rows + 100]), rows % 100.0

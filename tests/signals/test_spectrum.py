@@ -1,7 +1,5 @@
 """The state filter's cut-off follows the motion, and stops at the noise."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty import Measurements
@@ -23,17 +21,14 @@ def _resolved(sticks: bool, noise: float = NOISE) -> Preprocessing:
     return Preprocessing().resolve(Measurements(t, q[:, None], torque[:, None]))
 
 
-def test_a_joint_that_sticks_moves_more_sharply_than_it_was_told_to() -> None:
+def test_a_joint_that_sticks_moves_more_sharply_than_it_was_told_to():
     smooth, sharp = _resolved(False), _resolved(True)
-    assert smooth.state_cutoff is not None
     assert sharp.state_cutoff is not None
     assert smooth.torque_cutoff == 1.6 * smooth.state_cutoff
     assert sharp.state_cutoff > 2.0 * smooth.state_cutoff
     assert sharp.torque_cutoff == smooth.torque_cutoff
 
 
-def test_noise_of_the_positions_is_not_let_through_for_it() -> None:
+def test_noise_of_the_positions_is_not_let_through_for_it():
     fine, coarse = _resolved(True), _resolved(True, 300.0 * NOISE)
-    assert fine.state_cutoff is not None
-    assert coarse.state_cutoff is not None
     assert coarse.state_cutoff < fine.state_cutoff

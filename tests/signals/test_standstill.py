@@ -1,7 +1,5 @@
 """When a joint stands still, as far as its positions can tell."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -27,13 +25,13 @@ def positions(held: float, resolution: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("resolution", [1e-5, 5e-5, 2e-4])
-def test_a_smooth_reversal_is_no_standstill_whatever_the_encoder(resolution: float) -> None:
+def test_a_smooth_reversal_is_no_standstill_whatever_the_encoder(resolution):
     q, _ = positions(0.0, resolution)
     assert not still(q).any()
 
 
 @pytest.mark.parametrize("held", [0.06, 0.3, 1.0])
-def test_a_joint_that_is_held_stands_still_that_long(held: float) -> None:
+def test_a_joint_that_is_held_stands_still_that_long(held):
     q, standing = positions(held, 2e-5)
     found = still(q)[:, 0]
     assert found[standing].mean() > 0.95
@@ -41,7 +39,7 @@ def test_a_joint_that_is_held_stands_still_that_long(held: float) -> None:
     assert found[~standing].mean() < 0.05
 
 
-def test_noise_on_positions_is_told_from_motion() -> None:
+def test_noise_on_positions_is_told_from_motion():
     q, standing = positions(0.3, 1e-9)
     noisy = q + np.random.default_rng(0).normal(0.0, 2e-5, q.shape)
     assert still(noisy)[standing].mean() > 0.9
@@ -65,7 +63,7 @@ def stopping(rng: np.random.Generator, d: float | None) -> tuple[np.ndarray, np.
 
 
 @pytest.mark.parametrize(("d", "holds"), [(None, True), (1e-3, False), (5e-5, False), (5e-6, True)])
-def test_friction_that_turns_round_at_rest_holds(d: float | None, holds: bool) -> None:
+def test_friction_that_turns_round_at_rest_holds(d, holds):
     friction, rates, share = stopping(np.random.default_rng(0), d)
     rows = [np.arange(300), np.arange(300, 720)]
     assert turned_at_rest(friction, rates, share, rows) is holds
@@ -77,7 +75,7 @@ def test_friction_that_turns_round_at_rest_holds(d: float | None, holds: bool) -
 
 
 @pytest.mark.parametrize("law", ["dahl", "anything"])
-def test_what_a_law_of_friction_says_is_evidence_and_what_none_says_weighs_as_one_row(law: str) -> None:
+def test_what_a_law_of_friction_says_is_evidence_and_what_none_says_weighs_as_one_row(law):
     """A joint creeps while friction yields, or is held by a torque that no position shows."""
     rng = np.random.default_rng(4)
     t = np.arange(4000) / 100.0

@@ -1,7 +1,5 @@
 """The challenge: cases end to end, judged by rules with known answers, resumed, reported."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,7 @@ from challenge.cases import (
 from challenge.classes import CLASSES, EFFECTS, USUAL
 from challenge.report import report_text
 
-from sdp_vs_penalty import InputError, Measurements, Problem, diagnose, identify
+from sdp_vs_penalty import InputError, diagnose, identify
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.parallel import ALONE
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
@@ -30,7 +28,7 @@ from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN
 RESULTS = Path(__file__).parents[2] / "results"
 
 
-def test_what_is_hidden_is_called_as_the_library_calls_it() -> None:
+def test_what_is_hidden_is_called_as_the_library_calls_it():
     named = {**EFFECTS, **FROZEN}
     assert set(named) | set(USUAL) <= set(effect_types())
     fair = {effect for nuisance in NUISANCES.values() for effect in nuisance.fair}
@@ -38,7 +36,7 @@ def test_what_is_hidden_is_called_as_the_library_calls_it() -> None:
 
 
 @pytest.mark.slow
-def test_hidden_effects_have_their_size_and_level() -> None:
+def test_hidden_effects_have_their_size_and_level():
     """Sized on a coarse grid, met on the fine one; each effect once in so many cases."""
     met = set()
     for index in range(len(EFFECTS)):
@@ -55,7 +53,7 @@ def test_hidden_effects_have_their_size_and_level() -> None:
 
 
 @pytest.mark.slow
-def test_hidden_effects_are_found_and_clean_robots_are_clean() -> None:
+def test_hidden_effects_are_found_and_clean_robots_are_clean():
     """Small cases end to end; that sign and size agree is physics stated twice."""
     hidden = run_case(Case("strong", "encoder", 1000, 20))[1]
     assert judge.counted(hidden)
@@ -65,7 +63,7 @@ def test_hidden_effects_are_found_and_clean_robots_are_clean() -> None:
     assert judge.abstained(run_case(Case("unknown_strong", "encoder", 1000, 10))[1])
 
 
-def test_a_smoothed_channel_is_named_not_the_friction_that_it_bends() -> None:
+def test_a_smoothed_channel_is_named_not_the_friction_that_it_bends():
     """A moving average of 40 ms has the second moment of a filter and its mirror image of 8.2 ms."""
     (found,) = run_case(Case("clean", "smoothed", 3300, 0))[1]["found"]
     assert (found["effect"], found["shape"]["phase"]) == ("torque_filter", 2.0)
@@ -73,14 +71,14 @@ def test_a_smoothed_channel_is_named_not_the_friction_that_it_bends() -> None:
 
 
 @pytest.mark.slow
-def test_no_law_mends_a_constant_that_went_astray() -> None:
+def test_no_law_mends_a_constant_that_went_astray():
     """Friction that differs by direction, once reported with a Stribeck friction beside a Coulomb
     width of 0.023 rad/s instead of 0.01: without the one, the other is right."""
     found = run_case(Case("clean", "asymmetric", 88100, 0))[1]["found"]
     assert {f["effect"] for f in found} == {"asymmetric_viscous_friction", "asymmetric_coulomb_friction"}
 
 
-def test_a_contact_is_an_event_not_an_effect() -> None:
+def test_a_contact_is_an_event_not_an_effect():
     record = run_case(Case("disturbance", "encoder", 1000, 9))[1]
     assert record["truth"][0]["kind"] == "contact"
     assert judge.flagged(record)
@@ -98,7 +96,7 @@ def record(*findings: dict[str, Any], **more: Any) -> dict[str, Any]:
     return usual | {"truth": [], "verdict": verdict, "found": list(findings)} | more
 
 
-def test_clean_robots_are_judged_by_what_was_stated_beforehand() -> None:
+def test_clean_robots_are_judged_by_what_was_stated_beforehand():
     dahl = found("presliding_hysteresis", 2)
     assert judge.outcome(record()) == "silent"
     assert judge.outcome(record(dahl)) == "false"
@@ -109,7 +107,7 @@ def test_clean_robots_are_judged_by_what_was_stated_beforehand() -> None:
     assert judge.outcome(record(verdict="refused", abstains=True)) == "false"
 
 
-def test_findings_are_judged_beside_the_truth() -> None:
+def test_findings_are_judged_beside_the_truth():
     truth = {"effect": "joint_spring", "joints": [2], "size": 0.8, "shape": {}}
     spring, other = found("joint_spring", 2), found("torque_delay", 1)
     right = record(spring, other, truth=[truth], energy=[100.0], deviation=[0.0])
@@ -130,7 +128,7 @@ def test_findings_are_judged_beside_the_truth() -> None:
 
 
 @pytest.mark.slow
-def test_a_challenge_goes_on_where_it_stopped(tmp_path: Path) -> None:
+def test_a_challenge_goes_on_where_it_stopped(tmp_path):
     kinds, conditions = ["clean"], ["rate", "short"]
     paths = run_challenge(1, 5, tmp_path, ALONE, kinds, conditions)
     assert [p.name for p in paths] == ["challenge.json", "challenge.md"]
@@ -146,13 +144,13 @@ def test_a_challenge_goes_on_where_it_stopped(tmp_path: Path) -> None:
         run_challenge(1, 0, tmp_path, nuisances=["luck"])
 
 
-def test_cases_do_not_depend_on_which_others_are_run() -> None:
+def test_cases_do_not_depend_on_which_others_are_run():
     every = wanted(30, 4, list(CLASSES), list(NUISANCES))
     assert len({case.key for case in every}) == len(every)
     assert wanted(3, 4, ["weak"], list(NUISANCES)) == [c for c in every if c.kind == "weak"][:3]
 
 
-def test_the_committed_report_is_made_from_the_committed_cases() -> None:
+def test_the_committed_report_is_made_from_the_committed_cases():
     kept = json.loads((RESULTS / "challenge.json").read_text())
     if kept["version"] != VERSION:
         pytest.skip("the committed cases are of an earlier format")
@@ -165,7 +163,7 @@ def test_the_committed_report_is_made_from_the_committed_cases() -> None:
 
 @pytest.mark.reproduce
 @pytest.mark.parametrize("name", CLASSES)
-def test_cases_of_the_challenge_come_out_as_committed(name: str) -> None:
+def test_cases_of_the_challenge_come_out_as_committed(name):
     """One case a class again, to the digits that are kept of it."""
     cases = json.loads((RESULTS / "challenge.json").read_text())["cases"]
     key, record = next((k, r) for k, r in cases.items() if r["class"] == name)
@@ -186,7 +184,7 @@ def approximately(value: Any) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.real_data
-def test_the_real_panda_misses_presliding_hysteresis(panda: Problem, panda_run: Measurements) -> None:
+def test_the_real_panda_misses_presliding_hysteresis(panda, panda_run):
     train, test = panda_run.window(0.0, 14.0), panda_run.window(14.2, 100.0)
     effects = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
     estimate = identify(panda, train, "ols", effects=effects)

@@ -1,7 +1,5 @@
 """Models run forward along measured runs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +27,7 @@ def known() -> tuple[Estimate, Measurements]:
 
 
 @pytest.mark.long
-def test_the_truth_follows_itself(known: tuple[Estimate, Measurements]) -> None:
+def test_the_truth_follows_itself(known):
     estimate, run = known
     made = follow(estimate, run)
     assert np.all(made.share < 0.02)
@@ -44,7 +42,7 @@ def test_the_truth_follows_itself(known: tuple[Estimate, Measurements]) -> None:
 
 
 @pytest.mark.long
-def test_a_wrong_model_is_found_out(known: tuple[Estimate, Measurements]) -> None:
+def test_a_wrong_model_is_found_out(known):
     estimate, run = known
     theta = estimate.theta.copy()
     theta[estimate.model.rigid_indices] *= 1.3
@@ -53,13 +51,13 @@ def test_a_wrong_model_is_found_out(known: tuple[Estimate, Measurements]) -> Non
     assert follow(wrong, run, drive="pd").share.max() > 0.1
 
 
-def test_what_cannot_move_is_refused(known: tuple[Estimate, Measurements]) -> None:
+def test_what_cannot_move_is_refused(known):
     estimate, run = known
     theta = estimate.theta.copy()
     theta[estimate.model.rigid_indices] *= -1.0
     with pytest.raises(InputError, match="not positive definite"):
         follow(replace(estimate, theta=theta), run)
     with pytest.raises(InputError, match="drive"):
-        follow(estimate, run, drive="wind")  # type: ignore[arg-type]
+        follow(estimate, run, drive="wind")
     with pytest.raises(InputError, match="s"):
         follow(estimate, run.window(0.0, 0.2))

@@ -1,15 +1,11 @@
 """Simulated measurements: each part by itself, and the committed noise figures by estimation."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
-from sdp_vs_penalty import InputError, Measurements, Problem, compare, identify, load_problem
+from sdp_vs_penalty import InputError, Measurements, compare, identify, load_problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
 from sdp_vs_penalty.simulation.simulate import innovation_share, simulate
@@ -44,7 +40,7 @@ def step_size(values: Array) -> float:
     return float(np.diff(np.unique(np.round(np.asarray(values, float), 7))).min())
 
 
-def test_an_ideal_sensor_shows_the_truth(panda: Problem) -> None:
+def test_an_ideal_sensor_shows_the_truth(panda):
     x = experiment(panda)
     model = panda.model(["rigid_body"])
     m = simulate(x.trajectory, [lambda motion: model.torque(x.links.ravel(), motion)], Sensor.ideal(7))
@@ -55,7 +51,7 @@ def test_an_ideal_sensor_shows_the_truth(panda: Problem) -> None:
     np.testing.assert_allclose(m.tau, expected, atol=1e-10)
 
 
-def test_sigmoid_friction_is_the_papers_formula(panda: Problem) -> None:
+def test_sigmoid_friction_is_the_papers_formula(panda):
     phi = experiment(panda).friction
     assert phi is not None
     dq = np.random.default_rng(0).uniform(-2.0, 2.0, (50, 7))
@@ -67,7 +63,7 @@ def test_sigmoid_friction_is_the_papers_formula(panda: Problem) -> None:
     np.testing.assert_allclose(rest, 0.0, atol=1e-15)
 
 
-def test_noise_has_the_spectrum_it_is_given(panda: Problem) -> None:
+def test_noise_has_the_spectrum_it_is_given(panda):
     sensor = experiment(panda).sensor
     e = sensor.noise(200_000, np.random.default_rng(1))
     np.testing.assert_allclose(e.std(axis=0), sensor.torque_std, rtol=0.02)
@@ -79,19 +75,19 @@ def test_noise_has_the_spectrum_it_is_given(panda: Problem) -> None:
         assert np.abs(lagged).max() < 0.01
 
 
-def test_an_unstable_noise_process_is_refused() -> None:
+def test_an_unstable_noise_process_is_refused():
     with pytest.raises(InputError, match="no stable process"):
         Sensor(1000.0, np.ones(1), np.array([[1.01]]), np.zeros(1), np.zeros(1))
 
 
-def test_same_seed_same_bits_other_seed_other_noise(two_link: Problem) -> None:
+def test_same_seed_same_bits_other_seed_other_noise(two_link):
     x = experiment(two_link)
     one, two, other = x.training_run(5), x.training_run(5), x.training_run(6)
     assert one.data_hash == two.data_hash != other.data_hash
     np.testing.assert_array_equal(one.q, other.q)
 
 
-def test_the_log_is_jittered_held_and_quantised_as_the_real_one(panda: Problem) -> None:
+def test_the_log_is_jittered_held_and_quantised_as_the_real_one(panda):
     m = experiment(panda).training_run()
     steps = np.diff(m.t)
     assert steps.min() > 0.0
@@ -104,9 +100,7 @@ def test_the_log_is_jittered_held_and_quantised_as_the_real_one(panda: Problem) 
 
 
 @pytest.mark.real_data
-def test_the_committed_sensor_is_what_the_real_run_shows(
-    panda: Problem, panda_run: Measurements
-) -> None:
+def test_the_committed_sensor_is_what_the_real_run_shows(panda, panda_run):
     sensor = experiment(panda).sensor
     std, ar = repetition_noise(panda_run, 2.0 / 0.15, sensor.rate)
     np.testing.assert_allclose(sensor.torque_std, std, atol=6e-5)
@@ -119,7 +113,7 @@ def test_the_committed_sensor_is_what_the_real_run_shows(
 
 
 @pytest.mark.real_data
-def test_simulated_noise_reads_like_the_real_one(panda: Problem, panda_run: Measurements) -> None:
+def test_simulated_noise_reads_like_the_real_one(panda, panda_run):
     """Estimated from a simulated run as from the real one, and behind the filters of `compare`."""
     x = experiment(panda)
     run = x.training_run()
@@ -136,7 +130,7 @@ def test_simulated_noise_reads_like_the_real_one(panda: Problem, panda_run: Meas
     assert np.all((ratio > 0.5) & (ratio < 2.0))
 
 
-def test_any_robot_has_an_experiment(tmp_path: Path) -> None:
+def test_any_robot_has_an_experiment(tmp_path):
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(
         """<robot name="arm">

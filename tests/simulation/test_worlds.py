@@ -1,7 +1,5 @@
 """The challenge's own worlds: independent of the library, right by physics, drawn by their seed."""
 
-from __future__ import annotations
-
 import ast
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +32,7 @@ ALLOWED = {
 }
 
 
-def test_the_worlds_share_nothing_with_the_library_that_they_judge() -> None:
+def test_the_worlds_share_nothing_with_the_library_that_they_judge():
     for path in FOLDER.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
@@ -45,7 +43,7 @@ def test_the_worlds_share_nothing_with_the_library_that_they_judge() -> None:
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_arms_are_bodies_that_move(name: str) -> None:
+def test_arms_are_bodies_that_move(name):
     """Positive definite mass matrices, friction on all joints, energy kept by the dynamics."""
     arm = load_arm(name)
     assert (arm.coulomb > 0.0).all()
@@ -60,7 +58,7 @@ def test_arms_are_bodies_that_move(name: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_motions_stay_inside_limits_and_their_rates_are_their_derivatives(kind: str) -> None:
+def test_motions_stay_inside_limits_and_their_rates_are_their_derivatives(kind):
     arm = load_arm("scara")
     t = np.arange(0.0, 12.0, 1e-3)
     q, dq, ddq = plan(arm, kind, 12.0, np.random.default_rng(3))(t)
@@ -72,7 +70,7 @@ def test_motions_stay_inside_limits_and_their_rates_are_their_derivatives(kind: 
 
 
 @pytest.mark.parametrize("travel", [1e-6, 0.005])
-def test_bristles_follow_dahls_curve_over_travel_however_stiff(travel: float) -> None:
+def test_bristles_follow_dahls_curve_over_travel_however_stiff(travel):
     """After a reversal z = 1 - 2 exp(-x / d) in closed form (Dahl 1976, for sigma = 1)."""
     t = np.arange(0.0, 2.0, 1e-3)
     dq = 0.3 * np.sin(np.pi * t)[:, None]
@@ -83,7 +81,7 @@ def test_bristles_follow_dahls_curve_over_travel_however_stiff(travel: float) ->
     assert np.abs(z[after] - exact).max() < 2e-3
 
 
-def test_lugre_slides_at_the_stribeck_level() -> None:
+def test_lugre_slides_at_the_stribeck_level():
     t = np.arange(0.0, 3.0, 1e-3)
     one = np.ones(1)
     law = DryFriction("lugre", 0.01 * one, 0.002 * one, 0.3 * one, 0.05 * one)
@@ -92,7 +90,7 @@ def test_lugre_slides_at_the_stribeck_level() -> None:
         assert law.share(t, np.full((len(t), 1), speed))[-1, 0] == pytest.approx(level, rel=1e-4)
 
 
-def test_a_driven_joint_sticks_and_friction_holds_it_below_the_coulomb_torque() -> None:
+def test_a_driven_joint_sticks_and_friction_holds_it_below_the_coulomb_torque():
     """Between two moves; what moves follows the plan, and its rates are the derivatives."""
     world = draw_world(Conditions("scara", law="sign", servo=True), np.random.default_rng(2))
     t = np.arange(0.0, 6.0, 1e-3)
@@ -109,7 +107,7 @@ def test_a_driven_joint_sticks_and_friction_holds_it_below_the_coulomb_torque() 
     assert np.abs(np.diff(world.torque(m), axis=0)).max() < 0.1 * np.ptp(world.torque(m))
 
 
-def test_channels_and_noise_are_what_they_say() -> None:
+def test_channels_and_noise_are_what_they_say():
     t = np.arange(0.0, 4.0, 1e-3)
     wave = np.sin(2 * np.pi * 2.0 * t)[:, None]
     late = first_order(wave, 1e-3, 0.02)[2000:, 0]
@@ -125,7 +123,7 @@ def test_channels_and_noise_are_what_they_say() -> None:
 
 
 @pytest.mark.parametrize("name", NUISANCES)
-def test_every_nuisance_makes_runs_that_its_seed_repeats(name: str) -> None:
+def test_every_nuisance_makes_runs_that_its_seed_repeats(name):
     runs = []
     for _ in range(2):
         rng = np.random.default_rng(17)

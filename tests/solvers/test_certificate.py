@@ -1,7 +1,5 @@
 """The certificate judges: known optima are enclosed, wrong answers stand out, conflicts are named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -101,7 +99,7 @@ class Known:
 
 @quick
 @given(seeds, st.integers(1, 3))
-def test_the_interval_of_the_estimator_holds_the_known_optimum(seed: int, links: int) -> None:
+def test_the_interval_of_the_estimator_holds_the_known_optimum(seed, links):
     known = Known(seed, links)
     fit = LmiSdpThickness(thickness=THICKNESS).fit(known.task)
     theta, certificate = certify(known.task, fit)
@@ -124,7 +122,7 @@ def test_the_interval_of_the_estimator_holds_the_known_optimum(seed: int, links:
 
 @quick
 @given(seeds)
-def test_a_wrong_answer_or_a_wrong_dual_shows_as_a_gap(seed: int) -> None:
+def test_a_wrong_answer_or_a_wrong_dual_shows_as_a_gap(seed):
     known = Known(seed)
     fit = LmiSdpThickness(thickness=THICKNESS).fit(known.task)
     assert fit.multipliers is not None
@@ -138,13 +136,12 @@ def test_a_wrong_answer_or_a_wrong_dual_shows_as_a_gap(seed: int) -> None:
     assert right.gap is not None
     for name, wrong in {"theta": wrong_theta, "2 S": wrong_dual, "0": no_dual, "noise": noisy}.items():
         _, certificate = certify(known.task, wrong)
-        assert certificate.gap is not None
         assert certificate.gap > 1e3 * max(right.gap, 1e-9), name
 
 
 @quick
 @given(seeds)
-def test_an_infeasible_answer_is_repaired_or_reported(seed: int) -> None:
+def test_an_infeasible_answer_is_repaired_or_reported(seed):
     known = Known(seed)
     fit = LmiSdpThickness(thickness=THICKNESS).fit(known.task)
     interior = interior_point(known.task, fit.constraints)
@@ -161,7 +158,7 @@ def test_an_infeasible_answer_is_repaired_or_reported(seed: int) -> None:
     assert reported.worst > 0.0
 
 
-def test_the_share_of_positive_definite_mass_matrices_is_of_m_of_q(panda: Problem) -> None:
+def test_the_share_of_positive_definite_mass_matrices_is_of_m_of_q(panda):
     links = panda.nominal_links
     assert consistent(links)
     assert positive_mass_matrices(panda.robot, links, 500) == 1.0
@@ -211,7 +208,7 @@ def conflicts(panda: Problem) -> dict[str, tuple[Problem, float, tuple[str, ...]
 
 
 @pytest.mark.parametrize("case", ["too heavy", "too light", "too thick", "one flat link"])
-def test_demands_that_exclude_each_other_are_named(case: str, panda: Problem) -> None:
+def test_demands_that_exclude_each_other_are_named(case, panda):
     problem, thickness, families = conflicts(panda)[case]
     with pytest.raises(InputError, match="exclude each other") as refusal:
         LmiSdpThickness(thickness=thickness).fit(task_of(problem))
@@ -223,13 +220,13 @@ def test_demands_that_exclude_each_other_are_named(case: str, panda: Problem) ->
     assert "\n" not in message
 
 
-def test_bounds_that_leave_no_room_are_not_called_a_contradiction(panda: Problem) -> None:
+def test_bounds_that_leave_no_room_are_not_called_a_contradiction(panda):
     known = with_box(panda, 2, 0, 3.0, 3.0)
     with pytest.raises(InputError, match=r"no room.*mass \(link 3\).*equal bounds.*widen"):
         LmiSdp().fit(task_of(known))
 
 
-def test_an_interior_point_is_found_where_the_nominal_robot_is_outside(panda: Problem) -> None:
+def test_an_interior_point_is_found_where_the_nominal_robot_is_outside(panda):
     task = task_of(with_box(panda, 4, 0, 3.0, 3.2))
     demands = task.constraints.plus(task.minimum_thickness(0.03))
     assert demands.margin(task.nominal) < 0.0
@@ -237,9 +234,7 @@ def test_an_interior_point_is_found_where_the_nominal_robot_is_outside(panda: Pr
 
 
 @pytest.mark.parametrize("finds", [True, False])
-def test_the_certificate_decides_whether_a_solver_gave_up(
-    finds: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_certificate_decides_whether_a_solver_gave_up(finds, monkeypatch):
     """An answer that its solver calls failed counts where its gap is proved, and only there."""
 
     class Doubtful:
@@ -254,14 +249,13 @@ def test_the_certificate_decides_whether_a_solver_gave_up(
     known, method = Known(0), LmiSdpThickness(thickness=THICKNESS, solver="clarabel")
     if finds:
         _, certificate = certify(known.task, method.fit(known.task))
-        assert certificate.gap is not None
         assert certificate.gap < 1e-7
     else:
         with pytest.raises(InputError, match=r"gave up.*stalled"):
             method.fit(known.task)
 
 
-def test_a_certificate_tells_what_holds_from_what_was_not_imposed() -> None:
+def test_a_certificate_tells_what_holds_from_what_was_not_imposed():
     """Of a convex method, a broken bound that is not convex is no surprise; of another, or beside a
     convex one, it is a violation like any other."""
     for broken, gap, spared in (

@@ -1,7 +1,5 @@
 """Bounds that claim to hold whatever was rounded, against exact rational arithmetic."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence
@@ -40,7 +38,7 @@ def semidefinite(matrix: Sequence[Sequence[int]]) -> bool:
 
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(st.integers(2, 4), st.data())
-def test_semidefinite_is_what_all_principal_minors_say(size: int, data: st.DataObject) -> None:
+def test_semidefinite_is_what_all_principal_minors_say(size, data):
     """Small whole numbers: zero pivots, rank-deficient and indefinite matrices are common."""
     rank = data.draw(st.integers(1, size))
     entry = st.integers(-2, 2)
@@ -83,9 +81,7 @@ def demands(rng: np.random.Generator, interior: np.ndarray) -> ConstraintSet:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_repaired_point_is_feasible_in_rational_arithmetic_and_no_deeper_than_needed(
-    seed: int,
-) -> None:
+def test_a_repaired_point_is_feasible_in_rational_arithmetic_and_no_deeper_than_needed(seed):
     rng = np.random.default_rng(seed)
     interior = rng.normal(size=3) * 10.0 ** rng.uniform(-3.0, 3.0)
     constraints = demands(rng, interior)
@@ -104,7 +100,7 @@ def test_a_repaired_point_is_feasible_in_rational_arithmetic_and_no_deeper_than_
             assert chosen.depth(start) < 1e-12 or np.array_equal(found, start)
 
 
-def test_a_sum_within_its_rounding_is_decided_exactly() -> None:
+def test_a_sum_within_its_rounding_is_decided_exactly():
     """Six products that cancel: doubles call some of them positive that are negative."""
     rng, misled = np.random.default_rng(0), 0
     for theta, row in rng.normal(size=(200, 2, 6)):
@@ -119,7 +115,7 @@ def test_a_sum_within_its_rounding_is_decided_exactly() -> None:
 
 
 @pytest.mark.parametrize("size", [1e-18, 1e-6, 1.0, 1e6])
-def test_the_entropy_is_enclosed(size: float) -> None:
+def test_the_entropy_is_enclosed(size):
     """tr(P0^-1 P) - log det P + log det P0 - 4 in fifty digits, huge and tiny terms."""
     with localcontext() as context:
         context.prec = 50

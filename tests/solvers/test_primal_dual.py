@@ -1,7 +1,5 @@
 """Our own interior-point method beside Clarabel: the same optima, proved from its own multipliers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -21,13 +19,13 @@ METHODS = ["lmi-sdp", "lmi-sdp-thickness", "lmi-sdp-plain"]
 
 def both(task: Task, method: str) -> tuple[Fit, Fit]:
     """The default fit, and Clarabel's."""
-    posed = make_estimator(method).posed(task)  # type: ignore[attr-defined]
+    posed = make_estimator(method).posed(task)
     return solve_sdp(task, *posed, None, 1e-10), solve_sdp(task, *posed, "clarabel", 1e-10)
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("links", [2, 3, 7])
-def test_a_fit_is_proved_from_its_own_multipliers(method: str, links: int) -> None:
+def test_a_fit_is_proved_from_its_own_multipliers(method, links):
     """Matrices, cones of a centre of mass that bind, signs and ranges; with a log det and without."""
     task = chain_task(links)
     cones = shape_cones(task)
@@ -42,7 +40,7 @@ def test_a_fit_is_proved_from_its_own_multipliers(method: str, links: int) -> No
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
-def test_units_change_nothing(unit: float) -> None:
+def test_units_change_nothing(unit):
     """Torques in other units and parameters in others: as many steps, the same optimum."""
     task = chain_task(3)
     data = task.data
@@ -61,9 +59,9 @@ def test_units_change_nothing(unit: float) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_similar_data_take_fewer_steps_from_the_last_fit(method: str) -> None:
+def test_similar_data_take_fewer_steps_from_the_last_fit(method):
     task = chain_task(7)
-    objective, constraints = make_estimator(method).posed(task)  # type: ignore[attr-defined]
+    objective, constraints = make_estimator(method).posed(task)
     posed = PosedSdp.of(task, objective, constraints)
     first = posed.fit(objective)
     data = objective.least_squares
@@ -81,7 +79,7 @@ def test_similar_data_take_fewer_steps_from_the_last_fit(method: str) -> None:
     assert steps(warm) < steps(cold)
 
 
-def test_cones_of_a_higher_order_are_clarabels() -> None:
+def test_cones_of_a_higher_order_are_clarabels():
     task = chain_task(2)
     link = task.links[0]
     size = 5  # |(m, c, a constant)| within a bound

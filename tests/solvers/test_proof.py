@@ -1,7 +1,5 @@
 """Proofs that travel: true ones pass, changed ones never, false claims are refused by arithmetic."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import json
@@ -98,14 +96,14 @@ def changed(proof: Proof, rng: random.Random) -> Proof:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_true_proof_holds_and_its_interval_is_tight(proofs: dict[str, Proof], method: str) -> None:
+def test_a_true_proof_holds_and_its_interval_is_tight(proofs, method):
     lower, upper = verify_proof.check(proofs[method])
     assert 0 < lower <= upper
     assert float((upper - lower) / upper) < 1e-6
 
 
 @pytest.mark.long
-def test_no_change_goes_unnoticed(proofs: dict[str, Proof]) -> None:
+def test_no_change_goes_unnoticed(proofs):
     rng = random.Random(0)
     for k in range(1000):
         mutant = changed(proofs[METHODS[k % len(METHODS)]], rng)
@@ -114,7 +112,7 @@ def test_no_change_goes_unnoticed(proofs: dict[str, Proof]) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_false_claim_is_refused_though_it_is_signed(proofs: dict[str, Proof], method: str) -> None:
+def test_a_false_claim_is_refused_though_it_is_signed(proofs, method):
     """The digest is no argument: whoever signs a false claim is refused by the arithmetic."""
     true = proofs[method]
     lower, upper = Fraction(true["lower"]), Fraction(true["upper"])
@@ -137,7 +135,7 @@ def test_a_false_claim_is_refused_though_it_is_signed(proofs: dict[str, Proof], 
             verify_proof.check(signed(claim))
 
 
-def test_multipliers_outside_their_cones_prove_nothing(proofs: dict[str, Proof]) -> None:
+def test_multipliers_outside_their_cones_prove_nothing(proofs):
     true = proofs["lmi-sdp-plain"]
     for k in range(len(true["constraints"])):
         mutant = copy.deepcopy(true)
@@ -146,7 +144,7 @@ def test_multipliers_outside_their_cones_prove_nothing(proofs: dict[str, Proof])
             verify_proof.check(signed(mutant))
 
 
-def test_what_is_infeasible_is_proved_so() -> None:
+def test_what_is_infeasible_is_proved_so():
     """x >= 1 and x <= -1, and a matrix that cannot be: Farkas; with weaker multipliers it is refused."""
     above = build.linear("mass", "a", [0], [[1.0]], [-1.0])
     below = build.linear("mass", "b", [0], [[-1.0]], [-1.0])
@@ -156,7 +154,7 @@ def test_what_is_infeasible_is_proved_so() -> None:
         infeasibility_proof([above, below], [np.ones(1), np.zeros(1)], np.array([10.0]))
 
 
-def test_feasible_means_as_written() -> None:
+def test_feasible_means_as_written():
     """0.1 + 0.2 is above 0.3 as written: exact arithmetic on the decimal text sees it."""
     at_most = build.linear("mass", "a", [0], [[-1.0]], [0.3])
     assert ConstraintSet((at_most,)).margin([0.3]) == 0.0
@@ -165,12 +163,11 @@ def test_feasible_means_as_written() -> None:
     # What is outside as it will be written goes inside, and no farther than it must; the rest stays.
     interior = np.array([0.1])
     mended = feasible_point([at_most], np.array([0.1 + 0.2]), interior, True)
-    assert mended is not None
     assert 0.3 - 1e-15 < mended[0] <= 0.3
     assert feasible_point([at_most], np.array([0.25]), interior, True) == 0.25
 
 
-def test_the_checker_stands_alone(proofs: dict[str, Proof], tmp_path: Path) -> None:
+def test_the_checker_stands_alone(proofs, tmp_path):
     """At most 160 lines, the standard library, another process: exit code 0 or 1."""
     source = Path(verify_proof.__file__)
     assert len(source.read_text().splitlines()) <= 160
@@ -192,9 +189,7 @@ def verified(*words: object) -> int:
     return int(ended.value.code or 0)
 
 
-def test_identify_writes_a_proof_and_verify_accepts_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_identify_writes_a_proof_and_verify_accepts_it(tmp_path, capsys):
     problem, path = load_problem("two_link"), tmp_path / "proof.json"
     run = experiment(problem).training_run(seed=2)
     estimate = identify(problem, run, proof=path)
@@ -220,7 +215,7 @@ def test_identify_writes_a_proof_and_verify_accepts_it(
         identify(problem, run, "ols", proof=path)
 
 
-def test_a_proof_of_other_numbers_than_the_data_make_is_refused(tmp_path: Path) -> None:
+def test_a_proof_of_other_numbers_than_the_data_make_is_refused(tmp_path):
     """Whoever writes the hashes of a model and a run into a proof of something else is found out."""
     problem, path = load_problem("two_link"), tmp_path / "proof.json"
     run = experiment(problem).training_run(seed=2)
@@ -254,7 +249,7 @@ def with_first(proof: Proof, family: str, **fields: Any) -> Proof:
     return out
 
 
-def test_a_proof_of_another_problem_is_refused_by_the_name_of_what_differs(tmp_path: Path) -> None:
+def test_a_proof_of_another_problem_is_refused_by_the_name_of_what_differs(tmp_path):
     """Each of these holds in exact arithmetic, and bears the hashes of the model and the run."""
     problem, path = load_problem("two_link"), tmp_path / "proof.json"
     run = experiment(problem).training_run(seed=2)
@@ -283,7 +278,7 @@ def test_a_proof_of_another_problem_is_refused_by_the_name_of_what_differs(tmp_p
         assert words in said
 
 
-def test_another_triangle_of_the_same_loss_and_rounding_are_the_same_problem() -> None:
+def test_another_triangle_of_the_same_loss_and_rounding_are_the_same_problem():
     """R is unique up to an orthogonal factor; a matrix's rounding is no other matrix."""
     rng = np.random.default_rng(0)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -299,7 +294,7 @@ def test_another_triangle_of_the_same_loss_and_rounding_are_the_same_problem() -
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
-def test_a_byte_order_mark_is_no_json(proofs: dict[str, Proof], tmp_path: Path, encoding: str) -> None:
+def test_a_byte_order_mark_is_no_json(proofs, tmp_path, encoding):
     path = tmp_path / "proof.json"
     path.write_text(json.dumps(proofs["lmi-sdp"]), encoding="utf-8")
     assert verify_proof_file(path)[0]
@@ -307,7 +302,7 @@ def test_a_byte_order_mark_is_no_json(proofs: dict[str, Proof], tmp_path: Path, 
     assert not verify_proof_file(path)[0]
 
 
-def test_no_false_proof_is_accepted_and_no_genuine_one_refused() -> None:
+def test_no_false_proof_is_accepted_and_no_genuine_one_refused():
     """A sample of `benchmarks/proofs.py`, whose truth is known."""
     from proofs import FALSE, judged
 
@@ -317,7 +312,7 @@ def test_no_false_proof_is_accepted_and_no_genuine_one_refused() -> None:
     assert set(right) == {*FALSE, "unreadable", "genuine optimum", "genuine infeasible"}
 
 
-def test_huge_numbers_and_deep_files_are_refused_at_once(tmp_path: Path) -> None:
+def test_huge_numbers_and_deep_files_are_refused_at_once(tmp_path):
     begin = time.process_time()
     for text in ("[" * 10**6, '{"a": ' * 10**5, json.dumps({"format": verify_proof.FORMAT, "kind": []})):
         (tmp_path / "a.json").write_text(text)
@@ -335,7 +330,7 @@ def test_huge_numbers_and_deep_files_are_refused_at_once(tmp_path: Path) -> None
     assert time.process_time() - begin < 2.0
 
 
-def test_constraints_that_exclude_each_other_leave_a_proof_of_it(tmp_path: Path) -> None:
+def test_constraints_that_exclude_each_other_leave_a_proof_of_it(tmp_path):
     problem, path = load_problem("two_link"), tmp_path / "proof.json"
     heavy = replace(problem, total_mass=(1000.0, 2000.0))
     with pytest.raises(Infeasible, match="admit no parameters"):

@@ -1,9 +1,6 @@
 """Every solver on the same problems, judged by our own certificate; the rewritings and file formats."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -100,7 +97,7 @@ def usable(name: str) -> ModuleType:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_primal_and_dual_certify_the_optimum(name: str) -> None:
+def test_primal_and_dual_certify_the_optimum(name):
     module, link = usable(name), Link()
     solution = module.solve(link.sdp.conic, 1e-7)
     assert solution.claims in ("optimal", "inaccurate")
@@ -115,7 +112,7 @@ def test_primal_and_dual_certify_the_optimum(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_log_det_is_solved_or_declined(name: str) -> None:
+def test_log_det_is_solved_or_declined(name):
     module, link = usable(name), Link(entropic=True)
     if "exp" not in module.CONES:
         with pytest.raises(rewrite.NotApplicableError, match="exp"):
@@ -129,7 +126,7 @@ def test_log_det_is_solved_or_declined(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_empty_feasible_set_is_never_called_solved(name: str) -> None:
+def test_an_empty_feasible_set_is_never_called_solved(name):
     module, link = usable(name), Link()
     heavy = build.linear("total mass", "robot", [0], [[1.0]], [-4.0])  # m >= 4 where m <= 3
     constraints = link.constraints.plus([heavy])
@@ -138,7 +135,7 @@ def test_an_empty_feasible_set_is_never_called_solved(name: str) -> None:
     assert solution.claims not in ("optimal", "inaccurate", "unbounded")
 
 
-def test_data_without_any_scale_end_in_a_claim_not_in_a_panic() -> None:
+def test_data_without_any_scale_end_in_a_claim_not_in_a_panic():
     """Clarabel takes 1e20 for infinite, and panicked on columns of 1e70."""
     conic = Link().sdp.conic
     solution = SOLVERS["clarabel"].solve(replace(conic, b=1e30 * conic.b), 1e-7)
@@ -146,7 +143,7 @@ def test_data_without_any_scale_end_in_a_claim_not_in_a_panic() -> None:
     assert solution.x.shape == conic.q.shape
 
 
-def test_the_dual_of_the_largest_margin_proves_infeasibility() -> None:
+def test_the_dual_of_the_largest_margin_proves_infeasibility():
     link = Link()
     heavy = build.linear("total mass", "robot", [0], [[1.0]], [-3.01])
     constraints = link.constraints.plus([heavy])
@@ -167,7 +164,7 @@ def test_the_dual_of_the_largest_margin_proves_infeasibility() -> None:
         lambda p: rewrite.reorder(p, ("zero", "psd", "soc", "nonnegative")),
     ],
 )
-def test_rewriting_keeps_the_solution_and_its_multipliers(step) -> None:  # type: ignore[no-untyped-def]
+def test_rewriting_keeps_the_solution_and_its_multipliers(step):
     link = Link()
     conic = link.sdp.conic
     direct = solver("clarabel").solve(conic, 1e-9)
@@ -181,7 +178,7 @@ def test_rewriting_keeps_the_solution_and_its_multipliers(step) -> None:  # type
     np.testing.assert_allclose(slope, 0.0, atol=1e-5)
 
 
-def test_a_gram_matrix_is_factorised() -> None:
+def test_a_gram_matrix_is_factorised():
     rng = np.random.default_rng(0)
     R = rng.normal(size=(6, 4))
     P = sparse.csc_matrix(np.triu(2.0 * R.T @ R))
@@ -192,7 +189,7 @@ def test_a_gram_matrix_is_factorised() -> None:
 
 
 @pytest.mark.parametrize("ending", [".dat-s", ".cbf"])
-def test_exported_files_read_back_to_the_same_problem(tmp_path: Path, ending: str) -> None:
+def test_exported_files_read_back_to_the_same_problem(tmp_path, ending):
     conic = Link().sdp.conic
     path = tmp_path / f"problem{ending}"
     export_sdp(Link().sdp, path, None)
@@ -212,7 +209,7 @@ def test_exported_files_read_back_to_the_same_problem(tmp_path: Path, ending: st
     np.testing.assert_allclose(found.A @ x, sent.A @ x, rtol=1e-12, atol=1e-12)
 
 
-def test_the_entropic_problem_is_exported_to_cbf_only(tmp_path: Path) -> None:
+def test_the_entropic_problem_is_exported_to_cbf_only(tmp_path):
     sdp = Link(entropic=True).sdp
     conic = sdp.conic
     with pytest.raises(InputError, match=r"exponential cone.*\.cbf"):
@@ -225,7 +222,7 @@ def test_the_entropic_problem_is_exported_to_cbf_only(tmp_path: Path) -> None:
     assert abs(found.A - sent.A).max() <= 1e-15 * abs(sent.A).max()
 
 
-def test_files_that_are_not_of_the_format_are_refused(tmp_path: Path) -> None:
+def test_files_that_are_not_of_the_format_are_refused(tmp_path):
     path = tmp_path / "a.dat-s"
     path.write_text("hello\n")
     with pytest.raises(InputError, match="header"):
@@ -242,7 +239,7 @@ def test_files_that_are_not_of_the_format_are_refused(tmp_path: Path) -> None:
         read_cbf(tmp_path / "a.cbf")
 
 
-def test_unknown_and_absent_solvers_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_and_absent_solvers_are_named(monkeypatch):
     with pytest.raises(InputError, match="clarabel, "):
         solver("gurobi")
     monkeypatch.setattr(SOLVERS["cvxopt"], "REQUIRES", ("package", "no_such_package"))
@@ -256,7 +253,7 @@ def test_unknown_and_absent_solvers_are_named(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_solver_states_its_contract(name: str) -> None:
+def test_every_solver_states_its_contract(name):
     module = SOLVERS[name]
     assert (module.__doc__ or "").strip()
     assert {"quadratic", "zero", "nonnegative", "soc", "psd", "exp"} >= module.CONES

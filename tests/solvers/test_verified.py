@@ -1,7 +1,5 @@
 """Rigorous bounds: exact optima are known for SDPs built backwards from their own solution."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
@@ -72,7 +70,7 @@ class KnownSdp:
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 10**6), exponent=st.integers(-3, 3), noise=st.sampled_from([0.0, 1e-9, 0.3]))
-def test_lower_bound_never_exceeds_a_known_optimum(seed: int, exponent: int, noise: float) -> None:
+def test_lower_bound_never_exceeds_a_known_optimum(seed, exponent, noise):
     known = KnownSdp(seed, 1)
     rng = np.random.default_rng(seed)
     scale = 10.0**exponent if noise else 1.0
@@ -86,7 +84,7 @@ def test_lower_bound_never_exceeds_a_known_optimum(seed: int, exponent: int, noi
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10**6))
-def test_upper_bound_is_never_below_the_optimum(seed: int) -> None:
+def test_upper_bound_is_never_below_the_optimum(seed):
     known = KnownSdp(seed, 1)
     assert verified.certainly_feasible(known.constraints.convex, known.theta)
     upper = verified.upper_bound(known.objective, known.theta)
@@ -94,7 +92,7 @@ def test_upper_bound_is_never_below_the_optimum(seed: int) -> None:
     assert Fraction(upper) - known.optimum <= Fraction(1, 10**12) * (1 + known.optimum)
 
 
-def test_a_point_outside_by_one_unit_in_the_last_place_is_infeasible() -> None:
+def test_a_point_outside_by_one_unit_in_the_last_place_is_infeasible():
     constraint = build.linear("mass", "one", [0], [[1.0]], [-1.0])  # theta >= 1
     assert verified.certainly_feasible([constraint], np.array([1.0]))
     assert not verified.certainly_feasible([constraint], np.array([np.nextafter(1.0, 0.0)]))
@@ -108,7 +106,7 @@ def test_a_point_outside_by_one_unit_in_the_last_place_is_infeasible() -> None:
     assert not verified.certainly_feasible([link], rod)
 
 
-def test_infeasibility_is_proved_only_where_it_is_true() -> None:
+def test_infeasibility_is_proved_only_where_it_is_true():
     p = 2
     above = build.linear("lower", "sum", [0, 1], [[1.0], [1.0]], [-3.0])  # a + b >= 3
     below = build.linear("upper", "each", [0, 1], -np.eye(2), [1.0, 1.0])  # a, b <= 1
@@ -120,7 +118,7 @@ def test_infeasibility_is_proved_only_where_it_is_true() -> None:
     assert not verified.proves_infeasible([above, below], [np.array([1.0]), np.zeros(2)], bound)
 
 
-def test_entropic_bounds_meet() -> None:
+def test_entropic_bounds_meet():
     rng = np.random.default_rng(3)
     nominal = inertia.standard_from_barycentric([2.0, 0.1, 0, 0, 0.1, 0, 0.12, 0, 0, 0.11])
     link = build.pseudo_inertia("link", np.arange(10))
@@ -143,7 +141,7 @@ def test_entropic_bounds_meet() -> None:
 
 
 @pytest.mark.parametrize("cone", ["psd", "soc", "nonnegative"])
-def test_garbage_multipliers_are_moved_into_their_cone_exactly(cone: str) -> None:
+def test_garbage_multipliers_are_moved_into_their_cone_exactly(cone):
     rng = np.random.default_rng(0)
     raw = rng.normal(size=(20, 4, 4) if cone == "psd" else (20, 4))
     for moved in verified.in_cone(cone, raw)[0]:

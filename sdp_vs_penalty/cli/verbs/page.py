@@ -28,7 +28,7 @@ def verb(
     --browser/--no-browser: Browser window on the page.
     """
     try:
-        from sdp_vs_penalty.page.options import fields_of
+        from sdp_vs_penalty.page.controls import fields_of
         from sdp_vs_penalty.page.server import Address, serve
     except ImportError as error:
         raise missing_extra("The page needs", "page") from error

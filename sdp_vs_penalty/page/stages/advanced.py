@@ -10,33 +10,25 @@ from sdp_vs_penalty.page.view import Stage, View, after_model
 from sdp_vs_penalty.reports.sections import CERTIFICATE
 
 
-def _draw_methods(view: View) -> None:
+@after_model("methods", "Compare methods", lambda s: s.answer("methods"))
+def methods(view: View) -> None:
+    """Other methods beside the current model's, on the same runs."""
     session, chosen = view.session, view.methods
-
+    names = {m["name"]: m["description"] for m in view.catalogue["methods"]}
     with tag("fieldset"):
         tag("legend", "With the effects of the current model")
         with tag("div", style="checks"):
-            for method in view.catalogue["methods"]:
-                name = method["name"]
-                check(
-                    name,
-                    name in chosen,
-                    lambda on, name=name: (chosen.add if on else chosen.discard)(name),  # type: ignore[misc]
-                    f"method-{name}",
-                    method["description"],
-                )
+            for name, said in names.items():
+                on, put = chosen.get(name, False), partial(chosen.__setitem__, name)
+                check(name, on, put, f"method-{name}", said)
 
     def compare() -> None:
-        names = [m["name"] for m in view.catalogue["methods"] if m["name"] in chosen]
-        session.ask("methods", "Comparing methods", methods=names, folds=view.folds)
+        asked = [name for name in names if chosen.get(name)]
+        session.ask("methods", "Comparing methods", methods=asked, folds=view.folds)
 
-    check(
-        "On unseen motion too: five folds, takes five times as long",
-        view.folds,
-        partial(setattr, view, "folds"),
-        "folds",
-        "Each fold leaves out a stretch of the motion and all its repetitions",
-    )
+    said = "On unseen motion too: five folds, takes five times as long"
+    hint = "Each fold leaves out a stretch of the motion and all its repetitions"
+    check(said, view.folds, partial(setattr, view, "folds"), "folds", hint)
     button("Compare methods", compare, "compare")
     if (found := session.answer("methods")) is None:
         return
@@ -48,10 +40,9 @@ def _draw_methods(view: View) -> None:
     )
 
 
-METHODS = after_model("methods", "Compare methods", _draw_methods, lambda s: s.answer("methods"))
-
-
-def _draw_proof(view: View) -> None:
+@after_model("proof", "Certificate and proof", lambda s: (s.answer("prove"), s.answers.get("verify")))
+def proof(view: View) -> None:
+    """The certificate, and a proof of the optimum to make or to check."""
     session, model = view.session, view.session.current
     note(CERTIFICATE)
     table(["figure", model.label], model.about["certificate"], "Certificate", "numbers wraps")
@@ -61,12 +52,8 @@ def _draw_proof(view: View) -> None:
         "The model is identified again with a proof of its optimum, which a checker in pure Python "
         "then verifies in rational arithmetic, as the command verify does."
     )
-    button(
-        "Prove the optimum",
-        lambda: session.ask("prove", "Proving the optimum", view.download),
-        "prove",
-        "primary" if proved is None else "",
-    )
+    prove = partial(session.ask, "prove", "Proving the optimum", view.download)
+    button("Prove the optimum", prove, "prove", "primary" if proved is None else "")
     for found in (proved, told):
         if found is not None:
             kind = "good" if found["holds"] else "bad"
@@ -75,26 +62,17 @@ def _draw_proof(view: View) -> None:
     drop("Or check a proof.json", "drop a file here, or choose one", "proof", SUFFIXES["proof"], False)
 
 
-PROOF = after_model(
-    "proof",
-    "Certificate and proof",
-    _draw_proof,
-    lambda s: (s.answer("prove"), s.answers.get("verify")),
-)
-
-
 #: The optimisation problem, for other solvers; beside each a .json with what it means.
 POSED_FILES = {"problem.cbf": "conic benchmark format", "problem.dat-s": "sparse SDPA"}
 
 
-def _draw_posed(view: View) -> None:
+@after_model("posed", "The identification problem, for other solvers")
+def posed(view: View) -> None:
+    """The optimisation problem as files."""
     with tag("div", style="tiles", role="group", aria_label="Problem files to download"):
         for name, use in POSED_FILES.items():
             ask = partial(view.session.ask, "pose", f"Making {name}", view.download, name=name)
             tile(name, use, ask, f"take-{name}")
 
 
-POSED = after_model("posed", "The identification problem, for other solvers", _draw_posed)
-
-
-ADVANCED = Stage("advanced", "Advanced", "Identify a model first.", (METHODS, PROOF, POSED))
+ADVANCED = Stage("advanced", "Advanced", "Identify a model first.", (methods, proof, posed))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -15,43 +14,28 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import Part, Stage, Verdict, View
 
 
-def _check_depends(session: Session) -> Any:
-    return (session.robot or {}).get("source"), session.runs
-
-
 def _draw_check(view: View) -> None:
-    session = view.session
+    session, units = view.session, view.session.arm["units"]
     _findings(session)
-    names = [run["name"] for run in session.runs]
-    first = next((run["name"] for run in session.runs if run["findings"]), names[0])
-    shown, parts = {"run": first}, dict[str, Any]()
-
-    def read() -> dict[str, Any]:
-        (file,) = [run["view"] for run in session.runs if run["name"] == shown["run"]][:1]
-        return session.arrays(str(session.folder / file), 0)
+    views = {run["name"]: str(session.folder / run["view"]) for run in session.runs}
+    first = next((run["name"] for run in session.runs if run["findings"]), next(iter(views)))
 
     def look(run: str) -> None:
-        shown["run"] = run
-        parts["chart"].update_figure(data_chart(read(), session.arm["units"]))
-        move()
+        read = session.arrays(views[run], 0)
+        drawn.update_figure(data_chart(read, units))
+        move(read, np.zeros((len(read["tf"]), 1)))
 
-    def move() -> None:
-        if "arm" in parts:
-            now = read()
-            parts["arm"](now, np.zeros((len(now["tf"]), 1)))
-
-    if len(names) > 1:
+    if len(views) > 1:
         with tag("div", style="pick"):
-            choice("Run", [(n, n) for n in names], first, look, "checked-run")
+            choice("Run", [(n, n) for n in views], first, look, "checked-run")
     with tag("div", style="pair"):
-        drawn = data_chart(read(), session.arm["units"])
-        parts["chart"] = chart(drawn, "Positions, velocities and torques of all joints over time")
-        parts["chart"].classes("timed")
-        parts["arm"] = draw_arm(view, session.arm["drawn"], "nominal links")
+        said = "Positions, velocities and torques of all joints over time"
+        drawn = chart(data_chart(session.arrays(views[first], 0), units), said).classes("timed")
+        move = draw_arm(view, session.arm["drawn"], "nominal links")
     crosses = "Crosses: what the check would put there. "
     mended = any(found["mends"] for run in session.runs for found in run["findings"])
     note(f"{crosses * mended}Drag to look closer; Play moves the arm.")
-    move()
+    look(first)
 
 
 def _findings(session: Session) -> None:
@@ -67,12 +51,8 @@ def _findings(session: Session) -> None:
                 tag("span", f"{found['what']} What to do: {found['remedy']}.")
             if found["gravity"]:
                 vector = ",".join(f"{g:g}" for g in found["gravity"])
-                button(
-                    f"Apply: gravity {vector}",
-                    partial(session.mount, vector),
-                    f"apply-{run['file']}",
-                    "primary",
-                )
+                apply, key = partial(session.mount, vector), f"apply-{run['file']}"
+                button(f"Apply: gravity {vector}", apply, key, "primary")
         if any(found["mends"] for found in run["findings"]):
             apply = partial(session.mend, run["file"])
             button(f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary")
@@ -89,5 +69,5 @@ def _checked(session: Session) -> Verdict | None:
     return Verdict("good", f"Nothing wrong in {formatting.count(len(session.runs), 'run')}.", "Check")
 
 
-_PART = Part("check", "", lambda session: bool(session.runs), _check_depends, _draw_check)
+_PART = Part("check", "", lambda s: bool(s.runs), lambda s: (s.arm["source"], s.runs), _draw_check)
 CHECK = Stage("check", "Check", "Add measurements first.", (_PART,), _checked)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from functools import partial
 
 import numpy as np
@@ -30,7 +31,9 @@ from sdp_vs_penalty.page.wording import physics, plain_name, where
 from sdp_vs_penalty.reports.pictures import bars, change_of
 
 
-def _draw_model_history(view: View) -> None:
+@after_model("history", "The model so far", lambda s: len(s.undone))
+def models(view: View) -> None:
+    """Each joint's error from model to model, with undo and redo."""
     session = view.session
     history, units = session.history, session.arm["units"]
     with tag("ol", style="history"):
@@ -50,40 +53,24 @@ def _draw_model_history(view: View) -> None:
     floor = history[-1].comparison["noise_floor"]
     known = None if None in floor else floor
     ui.html(bars(errors[0], errors[-1], known, units), sanitize=False)
-    rows = [
-        [
-            f"{j + 1} [{unit}]",
-            *(figure(e[j]) for e in errors),
-            change_of(errors[0][j], errors[-1][j]),
-            figure(floor[j]),
-        ]
-        for j, unit in enumerate(units)
-    ]
+    rows = []
+    for j, unit in enumerate(units):
+        cells = [*(figure(e[j]) for e in errors), change_of(errors[0][j], errors[-1][j])]
+        rows.append([f"{j + 1} [{unit}]", *cells, figure(floor[j])])
     heads = ["joint", *(str(k) for k in range(1, len(history) + 1)), "change", "noise"]
     table(heads, rows, "RMS error of each joint, model by model", "numbers history")
-    judged = ", ".join(history[-1].judged_on)
-    note(f"RMS error on {judged}.")
+    note(f"RMS error on {', '.join(history[-1].judged_on)}.")
 
 
-HISTORY = after_model(
-    "history",
-    "The model so far",
-    _draw_model_history,
-    lambda s: len(s.undone),
-)
-
-
-def _draw_findings(view: View) -> None:
+@after_model("findings", "What is missing", lambda s: (s.frozen, s.findings and s.findings.to_dict()))
+def findings(view: View) -> None:
+    """What the last diagnosis found, each to be added."""
     session, found = view.session, view.session.findings
     with tag("div", style="row"):
         again = "Diagnose" if found is None else "Diagnose again"
         button(again, session.diagnose, "diagnose", "primary" if found is None else "")
-        check(
-            "Keep the model fixed (the only way to see a payload)",
-            session.frozen,
-            partial(setattr, session, "frozen"),
-            "frozen",
-        )
+        said = "Keep the model fixed (the only way to see a payload)"
+        check(said, session.frozen, partial(setattr, session, "frozen"), "frozen")
     _by_hand(view)
     if found is None:
         note(
@@ -111,17 +98,12 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         with tag("div", style="head"):
             tag("h4", f"{plain_name(finding.effect)} · {where(finding.joints)}")
             tag("span", finding.confidence, f"badge {finding.confidence}")
-        unit = formatting.plain_unit(finding.unit)
-        size = f"{finding.size:.4g} ± {finding.std:.1g} {unit}".strip()
-        said = finding.constants
-        tag("p", f"Size {size}" + (f"; {said}" if said else ""), "size")
-        if finding.effect in [f.effect for f in found.effects[:k]]:
-            with details("What it is", f"physics-{k}"):
-                tag("p", physics(finding))
-        else:
+        size = f"{finding.size:.4g} ± {finding.std:.1g} {formatting.plain_unit(finding.unit)}".strip()
+        tag("p", f"Size {'; '.join(filter(None, (size, finding.constants)))}", "size")
+        again = finding.effect in [f.effect for f in found.effects[:k]]
+        with details("What it is", f"physics-{k}") if again else nullcontext():
             tag("p", physics(finding))
-        rivals = finding.indistinguishable_from
-        if rivals:
+        if rivals := finding.indistinguishable_from:
             tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
         if finding.undecided is not None:
             _telling(view, finding.undecided, k)
@@ -130,11 +112,8 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         if finding.remarks:
             note(f"Weak: {'; '.join(finding.remarks)}.")
         before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
-        joint = (
-            finding.joints[0] - 1
-            if finding.joints
-            else min(range(len(before)), key=lambda j: after[j] / before[j] if before[j] else 1.0)
-        )
+        own = [j - 1 for j in finding.joints[:1]] or range(len(before))
+        joint = min(own, key=lambda j: after[j] / before[j] if before[j] else 1.0)
         floor = [found.noise_floor[joint]] if found.noise_known else None
         what = "Held-out error, refitted without constraints,"
         fall = bars([before[joint]], [after[joint]], floor, [units[joint]], [joint + 1], what)
@@ -142,40 +121,32 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         if added:
             tag("p", "Added to the model.", "chosen")
         else:
-            label = f"Add {plain_name(finding.effect)} on {where(finding.joints)}"
-            button(
-                "Add", lambda: session.add([finding.text]), f"add-{k}", "primary" if k == 0 else "",
-                aria_label=label,
-            )  # fmt: skip
+            name = f"Add {plain_name(finding.effect)} on {where(finding.joints)}"
+            first, add = "primary" if k == 0 else "", partial(session.add, [finding.text])
+            button("Add", add, f"add-{k}", first, aria_label=name)
 
 
 def _telling(view: View, effects: str, k: int) -> None:
     """The run that would tell a finding from its rival or from nothing, to be designed."""
-    said = "Designing the run that would tell"
     with details("Which run would tell", f"tell-options-{k}"):
         with tag("div", style="fields"):
             draw_form(view.forms.get("separate", ()), view.separating)
-        button(
-            "Design it",
-            lambda: view.session.ask(
-                "separate", said, view.download, effects=effects, options=view.separating
-            ),
-            f"tell-{k}",
-        )
+        asked = {"effects": effects, "options": view.separating}
+        said = "Designing the run that would tell"
+        design = partial(view.session.ask, "separate", said, view.download, **asked)
+        button("Design it", design, f"tell-{k}")
 
 
 def _curves(view: View, found: Diagnosis) -> None:
     """What was measured without a name: curve, band, and a button to add it as a table."""
-    session = view.session
-    units = session.arm["units"]
-    for k, (curve, text) in enumerate(zip(found.curves, session.curve_texts, strict=True)):
+    session, units = view.session, view.session.arm["units"]
+    texts = session.history[session.found_for - 1].curve_texts
+    for k, (curve, text) in enumerate(zip(found.curves, texts, strict=True)):
         with tag("div", style="card finding-card"):
             tag("h4", f"Missing torque without a name · joint {curve.joint}")
             tag("p", curve.sentence(units))
-            if session.model is not None:
-                read = session.recording(session.model, view.run)
-                drawn = missing_chart(curve, units, read)
-                chart(drawn, f"Missing torque of joint {curve.joint}, with its band")
+            drawn = missing_chart(curve, units, session.recording(session.current, view.run))
+            chart(drawn, f"Missing torque of joint {curve.joint}, with its band")
             if text in session.added:
                 tag("p", "Added to the model.", "chosen")
             else:
@@ -184,12 +155,11 @@ def _curves(view: View, found: Diagnosis) -> None:
 
 def _by_hand(view: View) -> None:
     """Any effect by its name: a payload beside a fixed model, or one that the diagnosis did not name."""
-    session = view.session
     with details("Add an effect by its name", "by-hand"):
         said = "name[:joints][@shape=value], such as payload with the model kept fixed"
-        written: dict[str, str] = {}
-        text_field(said, "", lambda text: written.update(text=text), "add-text", "payload", wide=True)
-        button("Add it", lambda: session.add([written.get("text", "")]), "add-by-hand")
+        written = [""]
+        text_field(said, "", partial(written.__setitem__, 0), "add-text", "payload", wide=True)
+        button("Add it", partial(view.session.add, written), "add-by-hand")
 
 
 def _rest(found: Diagnosis) -> None:
@@ -214,14 +184,6 @@ def _rest(found: Diagnosis) -> None:
                     tag("li", f"{plain_name(item.effect)}, {where(item.joints)}")
 
 
-FINDINGS = after_model(
-    "findings",
-    "What is missing",
-    _draw_findings,
-    lambda s: (s.found_for, s.frozen, s.findings and s.findings.to_dict()),
-)
-
-
 def _diagnosed(session: Session) -> Verdict | None:
     """What became of each joint's error, and what the last diagnosis says, where it is of this model."""
     found, added = session.findings, session.added
@@ -241,4 +203,4 @@ def _diagnosed(session: Session) -> Verdict | None:
     return Verdict("", said) if said else None
 
 
-DIAGNOSE = Stage("diagnose", "Diagnose", "Identify a model first.", (HISTORY, FINDINGS), _diagnosed)
+DIAGNOSE = Stage("diagnose", "Diagnose", "Identify a model first.", (models, findings), _diagnosed)

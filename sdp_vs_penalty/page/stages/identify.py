@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import nullcontext
 from functools import partial
 from typing import Any
 
@@ -13,7 +15,7 @@ from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page.arm import draw_arm, torque_errors
 from sdp_vs_penalty.page.charts import (
     asked_span,
-    friction_chart,
+    ready,
     residual_chart,
     torque_chart,
 )
@@ -40,24 +42,20 @@ from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified
 from sdp_vs_penalty.page.wording import plain_name, spoken, with_unit
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
-from sdp_vs_penalty.reports.plots import SIGNALS, Curves
+from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
 
 _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 
 
 def _model_depends(session: Session) -> Any:
-    chosen = session.method, session.seed, session.effects, session.anyway
-    bounds = session.options.get("bounds")
-    has_model = session.model is not None
-    return (session.robot or {}).get("source"), *chosen, session.meaningless, bounds, has_model
+    chosen = session.arm["source"], session.method, session.seed, session.effects, session.anyway
+    return *chosen, session.meaningless, session.options.get("bounds"), session.model is None
 
 
 def _draw_model(view: View) -> None:
-    if view.session.model is None:
+    again = view.session.model is not None
+    with details("Effects, method, options: identify again", "model-form") if again else nullcontext():
         _form(view)
-    else:
-        with details("Effects, method, options: identify again", "model-form"):
-            _form(view)
 
 
 def _form(view: View) -> None:
@@ -67,35 +65,24 @@ def _form(view: View) -> None:
 
     def tick(name: str, on: bool) -> None:
         chosen = [e for e in session.effects if _name(e) != name] + [name] * on
-        order = list(effects)
-        session.effects = sorted(
-            chosen, key=lambda e: order.index(_name(e)) if _name(e) in order else 99
-        )
+        order = [*effects, *map(_name, chosen)]
+        session.effects = sorted(chosen, key=lambda e: order.index(_name(e)))
         session.changed()
 
-    def box(name: str) -> None:
-        check(
-            plain_name(name),
-            name in map(_name, session.effects),
-            lambda on: tick(name, on),
-            f"effect-{name}",
-            effects[name]["explanation"],
-        )
+    def boxes(names: Sequence[str]) -> None:
+        with tag("div", style="checks"):
+            for name in names:
+                on, said = name in map(_name, session.effects), effects[name]["explanation"]
+                check(plain_name(name), on, partial(tick, name), f"effect-{name}", said)
 
     with tag("fieldset"):
         tag("legend", "Effects of the first model")
-        with tag("div", style="checks"):
-            for name in _USUAL:
-                box(name)
+        boxes(_USUAL)
         rest = [name for name in effects if name not in _USUAL]
         chosen = sum(name in map(_name, session.effects) for name in rest)
-        with details(f"More effects ({chosen} of {len(rest)} chosen)", "more-effects") as more:
-            if chosen:
-                more.props["open"] = True
+        with details(f"More effects ({chosen} of {len(rest)} chosen)", "more-effects", chosen > 0):
             note("The stage Diagnose tells which are needed.")
-            with tag("div", style="checks"):
-                for name in rest:
-                    box(name)
+            boxes(rest)
 
     with tag("div", style="fields method"):
         options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
@@ -104,12 +91,8 @@ def _form(view: View) -> None:
     _bounds(view)
     _options(view)
     if session.meaningless:
-        check(
-            "Identify anyway (data check failed)",
-            session.anyway,
-            partial(setattr, session, "anyway"),
-            "anyway",
-        )
+        anyway = partial(setattr, session, "anyway")
+        check("Identify anyway (data check failed)", session.anyway, anyway, "anyway")
     button("Identify", session.identify, "identify", "primary")
     with details("Or continue from a model.json", "open-model"):
         note(
@@ -132,11 +115,7 @@ def _bounds(view: View) -> None:
         span = f"{low} to {high}" if low and high else f"from {low}" if low else f"to {high}"
         return (span if low or high else "-") + " *" * (name in own)
 
-    with details(
-        f"Bounds of links ({len(own)} changed)" if own else "Bounds of links", "bounds"
-    ) as shown:
-        if own:
-            shown.props["open"] = True
+    with details(f"Bounds of links{f' ({len(own)} changed)' * bool(own)}", "bounds", bool(own)):
         note("c is the centre of mass, I the inertia about it; * is yours, by the field below.")
         links = [known[k : k + 10] for k in range(0, len(known), 10)]
         rows = [(f"{k}", *(cell(*x[:3]) for x in link)) for k, link in enumerate(links, start=1)]
@@ -151,9 +130,8 @@ def _bounds(view: View) -> None:
             view.session.options |= {"bounds": text.strip()} if text.strip() else {}
             view.session.changed()
 
-        text_field(
-            field.help, ",".join(f"{k}={v}" for k, v in own.items()), put, "bounds-text", field.example
-        )
+        now = ",".join(f"{k}={v}" for k, v in own.items())
+        text_field(field.help, now, put, "bounds-text", field.example)
 
 
 def _options(view: View) -> None:
@@ -165,7 +143,7 @@ def _options(view: View) -> None:
         session.changed()
 
     chosen = len(session.options.keys() - {"bounds"})
-    with details(f"More options ({chosen} set)" if chosen else "More options", "more-options"):
+    with details(f"More options{f' ({chosen} set)' * bool(chosen)}", "more-options"):
         said = "Effects as text: name[:joints][@shape=value], such as coulomb_friction@v_s=0.01"
         text_field(said, ",".join(session.effects), write, "effects-text", wide=True)
         with tag("div", style="fields"):
@@ -177,16 +155,16 @@ def _name(effect: str) -> str:
     return effect.partition("@")[0].partition(":")[0]
 
 
-MODEL = Part(
-    "model",
-    "",
-    lambda session: any(run["use"] != "test" for run in session.runs),
-    _model_depends,
-    _draw_model,
-)
+def _trainable(session: Session) -> bool:
+    return any(run["use"] != "test" for run in session.runs)
 
 
-def _draw_fit(view: View) -> None:
+MODEL = Part("model", "", _trainable, _model_depends, _draw_model)
+
+
+@after_model("fit", "Measured against modelled", lambda s: s.findings and s.findings.to_dict())
+def fit(view: View) -> None:
+    """Measured against modelled torque, where it fails and why."""
     session, model, robot = view.session, view.session.current, view.session.arm
     comparison, units = model.comparison, robot["units"]
     if view.joint is None:  # whose error is the most times its noise; without noise, the largest
@@ -208,43 +186,39 @@ def _draw_fit(view: View) -> None:
         names = [(name, name) for name in model.runs]
         choice("Run", names, view.run, lambda name: view.look(run=name), "shown-run")
 
-    def options() -> dict[str, Any]:
+    def torques() -> dict[str, Any]:
         modelled = {step.label: session.recording(step, view.run)["modelled"] for step in steps}
         read = session.recording(model, view.run)
         run = Curves(read["t"], read["torque"], modelled)
         return torque_chart(run, view.joint or 0, units, view.span, _stretches(view, model))
 
     def against() -> dict[str, Any]:
-        j = view.joint or 0
-        floor = comparison["noise_floor"][j]
-        reads = [session.recording(step, view.run) for step in steps]
-        return residual_chart(reads, j, view.signal, units[j], floor, view.span)
+        j, reads = view.joint or 0, [session.recording(step, view.run) for step in steps]
+        noise = comparison["noise_floor"][j]
+        return residual_chart(reads, j, view.signal, units[j], noise, view.span)
 
     def zoom(event: Any) -> None:
         span = asked_span(event.args)
-        if not isinstance(span, bool):
+        if not isinstance(span, bool) and span != view.span:
             view.look(span=span)
 
     def follow() -> None:
         j = view.joint or 0
-        for k in {seen.get("chip", j), j}:
-            chips[k].classes(add="on" if k == j else "", remove="" if k == j else "on")
-            chips[k].props["aria-pressed"] = "true" if k == j else "false"
-        at = j, view.run, view.span
-        if seen["chart"] != at:
-            parts["chart"].update_figure(options())
-        if seen["against"] != (*at, view.signal):
-            parts["against"].update_figure(against())
+        for k, chip in enumerate(chips):
+            chip.classes(add="on" if k == j else "", remove="" if k == j else "on")
+            chip.props["aria-pressed"] = "true" if k == j else "false"
+        parts["chart"].update_figure(torques())
+        parts["against"].update_figure(against())
         causes = {cause for *_, cause in _stretches(view, model)}
         parts["legend"].content = legend([cause for cause in SHADES if cause in causes])
-        if seen.get("run") != view.run and "arm" in parts:
+        parts["words"].text = _words(model, j, units[j])
+        if "arm" in parts and parts.get("run") != view.run:
             read = session.recording(model, view.run)
             parts["arm"](read, torque_errors(model, read))
-        seen.update(chip=j, chart=at, against=(*at, view.signal), run=view.run)
-        parts["words"].text = _words(model, j, units[j])
+            parts["run"] = view.run
 
     with tag("div", style="pair"):
-        parts["chart"] = chart(options(), "Measured and modelled torque, and the residual")
+        parts["chart"] = chart(torques(), "Measured and modelled torque, and the residual")
         parts["chart"].on("plotly_relayout", zoom).classes("timed")
         if model.about["bodies"]:
             parts["arm"] = draw_arm(view, model.about, "redder: larger torque error")
@@ -257,8 +231,6 @@ def _draw_fit(view: View) -> None:
         signals = list(SIGNALS.items())
         choice("Error against", signals, view.signal, lambda name: view.look(signal=name), "signal")
     parts["against"] = chart(against(), "Error of the joint against a signal")
-    at = view.joint, view.run, view.span
-    seen: dict[str, Any] = {"chart": at, "against": (*at, view.signal)}
     view.followers["fit"] = follow
     follow()
     if model.on_bounds:
@@ -292,10 +264,8 @@ def _chips(view: View, model: ModelStep, units: list[str]) -> list[Any]:
     chips: list[Any] = []
     with tag("div", style="chips", role="group", aria_label="Joint to show"):
         for j, error in enumerate(comparison["rmse"]):
-            chip = button(
-                "", lambda j=j: view.look(joint=j), f"joint-{j + 1}", "chip", aria_pressed="false"
-            )  # type: ignore[misc]
-            with chip:
+            look = partial(view.look, joint=j)
+            with button("", look, f"joint-{j + 1}", "chip", aria_pressed="false") as chip:
                 tag("strong", f"Joint {j + 1}")
                 tag("span", with_unit(error, units[j]), "rmse")
                 floor = comparison["noise_floor"][j]
@@ -314,10 +284,8 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
     text = f"Joint {j + 1}: the error is {with_unit(error, unit)}"
     if floor:
         text += f", {figure(error / floor, 2)} times the noise floor of {with_unit(floor, unit)}"
-    text += "."
-    if not model.failures:
-        return text
-    return " ".join([text, *model.failures[j]["sentences"]])
+    said = model.failures[j]["sentences"] if model.failures else ()
+    return " ".join([f"{text}.", *said])
 
 
 #: The signal that shows what a cause of the table explains.
@@ -363,15 +331,9 @@ _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
   if (cell) emit([cell.dataset.joint, cell.dataset.signal]); }"""
 
 
-FIT = after_model(
-    "fit",
-    "Measured against modelled",
-    _draw_fit,
-    lambda s: (s.found_for, s.findings and s.findings.to_dict()),
-)
-
-
-def _draw_parameters(view: View) -> None:
+@after_model("parameters", "Parameters")
+def parameters(view: View) -> None:
+    """Links, friction and every parameter with its interval."""
     about = view.session.current.about
     for said in about["words"]:
         tag("p", said, "words")
@@ -389,7 +351,7 @@ def _tables(view: View) -> None:
 
         def options() -> dict[str, Any]:
             j = view.joint or 0
-            return friction_chart(about["friction"][j], j, robot["units"][j])
+            return ready(friction_figure(**about["friction"][j], joint=j, unit=robot["units"][j]), 300)
 
         drawn = chart(options(), "Friction torque over velocity with its 95 % band")
         note("Of the joint that is chosen above; shaded: 95 %.")
@@ -405,7 +367,4 @@ def _tables(view: View) -> None:
     button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
 
 
-PARAMETERS = after_model("parameters", "Parameters", _draw_parameters)
-
-
-IDENTIFY = Stage("identify", "Identify", "Add measurements first.", (MODEL, FIT, PARAMETERS), identified)
+IDENTIFY = Stage("identify", "Identify", "Add measurements first.", (MODEL, fit, parameters), identified)

@@ -29,9 +29,8 @@ from sdp_vs_penalty.page.wording import plain_name
 
 
 def _robot_depends(session: Session) -> Any:
-    robot = session.robot
-    found = session.answers.get("check_urdf")
-    return robot and (robot["source"], robot["title"], robot["gravity"], found, bool(session.runs))
+    own = [(session.robot or {}).get(name) for name in ("source", "title", "gravity")]
+    return own, session.answers.get("check_urdf"), bool(session.runs)
 
 
 def _draw_robot(view: View) -> None:
@@ -112,20 +111,15 @@ _USES = (
 
 
 def _runs_depends(session: Session) -> Any:
-    return (session.robot or {}).get("source"), session.runs, session.refusals
+    return session.arm["source"], session.runs, session.refusals
 
 
 def _draw_runs(view: View) -> None:
     with tag("div", style="ways"):
         with tag("section", style="way"):
             tag("h4", "Your runs")
-            drop(
-                "Drop measurements here",
-                f"or choose files: {', '.join(sorted(RUN_SUFFIXES))}",
-                "runs",
-                RUN_SUFFIXES,
-                True,
-            )
+            hint = f"or choose files: {', '.join(sorted(RUN_SUFFIXES))}"
+            drop("Drop measurements here", hint, "runs", RUN_SUFFIXES, True)
             note("They stay on this computer.")
             with details("Other column names, motors, ROS topics", "reading"):
                 draw_form(view.forms.get("read", ()), view.session.reading)
@@ -143,49 +137,42 @@ def _draw_runs(view: View) -> None:
 
 def _from_folder(view: View) -> None:
     """Runs of the folder that the page was started with: ticked, then read."""
-    files = view.folder_files(RUN_SUFFIXES)
+    ticked: dict[str, bool] = {}
+    files = {file.name: file for file in view.folder_files(RUN_SUFFIXES)}
     if not files:
         return
-    ticked: set[int] = set()
+
+    def read() -> None:
+        view.session.arrived |= {name: file for name, file in files.items() if ticked.get(name)}
+        view.session.read_arrived()
+
     with tag("fieldset"):
         tag("legend", "In your folder")
-        for k, file in enumerate(files):
-            check(
-                file.name,
-                False,
-                lambda on, k=k: (ticked.add if on else ticked.discard)(k),  # type: ignore[misc]
-                f"folder-{k}",
-            )
-
-        def read() -> None:
-            for k in sorted(ticked):
-                view.session.arrived[files[k].name] = files[k]
-            view.session.read_arrived()
-
+        for k, name in enumerate(files):
+            check(name, False, partial(ticked.__setitem__, name), f"folder-{k}")
         button("Read the selected files", read, "read-folder")
 
 
 def _simulated(view: View) -> None:
-    session, hiding, robot = view.session, view.hiding, view.session.arm
-    if not 0 < hiding["joint"] <= robot["n"]:
-        hiding["joint"] = int(robot["n"])
+    hiding, robot = view.hiding, view.session.arm
+    if not 0 < int(hiding["joint"]) <= robot["n"]:
+        hiding["joint"] = str(robot["n"])
     names = [("none", "Nothing hidden"), *((n, plain_name(n)) for n in view.catalogue["hideable"])]
-
-    def put(name: str, value: Any) -> None:
-        hiding[name] = value
-
+    joints = [(str(k), f"{k} {name}") for k, name in enumerate(robot["joints"], start=1)]
+    levels = [(level, level) for level in view.catalogue["levels"]]
     with tag("div", style="fields"):
-        choice("Effect", names, hiding["effect"], partial(put, "effect"), "hide-effect")
-        joints = [(str(k), f"{k} {name}") for k, name in enumerate(robot["joints"], start=1)]
-        choice("On joint", joints, str(hiding["joint"]), lambda v: put("joint", int(v)), "hide-joint")
-        levels = [(level, level) for level in view.catalogue["levels"]]
-        choice("Level", levels, hiding["level"], partial(put, "level"), "hide-level")
-        number("Seed", hiding["seed"], partial(put, "seed"), "hide-seed")
+        for label, word, options in (
+            ("Effect", "effect", names),
+            ("On joint", "joint", joints),
+            ("Level", "level", levels),
+        ):
+            choice(label, options, hiding[word], partial(hiding.__setitem__, word), f"hide-{word}")
+        number("Seed", hiding["seed"], partial(hiding.__setitem__, "seed"), "hide-seed")
 
     def simulate() -> None:
         whole = hiding["effect"] in view.catalogue["whole_robot"]
-        joints = [] if whole else [hiding["joint"]]
-        session.simulate(hiding["effect"], joints, hiding["level"], hiding["seed"])
+        at = [] if whole else [int(hiding["joint"])]
+        view.session.simulate(hiding["effect"], at, hiding["level"], hiding["seed"])
 
     button("Simulate four runs", simulate, "simulate")
 
@@ -217,14 +204,8 @@ def _list(view: View) -> None:
                     tag("td", f"{run['seconds']:.3g} s")
                     tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
                     with tag("td"):
-                        choice(
-                            f"Use of {run['name']}",
-                            _USES,
-                            run["use"],
-                            lambda v, file=run["file"]: session.use(file, v),  # type: ignore[misc]
-                            f"use-{k}",
-                            hidden_label=True,
-                        )
+                        said, use = f"Use of {run['name']}", partial(session.use, run["file"])
+                        choice(said, _USES, run["use"], use, f"use-{k}", hidden_label=True)
     if session.runs and all(run["use"] == "train" for run in session.runs):
         note(
             "No run is kept for testing: the errors below are training errors, and a diagnosis "
@@ -232,13 +213,7 @@ def _list(view: View) -> None:
         )
 
 
-RUNS = Part(
-    "runs",
-    "Measurements",
-    lambda session: session.robot is not None,
-    _runs_depends,
-    _draw_runs,
-)
+RUNS = Part("runs", "Measurements", lambda s: s.robot is not None, _runs_depends, _draw_runs)
 
 
 def _measured(session: Session) -> Verdict | None:

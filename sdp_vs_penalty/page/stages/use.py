@@ -37,7 +37,9 @@ LOAD = {name: use for name, use in _EXPORTS.items() if use.startswith("payload")
 MORE = {name: use for name, use in _EXPORTS.items() if name not in LOAD}
 
 
-def _draw_take_away(view: View) -> None:
+@after_model("take-away", "Download", lambda s: (s.findings is None, s.runs))
+def take_away(view: View) -> None:
+    """The model's files, its runs, and the commands that make the same."""
     session = view.session
     flange = {"flange": ""}
 
@@ -67,14 +69,13 @@ def _draw_take_away(view: View) -> None:
         tag("pre", "\n".join(session.commands()), tabindex="0")
 
 
-TAKE_AWAY = after_model("take-away", "Download", _draw_take_away, lambda s: (s.findings is None, s.runs))
-
-
 _DRIVES = (("torque", "the measured torque alone"), ("pd", "and a control loop on the measured motion"))
 _SERVO = ("servo", "the commands alone, through the model's servos")
 
 
-def _draw_forward(view: View) -> None:
+@after_model("forward", "Run forward", lambda s: s.answer("forward"))
+def forward(view: View) -> None:
+    """The model run along the judged runs."""
     session, asked = view.session, {"drive": view.drive}
     drives = [_SERVO] * session.current.servo + list(_DRIVES)
     if view.drive not in dict(drives):
@@ -138,7 +139,4 @@ def _replay(view: View, made: dict[str, Any]) -> None:
     follow()
 
 
-FORWARD = after_model("forward", "Run forward", _draw_forward, lambda s: s.answer("forward"))
-
-
-USE = Stage("use", "Use", "Identify a model first.", (TAKE_AWAY, FORWARD), identified)
+USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), identified)

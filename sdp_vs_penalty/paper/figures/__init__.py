@@ -10,21 +10,16 @@ from typing import Any
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.paper.figures import engines, figure_8, figure_10, torques
+from sdp_vs_penalty.paper.figures import panda, two_link
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.problem.load import load_problem
 
-#: By number the problem, and what draws the figure of its study.
+#: By number the problem, and what draws the figure of its study: each ``figure_N`` of a problem's file.
 FIGURES: Mapping[int, tuple[str, Callable[[Study], Any]]] = {
-    1: ("panda", torques.exciting_trajectory),
-    2: ("panda", torques.validation_trajectories),
-    3: ("panda", torques.validation_torques),
-    5: ("panda", engines.engine_torques),
-    6: ("panda", engines.engine_torque_errors),
-    7: ("panda", engines.engine_poses),
-    8: ("two_link", figure_8.draw),
-    9: ("two_link", torques.torques_of_the_2r),
-    10: ("two_link", figure_10.draw),
+    int(name.removeprefix("figure_")): (home.PROBLEM, draw)
+    for home in (panda, two_link)
+    for name, draw in vars(home).items()
+    if name.startswith("figure_")
 }
 
 

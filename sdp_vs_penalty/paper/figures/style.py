@@ -43,6 +43,7 @@ def new_figure(rows: int, columns: int, height: float, **options: Any) -> tuple[
             "axes.spines.top": False,
             "axes.spines.right": False,
             "axes.grid": True,
+            "axes.xmargin": 0.0,
             "grid.color": "#dddddd",
             "grid.linewidth": 0.5,
             "pdf.fonttype": 42,
@@ -64,9 +65,10 @@ def label_joints(axes: Any, units: Sequence[str], what: str) -> None:
 
 
 def legend_below(figure: Any, axis: Any) -> None:
-    """One legend for the whole figure, under the axes."""
+    """One legend for the whole figure, under the axes, each label once."""
     handles, labels = axis.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5), frameon=False)
+    own = dict(zip(labels, handles, strict=True))
+    figure.legend(own.values(), own, loc="outside lower center", ncols=min(len(own), 5), frameon=False)
 
 
 def title(figure: Any, text: str) -> None:

@@ -5,23 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.estimators.penalty import Penalty
-from sdp_vs_penalty.paper.tables.study import (
-    Data,
-    PhaseFold,
-    Study,
-    refit_others,
-    sentence,
-    torque_errors,
-)
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
+from sdp_vs_penalty.paper.tables.study import Data, Study, refitted, torque_errors
+from sdp_vs_penalty.paper.tables.table import Row, Table
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
-from sdp_vs_penalty.signals.phases import PhaseFolds
+from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 
 NAME = "data"
 SLOW = True
@@ -45,24 +37,24 @@ _Window = tuple[Regression, Regression]
 
 
 def build(study: Study) -> Table:
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[Row] = []
     for data, windows_of in _sources(study):
         for length in SECONDS:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
             for method in _METHODS:
-                whole, links = _errors(study, data, windows, method)
-                spreads = (*_spread(whole), *_spread(links))
-                rows.append((data.label, length, len(windows), method, *spreads))
-    names = ["data", "seconds", "windows", "method"]
-    names += [f"error_percent_{which}" for which in ("median", "min", "max")]
-    names += [f"links_error_percent_{which}" for which in ("median", "min", "max")]
-    return Table(
+                about = {
+                    "data": data.label,
+                    "seconds": length,
+                    "windows": len(windows),
+                    "method": method,
+                }
+                rows.append({**about, **_errors(study, data, windows, method)})
+    return Table.of(
         NAME,
         f"How much data each method needs: {study.problem.title}",
-        sentence(study),
-        tuple(Column(name, digits=3) for name in names),
-        tuple(rows),
+        study.sentence,
+        rows,
         (
             "error_percent: relative torque error over all joints on motion that was not trained on: "
             "simulated validation trajectories, or the rest of the real run's motion beyond the "
@@ -84,14 +76,15 @@ def build(study: Study) -> Table:
             "them.",
         ),
         _gist(rows),
+        digits=3,
     )
 
 
-def _gist(rows: list[tuple[Cell, ...]]) -> str:
+def _gist(rows: list[Row]) -> str:
     """The medians of the last data after the longest windows."""
-    last = [row for row in rows if row[:2] == rows[-1][:2]]
-    said = [f"{row[3]} {row[4]:.3g} %" for row in last]
-    return f"After {last[0][1]} s ({last[0][0]}), on other motion: {', '.join(said)}."
+    last = [row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))]
+    said = [f"{row['method']} {row['error_percent_median']:.3g} %" for row in last]
+    return f"After {last[0]['seconds']} s ({last[0]['data']}), on other motion: {', '.join(said)}."
 
 
 def _sources(study: Study) -> list[tuple[Data, Callable[[int], list[_Window]]]]:
@@ -104,33 +97,25 @@ def _sources(study: Study) -> list[tuple[Data, Callable[[int], list[_Window]]]]:
         chosen = training_windows(blocks, length)
         return [(blocks.select(w), data.test_regression) for w in chosen]
 
-    if not study.folds:
+    if study.measured is None:
         return [(data, simulated)]
-    real = study.folds[0]
-    assert isinstance(real, PhaseFold)
-    return [(data, simulated), (real, partial(_phase_windows, real, _cells(real)))]
+    return [(data, simulated), (study.measured, _phase_windows(study.measured))]
 
 
-def _cells(real: PhaseFold) -> Regression:
-    """The real run in cells of half a second of its motion."""
-    return compress_cells(real.train, real.model, real.preprocessing, _halves(real))
-
-
-def _halves(real: PhaseFold) -> PhaseFolds:
-    clocks = real.split.clocks
-    return PhaseFolds(clocks, round(clocks[0].length / _CELL))
-
-
-def _phase_windows(real: PhaseFold, cells: Regression, length: int) -> list[_Window]:
+def _phase_windows(real: Data) -> Callable[[int], list[_Window]]:
     """Windows around the motion's period; judged on what lies beyond the filters' reach of them."""
-    count, clear = _halves(real).count, math.ceil(real.split.guard / _CELL)
-    size = round(length / _CELL)
-    out = []
-    for start in np.linspace(0, count, _WINDOWS, endpoint=False).round().astype(int):
-        around = (start + np.arange(count)) % count
-        train, test = around[:size], around[size + clear : count - clear]
-        out.append((cells.select(train), cells.select(test)))
-    return out
+    whole = phase_folds(real.train, real.preprocessing, 1)
+    count, clear = round(whole.clocks[0].length / _CELL), math.ceil(whole.guard / _CELL)
+    split = PhaseFolds(whole.clocks, count)
+    cells = compress_cells(real.train, real.model, real.preprocessing, split)
+    starts = np.linspace(0, count, _WINDOWS, endpoint=False).round().astype(int)
+
+    def windows(length: int) -> list[_Window]:
+        size = round(length / _CELL)
+        around = [(start + np.arange(count)) % count for start in starts]
+        return [(cells.select(x[:size]), cells.select(x[size + clear : count - clear])) for x in around]
+
+    return windows
 
 
 def training_windows(blocks: Regression, length: int) -> list[list[int]]:
@@ -147,23 +132,21 @@ def training_windows(blocks: Regression, length: int) -> list[list[int]]:
     return [list(range(start, start + length)) for start in starts]
 
 
-def _errors(
-    study: Study, data: Data, windows: list[_Window], method: str
-) -> tuple[list[float], list[float]]:
+def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Row:
     """Held-out errors [%] of one method over the windows: as estimated, and of the links alone."""
-    whole, links = [], []
+    pairs = []
     for train, test in windows:
         task = make_task(study.problem, data.model, train, seed=study.seed)
         estimator = study.estimator(method)
         if isinstance(estimator, Penalty):
             estimator = replace(estimator, starts=1)  # one start of it stands for all
         theta = estimator.fit(task).theta
-        whole.append(torque_errors(test, theta)[1])
-        links.append(torque_errors(test, refit_others(test, theta, data.model))[1])
-    return whole, links
-
-
-def _spread(values: list[float]) -> tuple[Cell, ...]:
-    if not values:
-        return (None, None, None)
-    return (float(np.median(values)), min(values), max(values))
+        links = np.full(len(theta), np.nan)
+        links[task.links] = theta[task.links]
+        refit = refitted(test.least_squares(), links)
+        pairs.append([torque_errors(test, x)[1] for x in (theta, refit)])
+    out: Row = {}
+    for k, name in enumerate(("error_percent", "links_error_percent")):
+        for word, of in (("median", np.median), ("min", np.min), ("max", np.max)):
+            out[f"{name}_{word}"] = float(of(np.array(pairs)[:, k])) if pairs else None
+    return out

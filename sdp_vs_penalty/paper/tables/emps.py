@@ -13,7 +13,7 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import FOLDS, Study, torque_errors
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
+from sdp_vs_penalty.paper.tables.table import Row, Table
 from sdp_vs_penalty.problem.published import VARIABLE, real_data_folder
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
@@ -34,38 +34,29 @@ def build(study: Study) -> Table:
             "table emps is about measurements that are not at hand",
             f"name the folder that holds emps/ by {VARIABLE}",
         )
-    runs = converted("emps", folder / "emps")
-    tracking, pulses = runs["tracking"], runs["pulses"]
+    found = converted("emps", folder / "emps")
+    tracking, _ = runs = found["tracking"], found["pulses"]
     # The authors' least-squares values: M [kg], F_v [N s/m], F_c [N], offset [N], and viscous
     # friction's difference between the directions [N s/m], which their model lacks.
     authors = 95.1089, 203.5034, 20.3935, -3.1648, 0.0
-    rows = [("authors, least squares", *_row(study, authors, tracking, pulses), None, "measured")]
+    rows = [_row(study, "authors, least squares", authors, *runs)]
     for method in dict.fromkeys(("ols", DEFAULT_METHOD)):
         study.progress(f"EMPS by {method}")
-        estimate = identify(study.problem, tracking, method, seed=study.seed)
+        own = _constants(identify(study.problem, tracking, method, seed=study.seed))
         unseen = cross_validate(study.problem, tracking, method, folds=FOLDS, seed=study.seed)
-        cells = _row(study, _constants(estimate), tracking, pulses)
-        rows.append((method, *cells, unseen.relative_error_percent, "measured"))
+        rows.append(_row(study, method, own, *runs, unseen.relative_error_percent))
     effects = (*study.problem.default_effects, *REFINED)
     for method in (DEFAULT_METHOD, OUTPUT_ERROR):
         study.progress(f"EMPS by {method}, five parameters")
         estimate = identify(study.problem, tracking, method, effects=effects, seed=study.seed)
-        cells = _row(study, _constants(estimate), tracking, pulses)
-        rows.append((f"{method}, asymmetric", *cells, None, "measured"))
-    columns = (
-        *("estimate", "mass_kg", "viscous_N_s_per_m", "coulomb_N", "offset_N", "asymmetric_N_s_per_m"),
-        *("force_error_tracking_percent", "force_error_pulses_percent"),
-        *("position_rmse_tracking_mm", "position_rmse_pulses_mm", "unseen_force_error_percent"),
-        "data",
-    )
-    best = min(float(row[-3] or np.inf) for row in rows)
-    return Table(
+        rows.append(_row(study, f"{method}, asymmetric", _constants(estimate), *runs))
+    errors = [float(row["position_rmse_pulses_mm"] or np.inf) for row in rows]
+    return Table.of(
         NAME,
         "EMPS, the electro-mechanical positioning system of nonlinearbenchmark.org",
         "Measured: both public files, 24.8 s at 1 kHz each; estimated from the first (tracking), judged "
         "on both. The second follows the same reference with force pulses.",
-        tuple(Column(name) for name in columns),
-        tuple(rows),
+        rows,
         (
             "force_error: 100 |F - F_hat| / |F| below 20 Hz, the inverse dynamics along the measured "
             "motion. position_rmse: the benchmark's own terms, the position simulated from the control "
@@ -80,26 +71,35 @@ def build(study: Study) -> Table:
             "carry over (9 mm on the pulses), so that it is not used.",
             "Open loop nothing pulls a simulated position back: small errors of the force add up.",
         ),
-        f"Simulated position on the test file: {best:.3g} mm at best, {float(rows[0][-3] or 0):.3g} mm "
+        f"Simulated position on the test file: {min(errors):.3g} mm at best, {errors[0]:.3g} mm "
         "with the authors' values.",
     )
 
 
 def _row(
-    study: Study, constants: tuple[float, ...], tracking: Measurements, pulses: Measurements
-) -> tuple[Cell, ...]:
+    study: Study,
+    estimate: str,
+    constants: tuple[float, ...],
+    tracking: Measurements,
+    pulses: Measurements,
+    unseen: float | None = None,
+) -> Row:
     """The constants, the error of the force and of the simulated position on either file."""
     model = study.problem.model((*study.problem.default_effects, *REFINED))
     theta = np.zeros(len(model.parameters))
     theta[model.rigid_indices[0]] = constants[0]
-    theta[[k for k in range(len(theta)) if k not in model.rigid_indices]] = constants[1:]
+    theta[np.delete(np.arange(len(theta)), model.rigid_indices)] = constants[1:]
     settings = study.problem.preprocessing.resolve(tracking)
-    forces = [torque_errors(compress(run, model, settings), theta)[1] for run in (tracking, pulses)]
-    positions = [
-        1e3 * float(np.sqrt(np.mean((simulated(run, constants) - run.q[:, 0]) ** 2)))
-        for run in (tracking, pulses)
-    ]
-    return (*constants, *forces, *positions)
+    names = "mass_kg", "viscous_N_s_per_m", "coulomb_N", "offset_N", "asymmetric_N_s_per_m"
+    row: Row = {"estimate": estimate, **dict(zip(names, constants, strict=True))}
+    runs = {"tracking": tracking, "pulses": pulses}
+    for name, run in runs.items():
+        force = torque_errors(compress(run, model, settings), theta)[1]
+        row[f"force_error_{name}_percent"] = force
+    for name, run in runs.items():
+        error = simulated(run, constants) - run.q[:, 0]
+        row[f"position_rmse_{name}_mm"] = 1e3 * float(np.sqrt(np.mean(error**2)))
+    return row | {"unseen_force_error_percent": unseen, "data": "measured"}
 
 
 def _constants(estimate: Estimate) -> tuple[float, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Column, Table
+from sdp_vs_penalty.paper.tables.table import Table
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import errata, published_links, published_values, real_file
@@ -22,9 +22,9 @@ def build(study: Study) -> Table:
     for name in PROBLEMS:
         problem = load_problem(name)
         for erratum in errata(problem):
-            shown = _EVIDENCE[erratum.number - 1](problem)
-            rows.append((erratum.number, erratum.where, erratum.printed, erratum.corrected, shown))
-    return Table(
+            said = {name: getattr(erratum, name) for name in ("number", "where", "printed", "corrected")}
+            rows.append(said | {"what_shows_it": _EVIDENCE[erratum.number - 1](problem)})
+    return Table.of(
         NAME,
         "Errata: where the paper contradicts itself",
         "Gaz et al., RA-L 2019, supplementary material revised October 15th, 2019. The published tables "
@@ -32,8 +32,7 @@ def build(study: Study) -> Table:
         "with which every printed pi(p_hat) of Table III follows from Tables VIII and IX to its "
         "last digit. Nothing here is simulated or measured: all figures follow from the published "
         "tables.",
-        tuple(Column(name) for name in ("number", "where", "printed", "corrected", "what_shows_it")),
-        tuple(sorted(rows)),
+        sorted(rows, key=lambda row: row["number"]),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from scipy.optimize import approx_fprime
@@ -10,8 +10,9 @@ from scipy.optimize import approx_fprime
 from sdp_vs_penalty.estimation.constants import DATA_SHARE
 from sdp_vs_penalty.estimation.identify import DATA, data_share
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
-from sdp_vs_penalty.paper.tables.study import Data, Study, sentence
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table, text
+from sdp_vs_penalty.paper.tables.study import Data, Study
+from sdp_vs_penalty.paper.tables.table import Cell, Row, Table, text
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import barycentric_names, box_tables, errata
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
@@ -20,30 +21,25 @@ from sdp_vs_penalty.robot.arrays import Array
 def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool]) -> Table:
     """Bounds and published values as printed, the nominal robot and whether the data or a prior towards
     it decide, then the simulation's truth, then every method."""
-    problem = study.problem
-    columns, rows = _published_rows(study, chosen) or _bound_rows(study, chosen)
-    keys = [str(row[0]) for row in rows]
-    nominal = by_name(problem.nominal_links)
-    columns.append(Column("nominal"))
-    for row, key in zip(rows, keys, strict=True):
-        row.append(nominal[key])
+    printed = [row for table in box_tables(study.problem) for row in study.problem.published[table]]
+    rows = {str(row["parameter"]): dict(row) for row in printed or _bounds(study.problem)}
+    rows = {key: row for key, row in rows.items() if chosen(key)}
+
+    def add(column: str, values: Mapping[str, Cell]) -> None:
+        for key, row in rows.items():
+            row[column] = values[key]
+
+    add("nominal", by_name(study.problem.nominal_links))
     told = []
     for data in study.whole:
         decided = sources(study, data)
-        seen = sum(decided[key] == DATA for key in keys)
-        told.append(f"the {data.label} data decide {seen} of {len(keys)} entries")
-        columns.append(Column(f"{data.label}_source"))
-        for row, key in zip(rows, keys, strict=True):
-            row.append(decided[key])
-    ours = [("true_simulated", study.experiment.links)]
+        seen = sum(decided[key] == DATA for key in rows)
+        told.append(f"the {data.label} data decide {seen} of {len(rows)} entries")
+        add(f"{data.label}_source", decided)
+    add("true_simulated", by_name(study.experiment.links))
     for data in study.whole:
         for method_name, method in study.methods.items():
-            ours.append((f"{method_name}_{data.label}", study.links(method, data)))
-    for label, links in ours:
-        values = by_name(links)
-        columns.append(Column(label))
-        for row, key in zip(rows, keys, strict=True):
-            row.append(values[key])
+            add(f"{method_name}_{data.label}", by_name(study.links(method, data)))
     notes = [
         "Inertias are about the centres of mass, in the link frames. Torque determines base "
         "parameters only: other entries are what each method fills in, OLS with the point nearest to "
@@ -53,21 +49,20 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
         "estimate and to first order.",
         *study.about_priors,
     ]
-    if any(key[0] == "I" for key in keys):
+    if any(key[0] == "I" for key in rows):
         notes += _bounds_received(study)
-    for erratum in errata(problem):
-        if erratum.cell and erratum.cell["row"] in keys:
+    for erratum in errata(study.problem):
+        if erratum.cell and erratum.cell["row"] in rows:
             notes.append(
                 f"{erratum.where}: printed {erratum.printed}; the other tables need "
                 f"{erratum.corrected}, which true_simulated has."
             )
-    return Table(
+    return Table.of(
         name,
-        f"Table {name}: {title} of {problem.title}",
-        sentence(study),
-        tuple(columns),
-        tuple(tuple(row) for row in rows),
-        tuple(notes),
+        f"Table {name}: {title} of {study.problem.title}",
+        study.sentence,
+        list(rows.values()),
+        notes,
         f"At {DEFAULT_METHOD}'s estimate {' and '.join(told)}; the rest comes from the nominal robot.",
     )
 
@@ -114,26 +109,9 @@ def by_name(links: Array) -> dict[str, float]:
     }
 
 
-def _published_rows(
-    study: Study, chosen: Callable[[str], bool]
-) -> tuple[list[Column], list[list[Cell]]] | None:
-    tables = box_tables(study.problem)
-    if not tables:
-        return None
-    printed = [row for name in tables for row in study.problem.published[name]]
-    header = list(printed[0])
-    rows: list[list[Cell]] = [
-        [row[column] for column in header] for row in printed if chosen(row["parameter"])
-    ]
-    return [Column(name) for name in header], rows
-
-
-def _bound_rows(study: Study, chosen: Callable[[str], bool]) -> tuple[list[Column], list[list[Cell]]]:
-    """For robots without published parameters."""
-    rows: list[list[Cell]] = []
+def _bounds(problem: Problem) -> Iterator[Row]:
+    """Rows for robots without published parameters."""
     units = "kg", "m", "m", "m", *("kg*m^2",) * 6
-    for link, box in enumerate(study.problem.box, start=1):
+    for link, box in enumerate(problem.box, start=1):
         for name, (lower, upper), unit in zip(barycentric_names(link), box, units, strict=True):
-            if chosen(name):
-                rows.append([name, float(lower), float(upper), unit])
-    return [Column(name) for name in ("parameter", "lower", "upper", "unit")], rows
+            yield {"parameter": name, "lower": float(lower), "upper": float(upper), "unit": unit}

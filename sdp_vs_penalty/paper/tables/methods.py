@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.identify import consistent, positive_mass_matrices
 from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.paper.tables.study import FOLDS, WITH_PRIOR, Data, Result, Study, sentence
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
+from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.paper.tables.study import FOLDS, WITH_PRIOR, Data, Frozen, Result, Study
+from sdp_vs_penalty.paper.tables.table import Row, Table
 from sdp_vs_penalty.robot import inertia
 
 NAME = "methods"
@@ -22,21 +21,14 @@ def build(study: Study) -> Table:
     for data in study.judged:
         optimum = certified_optimum(study, data)
         for method in (*estimator_types(), *WITH_PRIOR):
-            if _needs_black_box(method):
-                found = study.reverse_engineered
-                theta = study.frozen_links(found.theta.reshape(-1, 10), data)
-                result = Result(theta, found.certificate, found.seconds, {})
-            else:
-                result = study.result(method, data)
-            rows.append(_row(study, data, method, result, optimum))
+            rows.append(_row(study, data, method, optimum))
     last = [row for row in rows if row["data"] == rows[-1]["data"]]
     errors = [f"{row['method']} {row['unseen_error_percent']:.3g} %" for row in last]
-    return Table(
+    return Table.of(
         NAME,
         f"Methods compared on {study.problem.title}",
-        sentence(study),
-        tuple(Column(name, digits=3) for name in rows[0]),
-        tuple(tuple(row.values()) for row in rows),
+        study.sentence,
+        rows,
         (
             "excess_loss_percent: loss over the certified lower bound of the constrained optimum (that "
             "of lmi-sdp-plain); negative only for what is not feasible. penalty-two-step and "
@@ -61,11 +53,8 @@ def build(study: Study) -> Table:
             f"budget {study.budget}.",
         ),
         f"On unseen motion ({last[0]['data']}): {', '.join(errors)}.",
+        digits=3,
     )
-
-
-def _needs_black_box(method: str) -> bool:
-    return method not in WITH_PRIOR and estimator_types()[method].needs_black_box
 
 
 def certified_optimum(study: Study, data: Data) -> float:
@@ -75,26 +64,25 @@ def certified_optimum(study: Study, data: Data) -> float:
     return lower
 
 
-def _errors(study: Study, data: Data, method: str, result: Result) -> tuple[Cell, Cell, Cell]:
-    """On unseen motion, of the worst fold, and on the training motion again."""
-    error = data.errors(result.theta)[1]
-    if data is study.simulated:
-        return error, None, None
-    if _needs_black_box(method):
-        links = study.reverse_engineered.theta.reshape(-1, 10)
-        unseen = study.unseen(partial(study.frozen_links, links))
+def _row(study: Study, data: Data, method: str, optimum: float) -> Row:
+    estimator: str | Estimator = method
+    if method not in WITH_PRIOR and estimator_types()[method].needs_black_box:
+        found = study.reverse_engineered
+        estimator = Frozen(found.theta.reshape(-1, 10))
+        result = Result(study.theta(estimator, data), found.certificate, found.seconds, {})
     else:
-        unseen = study.unseen(partial(study.fitted, method))
-    return unseen.relative, max(unseen.folds), error
-
-
-def _row(study: Study, data: Data, method: str, result: Result, optimum: float) -> dict[str, Cell]:
+        result = study.result(method, data)
+    again = None
+    error, fold = data.errors(result.theta)[1], None
+    if data is not study.simulated:
+        unseen, again = study.unseen(estimator), error
+        error = unseen.relative_error_percent
+        fold = unseen.folds[unseen.worst - 1].relative_error_percent
     task = study.task(data)
     links = result.theta[task.links]
     violations = task.constraints.worst(result.theta)
     family = max(violations, key=lambda name: violations[name])
     worst = violations[family]
-    unseen, fold, again = _errors(study, data, method, result)
     share = 1.0 if consistent(links) else positive_mass_matrices(study.problem.robot, links)
     # The independent ones of a multi-start method; with a joint prior their losses hold it too.
     runs = [] if method in WITH_PRIOR else result.details.get("runs") or []
@@ -108,7 +96,7 @@ def _row(study: Study, data: Data, method: str, result: Result, optimum: float) 
         "violated_family": family if worst >= ROUNDING else None,
         "smallest_eigenvalue": float(inertia.consistency_margin(links).min()),
         "smallest_thickness_mm": 1e3 * float(inertia.thickness(links).min()),
-        "unseen_error_percent": unseen,
+        "unseen_error_percent": error,
         "worst_fold_error_percent": fold,
         "repeatability_error_percent": again,
         "positive_definite_percent": 100.0 * share,

@@ -7,17 +7,19 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation.cross_validation import CrossValidation, cross_validate
 from sdp_vs_penalty.estimation.identify import certify, identify
 from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, make_task, no_progress
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Progress, Task, make_task, no_progress
 from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, PenaltyPaper
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word
@@ -25,12 +27,13 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import measured_run, real_file
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox, load_configurations
-from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
+from sdp_vs_penalty.solvers.objective import Objective
 
+Made = TypeVar("Made")
 BUDGETS = ("quick", "paper")
 _PLACED = by_word(
     ((kind.table_place, kind) for kind in estimator_types().values() if kind.table_place), "table_place"
@@ -47,7 +50,7 @@ TRAIN_STOP, TEST_START = 14.0, 14.2
 FOLDS = 5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Data:
     """One data set, compressed: what estimates are made from, and what they are judged on.
 
@@ -61,59 +64,40 @@ class Data:
     model: Model
     preprocessing: Preprocessing
 
-    @property
-    def key(self) -> str:
-        """Which rows estimates are made from."""
-        return self.train.data_hash
-
     @cached_property
     def regression(self) -> Regression:
         return compress(self.train, self.model, self.preprocessing)
 
     @cached_property
     def test_regression(self) -> Regression:
-        return self.test_with(self.model)
-
-    def test_with(self, model: Model) -> Regression:
-        """The held-out rows in the columns of another model."""
         assert self.test is not None
-        return compress(self.test, model, self.preprocessing, blocks_per_run=1)
+        return compress(self.test, self.model, self.preprocessing, blocks_per_run=1)
 
-    def errors(self, theta: Array, regression: Regression | None = None) -> tuple[Array, float]:
+    def errors(self, theta: Array) -> tuple[Array, float]:
         """Held-out mean squared torque error (n,) [(N m)^2] and relative error over all joints [%]."""
-        rows = self.test_regression if regression is None else regression
-        return torque_errors(rows, theta)
+        return torque_errors(self.test_regression, theta)
 
 
-@dataclass(frozen=True)
-class PhaseFold(Data):
-    """A run without one stretch of its motion, judged on that stretch and all its repetitions."""
+@dataclass(frozen=True, eq=False)
+class Frozen(Estimator):
+    """Given links (n, 10); every other parameter is ``others``, NaN: fitted to the torque."""
 
-    split: PhaseFolds
-    number: int
+    name = "given links"
+    description = "links as they are given, all other parameters by least squares"
+    links: Array
+    others: float = np.nan
 
-    @property
-    def key(self) -> str:
-        return f"{self.train.data_hash}, fold {self.number + 1} of {self.split.count}"
-
-    @cached_property
-    def regression(self) -> Regression:
-        return self._cells(self.model).select(self.split.training(self.number))
-
-    def test_with(self, model: Model) -> Regression:
-        return self._cells(model).select(self.split.tested(self.number))
-
-    def _cells(self, model: Model) -> Regression:
-        return compress_cells(self.train, model, self.preprocessing, self.split)
+    def fit(self, task: Task) -> Fit:
+        theta = np.full(len(task.bound), self.others)
+        theta[task.model.rigid_indices] = self.links.ravel()
+        return Fit(refitted(task.data, theta), Objective(task.data), task.constraints)
 
 
-@dataclass(frozen=True)
-class Unseen:
-    """Errors on unseen motion: mse (n,) and relative [%] over all folds; folds : relative of each."""
-
-    mse: Array
-    relative: float
-    folds: tuple[float, ...]
+def refitted(data: LeastSquares, given: Array) -> Array:
+    """theta (p,) as given, what is NaN in it fitted to the rows by least squares."""
+    free, theta = np.isnan(given), np.nan_to_num(given)
+    theta[free] = np.linalg.lstsq(data.R[:, free], data.rho - data.R @ theta, rcond=None)[0]
+    return theta
 
 
 @dataclass(frozen=True)
@@ -145,8 +129,15 @@ class Study:
             raise unknown("budget", budget, BUDGETS)
         self.problem, self.budget, self.seed, self.progress = problem, budget, seed, progress
         self.workers = workers
-        self._results: dict[tuple[str, str], Result] = {}
-        self._tasks: dict[str, Task] = {}
+        self._results: dict[tuple[str, Data], Result] = {}
+        self._tasks: dict[Data, Task] = {}
+        self._made: dict[object, Any] = {}
+
+    def once(self, make: Callable[[Study], Made]) -> Made:
+        """What ``make`` makes of this study, worked out the first time."""
+        if make not in self._made:
+            self._made[make] = make(self)
+        return cast(Made, self._made[make])
 
     @cached_property
     def experiment(self) -> Experiment:
@@ -180,31 +171,18 @@ class Study:
         train, test = self.run.window(0.0, TRAIN_STOP), self.run.window(TEST_START, np.inf)
         return self._data("measured", train, test, self.problem.model())
 
-    @cached_property
-    def folds(self) -> tuple[Data, ...]:
-        """The real run's folds by phase: each judged on motion that it does not train on."""
-        if self.run is None:
-            return ()
-        self.progress("folds by phase")
-        settings = self.problem.preprocessing.resolve(self.run)
-        split, model = phase_folds(self.run, settings, FOLDS), self.problem.model()
-        return tuple(
-            PhaseFold("measured", self.run, None, model, settings, split, k) for k in range(FOLDS)
-        )
-
-    def unseen(self, theta: Callable[[Data], Array], model: Model | None = None) -> Unseen:
-        """Errors over the folds of what ``theta`` makes of each, in the columns of a model."""
-        pairs = []
-        for fold in self.folds:
-            rows = fold.test_regression if model is None else fold.test_with(model)
-            pairs.append((rows, theta(fold)))
-        losses = np.array([rows.joint_losses(x) for rows, x in pairs])
-        count = np.array([rows.joint_rows() for rows, _ in pairs])
-        squares = np.array([rows.least_squares().tau_squared for rows, _ in pairs])
-        relative = 100.0 * np.sqrt(losses.sum() / squares.sum())
-        each = 100.0 * np.sqrt(losses.sum(axis=1) / squares)
-        mse = losses.sum(axis=0) / np.maximum(count.sum(axis=0), 1)
-        return Unseen(mse, float(relative), tuple(each.tolist()))
+    def unseen(
+        self, method: str | Estimator, effects: Sequence[Effect] | None = None
+    ) -> CrossValidation:
+        """Errors of a method on motion of the real run that it has not seen, by FOLDS folds by phase."""
+        assert self.run is not None
+        if method not in self._made:
+            self.progress(f"folds by phase, {method if isinstance(method, str) else method.name}")
+            self._made[method] = cross_validate(
+                self.problem, self.run, self.estimator(method), effects=effects, folds=FOLDS,
+                seed=self.seed, workers=self.workers,
+            )  # fmt: skip
+        return cast(CrossValidation, self._made[method])
 
     def _data(self, label: str, train: Measurements, test: Measurements | None, model: Model) -> Data:
         return Data(label, train, test, model, self.problem.preprocessing.resolve(train))
@@ -220,24 +198,23 @@ class Study:
         return [self.simulated, *([] if self.repeated is None else [self.repeated])]
 
     def task(self, data: Data) -> Task:
-        key = data.key
-        if key not in self._tasks:
+        if data not in self._tasks:
             self.progress(f"compressing the {data.label} run")
-            self._tasks[key] = make_task(self.problem, data.model, data.regression, seed=self.seed)
-        return self._tasks[key]
+            self._tasks[data] = make_task(self.problem, data.model, data.regression, seed=self.seed)
+        return self._tasks[data]
 
     def result(self, method: str, data: Data) -> Result:
         """A method's estimate from the training part of a data set."""
         self.estimate([method], [data])
-        return self._results[method, data.key]
+        return self._results[method, data]
 
     def estimate(self, methods: Iterable[str], sets: Sequence[Data]) -> None:
         """Have every method's estimate from each of the data sets, by the workers; a task is small."""
-        new = {(m, d.key): d for m in methods for d in sets if (m, d.key) not in self._results}
-        for (method, _), data in new.items():
-            self.task(data)
+        new = [(m, d) for m in methods for d in sets if (m, d) not in self._results]
+        tasks = []
+        for method, data in new:
+            tasks.append((self.estimator(method), self.task(data)))
             self.progress(f"{method} on {data.label} data")
-        tasks = [(self.estimator(method), self._tasks[key]) for method, key in new]
         workers = replace(self.workers, progress=self.progress)
         self._results.update(zip(new, workers.map(_estimated, tasks), strict=True))
 
@@ -251,21 +228,44 @@ class Study:
         return [said] if set(WITH_PRIOR) & set(self.methods.values()) else []
 
     @cached_property
+    def sentence(self) -> str:
+        """What is simulated and what is measured: opens every caption."""
+        x = self.experiment
+        friction = "without friction" if x.friction is None else "with sigmoid friction"
+        known = {"panda": "the published p_hat (errata corrected)", "two_link": "the published p_real"}
+        truth = known.get(self.problem.name, "the problem's nominal links")
+        simulated = (
+            f"Columns or rows named simulated: one {x.trajectory.duration:g} s exciting trajectory "
+            f"simulated with {truth} as truth, {friction}, with torque noise and quantisation "
+            f"(seed {self.seed})."
+        )
+        if self.run is None:
+            return (
+                f"{simulated} Nothing is measured: no real run of {self.problem.name} is at hand (a "
+                "folder named by SDP_VS_PENALTY_DATA)."
+            )
+        return f"{simulated} Named measured: the authors' real run ({len(self.run.t)} samples)."
+
+    @cached_property
     def methods(self) -> Mapping[str, str]:
         """METHODS, those with another prior only where joints have parameters of their own."""
         own = [len(data.model.parameters) > len(data.model.rigid_indices) for data in self.whole]
         return {k: m for k, m in METHODS.items() if any(own) or m not in WITH_PRIOR}
 
-    def fitted(self, method: str, data: Data) -> Array:
-        """theta of a method's estimate."""
-        return self.result(method, data).theta
+    def theta(self, method: str | Estimator, data: Data) -> Array:
+        """(p,) of a method's estimate from the training part of a data set."""
+        if isinstance(method, str):
+            return self.result(method, data).theta
+        return method.fit(self.task(data)).theta
 
     def links(self, method: str, data: Data) -> Array:
         """(n, 10) links of a method's estimate."""
-        return self.fitted(method, data)[data.model.rigid_indices].reshape(-1, 10)
+        return self.theta(method, data)[self.task(data).links]
 
-    def estimator(self, method: str) -> Estimator:
+    def estimator(self, method: str | Estimator) -> Estimator:
         """The method with the settings of this budget, and of its name: "penalty, joint prior"."""
+        if isinstance(method, Estimator):
+            return method
         name, _, prior = method.partition(", ")
         kind: Any = estimator_types()[name]
         if prior:
@@ -299,12 +299,6 @@ class Study:
         seconds = time.perf_counter() - begin
         return Result(estimate.theta, estimate.certificate, seconds, estimate.details)
 
-    def frozen_links(self, links: Array, data: Data) -> Array:
-        """theta with given links, all other parameters refitted on the training part."""
-        theta = np.zeros(len(data.model.parameters))
-        theta[data.model.rigid_indices] = links.ravel()
-        return refit_others(data.regression, theta, data.model)
-
 
 def _estimated(given: tuple[Estimator, Task]) -> Result:
     estimator, task = given
@@ -316,40 +310,8 @@ def _estimated(given: tuple[Estimator, Task]) -> Result:
     return Result(theta, certificate, seconds, fit.details)
 
 
-def refit_others(rows: Regression, theta: Array, model: Model) -> Array:
-    """theta with all but the links' parameters fitted to rows by least squares, joint by joint."""
-    out = theta.copy()
-    for factor in rows.per_joint:
-        y, tau = factor.triangle[:, :-1], factor.triangle[:, -1]
-        free = ~np.isin(factor.indices, model.rigid_indices)
-        if free.any():
-            rest = tau - y[:, ~free] @ theta[factor.indices[~free]]
-            out[factor.indices[free]] = np.linalg.lstsq(y[:, free], rest, rcond=None)[0]
-    return out
-
-
 def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:
     """Mean squared torque error (n,) of each joint, and 100 |tau - tau_hat| / |tau| over all [%]."""
     losses = rows.joint_losses(theta)
     relative = 100.0 * np.sqrt(losses.sum() / rows.least_squares().tau_squared)
     return losses / rows.joint_rows(), float(relative)
-
-
-def sentence(study: Study) -> str:
-    """What is simulated and what is measured: opens every caption."""
-    x = study.experiment
-    friction = "without friction" if x.friction is None else "with sigmoid friction"
-    truth = {"panda": "the published p_hat (errata corrected)", "two_link": "the published p_real"}.get(
-        study.problem.name, "the problem's nominal links"
-    )
-    simulated = (
-        f"Columns or rows named simulated: one {x.trajectory.duration:g} s exciting trajectory "
-        f"simulated with {truth} as truth, {friction}, with torque noise and quantisation "
-        f"(seed {study.seed})."
-    )
-    if study.run is None:
-        return (
-            f"{simulated} Nothing is measured: no real run of {study.problem.name} is at hand (a folder "
-            "named by SDP_VS_PENALTY_DATA)."
-        )
-    return f"{simulated} Named measured: the authors' real run ({len(study.run.t)} samples)."

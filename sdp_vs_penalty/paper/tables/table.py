@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.files import as_csv, write_text
@@ -18,25 +18,18 @@ if TYPE_CHECKING:
 
 #: Text is written as it is (published cells keep their printed digits), None is an empty cell.
 Cell = str | float | int | None
+#: A row's cells by column.
+Row = dict[str, Any]
 
 #: LaTeX: text columns longer than this (characters) wrap.
 _WRAPPED = 80
+#: Of the characters that LaTeX has as commands.
+_NAMED = "backslash asciicircum asciitilde less greater bar"
 _NUMBER = re.compile(r"([-+]?)(\d+)(?:\.(\d*))?(?:[eE]([-+]?)(\d+))?")
-_LATEX = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-    "&": r"\&",
-    "#": r"\#",
-    "_": r"\_",
-    "%": r"\%",
-    "^": r"\textasciicircum{}",
-    "~": r"\textasciitilde{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-}
+_LATEX = str.maketrans(
+    {c: rf"\{c}" for c in "{}$&#_%"}
+    | {c: rf"\text{name}{{}}" for c, name in zip("\\^~<>|", _NAMED.split(), strict=True)}
+)
 
 
 @dataclass(frozen=True)
@@ -65,6 +58,23 @@ class Table:
         for row in self.rows:
             if len(row) != len(self.columns):
                 raise ValueError(f"table {self.name}: {len(row)} cells in {len(self.columns)} columns")
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        title: str,
+        caption: str,
+        rows: Sequence[Row],
+        notes: Sequence[str] = (),
+        gist: str = "",
+        digits: int = 4,
+    ) -> Table:
+        """Rows as cells by column; columns come in the order of their first cells."""
+        names = dict.fromkeys(key for row in rows for key in row)
+        cells = tuple(tuple(row.get(key) for key in names) for row in rows)
+        columns = tuple(Column(key, digits) for key in names)
+        return cls(name, title, caption, columns, cells, tuple(notes), gist)
 
     def cells(self) -> list[list[str]]:
         """All cells as text."""
@@ -113,19 +123,19 @@ class Table:
     def latex(self) -> str:
         cells = self.cells()
         numeric = _numeric_columns(cells, len(self.columns))
-        for row in cells:
-            row[:] = [plain_number(c) if n else c for c, n in zip(row, numeric, strict=True)]
-        layout = []
-        for k, is_number in enumerate(numeric):
-            column = [row[k] for row in cells]
-            layout.append(number_column(column) if is_number else _text_column(column))
-        header = " & ".join(_latex_header(column.name) for column in self.columns)
         infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
-        body = []
-        for row in cells:
-            both = zip(row, numeric, strict=True)
-            written = (infinite.get(c, c) if n else escape_latex(c) for c, n in both)
-            body.append(" & ".join(written) + r" \\")
+        layout, columns = [], []
+        for column, is_number in zip(zip(*cells, strict=True), numeric, strict=True):
+            if is_number:
+                plain = [plain_number(cell) for cell in column]
+                layout.append(number_column(plain))
+                columns.append([infinite.get(cell, cell) for cell in plain])
+            else:
+                wrapped = max(map(len, column)) > _WRAPPED
+                layout.append(r">{\raggedright\arraybackslash}p{26em}" if wrapped else "l")
+                columns.append([escape_latex(cell) for cell in column])
+        header = " & ".join(_latex_header(column.name) for column in self.columns)
+        body = [f"    {' & '.join(row)} \\\\" for row in zip(*columns, strict=True)]
         caption = " ".join([self.caption, *self.notes])
         return "\n".join(
             [
@@ -139,7 +149,7 @@ class Table:
                 r"    \toprule",
                 rf"    {header} \\",
                 r"    \midrule",
-                *(f"    {line}" for line in body),
+                *body,
                 r"    \bottomrule",
                 r"  \end{tabular}}",
                 r"\end{table*}",
@@ -150,23 +160,17 @@ class Table:
     def write(self, folder: str | Path) -> list[Path]:
         """Write the three forms, each whole or not at all; the paths, CSV first."""
         base = Path(folder) / f"table_{self.name}"
-        paths = []
-        for suffix, content in ((".csv", self.csv()), (".md", self.markdown()), (".tex", self.latex())):
-            path = base.with_name(base.name + suffix)
-            write_text(path, content)
-            paths.append(path)
-        return paths
+        forms = {".csv": self.csv(), ".md": self.markdown(), ".tex": self.latex()}
+        for suffix, content in forms.items():
+            write_text(f"{base}{suffix}", content)
+        return [Path(f"{base}{suffix}") for suffix in forms]
 
 
 def text(cell: Cell, digits: int = 4) -> str:
     """A cell as written: printed text untouched, numbers to ``digits`` significant digits."""
-    if cell is None:
-        return ""
-    if isinstance(cell, str):
-        return cell
-    if isinstance(cell, int):
+    if isinstance(cell, str | int):
         return str(cell)
-    if math.isnan(cell):
+    if cell is None or math.isnan(cell):
         return ""
     if math.isinf(cell):
         return "inf" if cell > 0 else "-inf"
@@ -190,17 +194,10 @@ def is_measured(names: Sequence[str], rows: Iterable[Sequence[Cell]]) -> bool:
 
 def number_column(cells: Sequence[str]) -> str:
     """siunitx's column type S with the format that the widest of these numbers needs."""
-    whole = decimals = exponent = 0
-    sign = exponent_sign = ""
-    for cell in cells:
-        match = _NUMBER.fullmatch(cell)
-        if match is None:
-            continue
-        sign = "-" if match[1] == "-" else sign
-        whole = max(whole, len(match[2]))
-        decimals = max(decimals, len(match[3] or ""))
-        exponent = max(exponent, len(match[5].lstrip("0") or "0") if match[5] else 0)
-        exponent_sign = "-" if match[4] == "-" else exponent_sign
+    found = [match for match in map(_NUMBER.fullmatch, cells) if match]
+    sign, exponent_sign = ("-" if any(m[k] == "-" for m in found) else "" for k in (1, 4))
+    whole, decimals = (max((len(m[k] or "") for m in found), default=0) for k in (2, 3))
+    exponent = max((len(m[5].lstrip("0") or "0") for m in found if m[5]), default=0)
     power = f"e{exponent_sign}{exponent}" if exponent else ""
     return f"S[table-format={sign}{whole or 1}.{decimals}{power}]"
 
@@ -213,11 +210,6 @@ def plain_number(cell: str, longest: int = 6) -> str:
     return f"{Decimal(cell):f}"
 
 
-def _text_column(cells: Sequence[str]) -> str:
-    longest = max((len(cell) for cell in cells), default=0)
-    return "l" if longest <= _WRAPPED else r">{\raggedright\arraybackslash}p{26em}"
-
-
 def _latex_header(name: str) -> str:
     """The data set on a line of its own, so that columns stay narrow."""
     for ending in ("_simulated", "_measured"):
@@ -227,16 +219,13 @@ def _latex_header(name: str) -> str:
 
 
 def escape_latex(plain: str) -> str:
-    return "".join(_LATEX.get(character, character) for character in plain)
+    return plain.translate(_LATEX)
 
 
 def _numeric_columns(cells: Sequence[Sequence[str]], count: int) -> list[bool]:
     """Columns in which every cell that is not empty is a number (or infinite), and one is."""
-    out = []
-    for k in range(count):
-        filled = [row[k] for row in cells if row[k] not in ("", "inf", "-inf")]
-        out.append(bool(filled) and all(_NUMBER.fullmatch(cell) for cell in filled))
-    return out
+    filled = [[r[k] for r in cells if r[k] not in ("", "inf", "-inf")] for k in range(count)]
+    return [bool(column) and all(map(_NUMBER.fullmatch, column)) for column in filled]
 
 
 def _markdown_row(cells: Sequence[str], escape: bool = True) -> str:

@@ -14,7 +14,7 @@ from sdp_vs_penalty.paper.sigmoid_friction import (
     fit_sigmoid,
     residual_rms,
 )
-from sdp_vs_penalty.paper.tables.study import Data, Study, sentence, torque_errors
+from sdp_vs_penalty.paper.tables.study import Data, Study, torque_errors
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
@@ -57,7 +57,7 @@ def build(study: Study) -> Table:
     return Table(
         NAME,
         f"Table I: sigmoid friction of {study.problem.title}",
-        sentence(study),
+        study.sentence,
         tuple(columns),
         tuple(row if len(row) == n + 4 else (*row, None) for row in rows),
         (

@@ -6,8 +6,7 @@ import numpy as np
 
 from sdp_vs_penalty.estimation.excitation import Excitation, Limits, Regressor, excite
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
-from sdp_vs_penalty.robot.trajectory import FourierTrajectory
+from sdp_vs_penalty.paper.tables.table import Row, Table
 
 NAME = "II"
 PROBLEMS = ("panda",)
@@ -18,22 +17,28 @@ def build(study: Study) -> Table:
     published = study.problem.published["table_II"]
     paper = study.experiment.trajectory
     found = optimised(study)
-    rows: list[tuple[Cell, ...]] = [(*row.values(), "published") for row in published]
-    for name, excitation in found.items():
-        rows += _coefficients(excitation.trajectory, name)
-    rigid, whole = Regressor.of(study.problem, "rigid_body"), Regressor.of(study.problem)
+    columns = list(published[0])
+    rows: list[Row] = [{**row, "trajectory": "published"} for row in published]
+
+    def add(name: str, trajectory: str, *values: float) -> None:
+        cells = zip(columns, (name, *values), strict=False)
+        rows.append({**dict.fromkeys(columns), **dict(cells), "trajectory": trajectory})
+
+    for which, excitation in found.items():
+        own = excitation.trajectory
+        for letter, values in (("a", own.a), ("b", own.b), ("q", own.q_0[:, None])):
+            for k, column in enumerate(values.T):
+                add(f"{letter}_{k if letter == 'q' else k + 1}", which, *map(float, column))
     trajectories = {"published": paper, **{name: e.trajectory for name, e in found.items()}}
-    blank = [None] * (paper.a.shape[0] - 1)
-    for label, regressor in (("links", rigid), ("links and friction", whole)):
-        for name, trajectory in trajectories.items():
-            value = regressor.condition(trajectory)
-            rows.append((f"condition number ({label})", value, *blank, name))
-    return Table(
+    for label, effects in (("links", "rigid_body"), ("links and friction", None)):
+        regressor = Regressor.of(study.problem, effects)
+        for which, trajectory in trajectories.items():
+            add(f"condition number ({label})", which, regressor.condition(trajectory))
+    return Table.of(
         NAME,
         f"Table II: exciting trajectory of {study.problem.title}",
         "Published coefficients, and trajectories optimised by this program; nothing here is measured.",
-        tuple(Column(name, 5) for name in (*published[0], "trajectory")),
-        tuple(rows),
+        rows,
         (
             f"All: L = {paper.a.shape[1]} harmonics, w_f = {paper.frequency / np.pi:.3g} pi rad/s, "
             f"{paper.duration:g} s with raised-cosine blends of {paper.blend:g} s.",
@@ -45,6 +50,7 @@ def build(study: Study) -> Table:
             "Franka's position and velocity limits, accelerations that reach the velocity limit in "
             "0.25 s. Collisions are not looked at.",
         ),
+        digits=5,
     )
 
 
@@ -65,12 +71,3 @@ def optimised(study: Study) -> dict[str, Excitation]:
         )
         for name, limit in limits.items()
     }
-
-
-def _coefficients(trajectory: FourierTrajectory, name: str) -> list[tuple[Cell, ...]]:
-    rows: list[tuple[Cell, ...]] = []
-    for letter, values in (("a", trajectory.a), ("b", trajectory.b)):
-        for k, column in enumerate(values.T):
-            rows.append((f"{letter}_{k + 1}", *map(float, column), name))
-    rows.append(("q_0", *map(float, trajectory.q_0), name))
-    return rows

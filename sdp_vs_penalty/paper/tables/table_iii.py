@@ -8,8 +8,8 @@ import numpy as np
 
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
-from sdp_vs_penalty.paper.tables.study import Data, Study, sentence
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
+from sdp_vs_penalty.paper.tables.study import Data, Study
+from sdp_vs_penalty.paper.tables.table import Row, Table
 from sdp_vs_penalty.problem.published import box_tables, published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameter_names, base_parameter_symbols
 
@@ -24,26 +24,25 @@ def build(study: Study) -> Table:
     """Rows: base parameters, all other parameters, then condition number and relative error."""
     base = base_parameter_names(study.problem)
     keys = [*base, *_other_names(study), _CONDITION, _ERROR]
-    columns, rows = _published(study, keys) or _own_rows(study, keys)
-    ours = [
-        ("true_simulated", dict(zip(base, study.base @ study.experiment.links.ravel(), strict=True)))
-    ]
-    ours.append(("re_simulated", _reverse_engineered(study, base)))
+    rows = _published(study, keys) or _own_rows(study, keys)
+    truth = study.base @ study.experiment.links.ravel()
+    ours = {
+        "true_simulated": dict(zip(base, truth, strict=True)),
+        "re_simulated": _reverse_engineered(study, base),
+    }
     study.estimate(study.methods.values(), study.whole)
     for data in study.whole:
-        ours += _estimates(study, data, base)
-    for name, values in ours:
-        columns.append(Column(name))
+        ours |= _estimates(study, data, base)
+    for name, values in ours.items():
         for row, key in zip(rows, keys, strict=True):
-            row.append(values.get(key))
-    return Table(
+            row[name] = values.get(key)
+    return Table.of(
         NAME,
         f"Table III: base parameters of {study.problem.title}",
-        sentence(study),
-        tuple(columns),
-        tuple(tuple(row) for row in rows),
+        study.sentence,
+        rows,
         _notes(study),
-        f"Relative error on the training data: {_errors(study, dict(ours))}.",
+        f"Relative error on the training data: {_errors(study, ours)}.",
     )
 
 
@@ -72,49 +71,43 @@ def _notes(study: Study) -> tuple[str, ...]:
 
 
 def _other_names(study: Study) -> list[str]:
-    names: list[str] = []
-    for data in study.whole:
-        for k, parameter in enumerate(data.model.parameters):
-            if k not in data.model.rigid_indices and parameter.name not in names:
-                names.append(parameter.name)
-    return names
+    models = [data.model for data in study.whole]
+    others = (np.delete(np.arange(len(m.parameters)), m.rigid_indices) for m in models)
+    pairs = zip(models, others, strict=True)
+    return list(dict.fromkeys(m.parameters[k].name for m, own in pairs for k in own))
 
 
-def _published(study: Study, keys: list[str]) -> tuple[list[Column], list[list[Cell]]] | None:
+def _published(study: Study, keys: list[str]) -> list[Row]:
     """The paper's own columns, row by row as printed; its two fits' figures below."""
     printed = study.problem.published.get("table_III")
     if printed is None:
-        return None
-    header = list(printed[0])
+        return []
     base = len(study.base)
     by_key = {keys[k] if k < base else row["coefficient"]: row for k, row in enumerate(printed)}
-    figures = {
-        key: {column: pair[which] for column, pair in _PUBLISHED_FITS.items()}
-        for which, key in enumerate((_CONDITION, _ERROR))
-    }
-    rows: list[list[Cell]] = []
-    for key in keys:
-        row = by_key.get(key) or {"coefficient": key, **figures.get(key, {})}
-        rows.append([row.get(column) for column in header])
-    return [Column(name) for name in header], rows
+    for which, key in enumerate((_CONDITION, _ERROR)):
+        by_key[key] = {column: pair[which] for column, pair in _PUBLISHED_FITS.items()}
+    rows = (by_key.get(key, {}) for key in keys)
+    return [
+        {c: row.get(c, key if c == "coefficient" else None) for c in printed[0]}
+        for key, row in zip(keys, rows, strict=True)
+    ]
 
 
-def _own_rows(study: Study, keys: list[str]) -> tuple[list[Column], list[list[Cell]]]:
+def _own_rows(study: Study, keys: list[str]) -> list[Row]:
     """For robots without a Table III: symbols from the kinematics, published links if any."""
-    symbols = base_parameter_symbols(study.problem)
-    columns = [Column("row"), Column("coefficient")]
-    rows: list[list[Cell]] = []
-    for k, key in enumerate(keys):
-        figure = key in (_CONDITION, _ERROR)
-        rows.append([None if figure else k + 1, symbols[k] if k < len(symbols) else key])
+    symbols = [*base_parameter_symbols(study.problem), *keys[len(study.base) :]]
+    figures = _CONDITION, _ERROR
+    rows: list[Row] = [
+        {"row": None if symbol in figures else k, "coefficient": symbol}
+        for k, symbol in enumerate(symbols, start=1)
+    ]
     tables = box_tables(study.problem)
     for column in ("p_real", "p_hat", "delta"):
         if tables and column in study.problem.published[tables[0]][0]:
             pi = study.base @ published_links(study.problem, column).ravel()
-            columns.append(Column(f"pi_{column}"))
             for k, row in enumerate(rows):
-                row.append(float(pi[k]) if k < len(pi) else None)
-    return columns, rows
+                row[f"pi_{column}"] = float(pi[k]) if k < len(pi) else None
+    return rows
 
 
 def _reverse_engineered(study: Study, base: tuple[str, ...]) -> dict[str, float]:
@@ -126,25 +119,20 @@ def _reverse_engineered(study: Study, base: tuple[str, ...]) -> dict[str, float]
     }
 
 
-def _estimates(study: Study, data: Data, base: tuple[str, ...]) -> list[tuple[str, dict[str, float]]]:
+def _estimates(study: Study, data: Data, base: tuple[str, ...]) -> dict[str, dict[str, float]]:
     """Every method; after OLS its percent standard deviations."""
     task, rigid = study.task(data), data.model.rigid_indices
-    others = np.setdiff1d(np.arange(len(data.model.parameters)), rigid)
+    others = np.delete(np.arange(len(data.model.parameters)), rigid)
     keys = [*base, *(data.model.parameters[k].name for k in others)]
-    plain = data.regression.least_squares()
-    out = []
+    plain, out = data.regression.least_squares(), {}
     for name, method in study.methods.items():
-        theta = study.result(method, data).theta
+        theta = study.theta(method, data)
         values = dict(zip(keys, [*(study.base @ theta[rigid]), *theta[others]], strict=True))
         values[_ERROR] = 100.0 * float(np.sqrt(plain.loss(theta) / plain.tau_squared))
-        out.append((f"{name}_{data.label}", values))
+        out[f"{name}_{data.label}"] = values
         if name == "ols":
             values[_CONDITION] = condition_number(replace(task, data=plain))
             pi, std = standard_deviations(task, data.regression.oversampling)
-            out.append(
-                (
-                    f"sigma_pct_ols_{data.label}",
-                    dict(zip(keys, 100.0 * std / np.abs(pi), strict=True)),
-                )
-            )
+            percent = dict(zip(keys, 100.0 * std / np.abs(pi), strict=True))
+            out[f"sigma_pct_ols_{data.label}"] = percent
     return out

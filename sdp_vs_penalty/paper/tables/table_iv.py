@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
-import numpy as np
-
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.effect import Array, Effect, JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.paper.tables.study import (
-    FOLDS,
-    TEST_START,
-    TRAIN_STOP,
-    Data,
-    Study,
-    sentence,
-)
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
+from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.paper.tables.study import FOLDS, TEST_START, TRAIN_STOP, Frozen, Study
+from sdp_vs_penalty.paper.tables.table import Cell, Row, Table
 from sdp_vs_penalty.problem.published import box_tables, published_links
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.simulation.simulate import sigmoid_friction
@@ -47,76 +38,60 @@ class KnownFriction(JointEffect):
 
 
 def build(study: Study) -> Table:
-    joints = study.problem.robot.n
-    rows: list[tuple[Cell, ...]] = [
-        (row["estimate"], *(row[f"joint_{j + 1}"] for j in range(joints)), None, None, "published")
-        for row in study.problem.published.get("table_IV", [])
-    ]
-    study.estimate(study.methods.values(), [*study.judged, *study.folds])
+    robot, rows = study.problem.robot, []
+    for row in study.problem.published.get("table_IV", []):
+        cells = [row[f"joint_{j + 1}"] for j in range(robot.n)]
+        rows.append(_row(row["estimate"], cells, None, None, "published"))
+    study.estimate(study.methods.values(), study.judged)
     estimates = _estimates(study)
     for data in study.judged:
         repeated = data is study.repeated
         ending, label = ("repeatability", "measured, repeated") if repeated else (data.label, data.label)
-        if repeated:
-            for name, estimate in estimates.items():
-                found = study.unseen(estimate.of, estimate.model)
-                cells = (*map(float, found.mse), found.relative, max(found.folds))
-                rows.append((f"{name}_measured", *cells, "measured, unseen"))
-        for name, estimate in estimates.items():
-            there = None if estimate.model is None else data.test_with(estimate.model)
-            mse, relative = data.errors(estimate.of(data), there)
-            rows.append((f"{name}_{ending}", *map(float, mse), relative, None, label))
-    columns = [Column("estimate"), *(Column(f"joint_{j + 1}") for j in range(joints))]
-    columns += [Column("relative_error_percent"), Column("worst_fold_percent"), Column("data")]
-    units = " and ".join(
-        sorted({f"({unit.replace('*', ' ')})^2" for unit in study.problem.robot.torque_units})
-    )
-    return Table(
+        for name, (method, effects) in estimates.items() if repeated else ():
+            found = study.unseen(method, effects)
+            both = found.relative_error_percent, found.folds[found.worst - 1].relative_error_percent
+            rows.append(_row(f"{name}_measured", (found.rmse**2).tolist(), *both, "measured, unseen"))
+        for name, (method, effects) in estimates.items():
+            own = data if effects is None else replace(data, model=Model(robot, effects))
+            mse, relative = own.errors(study.theta(method, own))
+            rows.append(_row(f"{name}_{ending}", mse.tolist(), relative, None, label))
+    units = " and ".join(sorted({f"({unit.replace('*', ' ')})^2" for unit in robot.torque_units}))
+    return Table.of(
         NAME,
         f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other motion",
-        f"{sentence(study)} {_judgement(study)}",
-        tuple(columns),
-        tuple(rows),
+        f"{study.sentence} {_judgement(study)}",
+        rows,
         _notes(study, rows),
         _gist(study, rows),
     )
 
 
-def _gist(study: Study, rows: Sequence[tuple[Cell, ...]]) -> str:
+def _row(name: str, joints: Iterable[Cell], relative: Cell, worst: Cell, data: str) -> Row:
+    errors = {f"joint_{j}": x for j, x in enumerate(joints, start=1)}
+    more = {"relative_error_percent": relative, "worst_fold_percent": worst, "data": data}
+    return {"estimate": name, **errors, **more}
+
+
+def _gist(study: Study, rows: Sequence[Row]) -> str:
     """Our methods' relative errors on unseen motion."""
     where = "simulated" if study.repeated is None else "measured"
-    errors = {str(row[0]): row[-3] for row in rows}
+    errors = {row["estimate"]: row["relative_error_percent"] for row in rows}
     said = [f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods]
     return f"On unseen motion ({where}): {', '.join(said)}."
 
 
-@dataclass(frozen=True)
-class _Estimate:
-    """How a row's parameters come about from training rows, and the model that has them, if another."""
-
-    of: Callable[[Data], Array]
-    model: Model | None = None
-
-
-def _estimates(study: Study) -> dict[str, _Estimate]:
-    """Published links first, then every method."""
-    out: dict[str, _Estimate] = {}
-    links: dict[str, Array] = {}
+def _estimates(study: Study) -> dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]]:
+    """Published links first, then every method; with their effects, where these are others."""
+    robot, friction = study.problem.robot, study.experiment.friction
+    out: dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]] = {}
     for table in box_tables(study.problem)[:1]:
-        header = study.problem.published[table][0]
-        columns = [c for c in ("p_real", "p_hat", "delta") if c in header]
-        links = {c: published_links(study.problem, c) for c in columns}
-    for column, values in links.items():
-        out[column] = _Estimate(partial(study.frozen_links, values))
-    friction = study.experiment.friction
-    if friction is not None and "p_hat" in links:
-        theta = np.concatenate([links["p_hat"].ravel(), np.ones(study.problem.robot.n)])
-        robot, rigid = study.problem.robot, study.problem.model("rigid_body").effects
-        known = Model(robot, (*rigid, KnownFriction(robot, friction)))
-        out["p_hat_table_I"] = _Estimate(lambda _: theta, known)
-    for name, method in study.methods.items():
-        out[name] = _Estimate(partial(study.fitted, method))
-    return out
+        for column in ("p_real", "p_hat", "delta"):
+            if column in study.problem.published[table][0]:
+                out[column] = Frozen(published_links(study.problem, column)), None
+    if friction is not None and "p_hat" in out:
+        effects = (*study.problem.model("rigid_body").effects, KnownFriction(robot, friction))
+        out["p_hat_table_I"] = Frozen(published_links(study.problem, "p_hat"), 1.0), effects
+    return out | {name: (method, None) for name, method in study.methods.items()}
 
 
 def _judgement(study: Study) -> str:
@@ -135,7 +110,7 @@ def _judgement(study: Study) -> str:
     )
 
 
-def _notes(study: Study, rows: Sequence[tuple[Cell, ...]]) -> tuple[str, ...]:
+def _notes(study: Study, rows: Sequence[Row]) -> tuple[str, ...]:
     cutoff = study.simulated.preprocessing.torque_cutoff
     notes = [
         f"Both torques behind the same filters (below {cutoff:g} Hz); relative_error_percent is 100 "
@@ -160,7 +135,7 @@ def _notes(study: Study, rows: Sequence[tuple[Cell, ...]]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _sensitivity(study: Study, rows: Sequence[tuple[Cell, ...]]) -> str:
+def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
     """The measured errors behind a wider filter, beside the table's own."""
     assert study.run is not None
     settings = study.problem.preprocessing.resolve(study.run)
@@ -168,12 +143,9 @@ def _sensitivity(study: Study, rows: Sequence[tuple[Cell, ...]]) -> str:
     wide = replace(settings, torque_cutoff=2.0 * settings.torque_cutoff)
     behind = replace(study.problem, preprocessing=wide)
     other = Study(behind, study.budget, study.seed, study.progress, study.workers)
-    other.estimate([study.methods[name] for name in _SHOWN if name in study.methods], other.folds)
-    own, estimates = {str(row[0]): row[-3] for row in rows}, _estimates(other)
-    errors = [
-        f"{name} {own[f'{name}_measured']:.3g} and {other.unseen(estimates[name].of).relative:.3g} %"
-        for name in _SHOWN
-    ]
+    own, estimates = {row["estimate"]: row["relative_error_percent"] for row in rows}, _estimates(other)
+    wider = {name: other.unseen(*estimates[name]).relative_error_percent for name in _SHOWN}
+    errors = [f"{name} {own[f'{name}_measured']:.3g} and {wider[name]:.3g} %" for name in _SHOWN]
     return (
         f"The filter matters: behind {settings.torque_cutoff:g} and {wide.torque_cutoff:g} Hz the "
         f"errors on unseen motion are {', '.join(errors)}."

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.paper.tables.study import Study, sentence
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.paper.tables.table import Row, Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.engines import engine_types
@@ -48,7 +47,6 @@ class EngineResult:
     inverse_error: float | None = None
 
 
-@lru_cache(maxsize=4)
 def sinusoidal_runs(study: Study) -> tuple[EngineResult, ...]:
     """Sinusoidal velocities over the range, with the links identified from the simulated run."""
     links = study.links(METHOD, study.simulated)
@@ -59,7 +57,6 @@ def sinusoidal_runs(study: Study) -> tuple[EngineResult, ...]:
     )
 
 
-@lru_cache(maxsize=4)
 def measured_runs(study: Study) -> tuple[EngineResult, ...]:
     """The motion of the real run, with the links identified from it; empty without a real run."""
     data = study.measured
@@ -112,24 +109,17 @@ def _result(
 
 def build(study: Study) -> Table:
     """Rows: the paper's engines inside V-REP, then each of ours on simulated and real motion."""
-    n = study.problem.robot.n
-    published = study.problem.published["table_V"]
-    names = [*published[0], *(f"std_joint_{j + 1}" for j in range(n))]
-    names += ["motion", "position_error_mm", "angle_error_mrad", "inverse_dynamics_error", "status"]
-    missing: list[Cell] = [None] * n
-    rows: list[tuple[Cell, ...]] = [
-        (*row.values(), *missing, "published (V-REP)", None, None, None, "published")
-        for row in published
-    ]
-    results = [*sinusoidal_runs(study), *measured_runs(study)]
-    rows += [_row(result, n) for result in results]
+    n, rows = study.problem.robot.n, []
+    for row in study.problem.published["table_V"]:
+        std = {f"std_joint_{j + 1}": None for j in range(n)}
+        rows.append({**row, **std, "motion": "published (V-REP)", **_NO_RUN, "status": "published"})
+    rows += [_row(x, n) for x in (*study.once(sinusoidal_runs), *study.once(measured_runs))]
     formulations = "; ".join(f"{name}: {kind.formulation}" for name, kind in engine_types().items())
-    return Table(
+    return Table.of(
         NAME,
         f"Table V: physics engines with the identified {study.problem.title}",
-        sentence(study),
-        tuple(Column(name, 3) for name in names),
-        tuple(rows),
+        study.sentence,
+        rows,
         (
             "joint_k: mean torque error [N m]; std_joint_k: its standard deviation (not published). "
             "Published rows: four engines inside V-REP, which is not on a package index; its versions "
@@ -143,20 +133,23 @@ def build(study: Study) -> Table:
             "random states [N m]; ODE has no inverse dynamics.",
             f"Formulations: {formulations}.",
         ),
+        digits=3,
     )
 
 
-def _row(result: EngineResult, n: int) -> tuple[Cell, ...]:
-    label = f"{result.engine} {result.version}".strip()
-    if result.run is None or result.torque_error is None:
-        return (label, *[None] * (2 * n), result.motion, None, None, None, result.status)
-    return (
-        label,
-        *map(float, result.torque_error.mean(axis=0)),
-        *map(float, result.torque_error.std(axis=0)),
-        result.motion,
-        1e3 * float(np.max(result.run.position)),
-        1e3 * float(np.max(result.run.angle)),
-        result.inverse_error,
-        result.status,
-    )
+_NO_RUN: Row = dict.fromkeys(("position_error_mm", "angle_error_mrad", "inverse_dynamics_error"))
+
+
+def _row(result: EngineResult, n: int) -> Row:
+    error, run, figures = result.torque_error, result.run, _NO_RUN
+    if run is not None:
+        both = 1e3 * float(np.max(run.position)), 1e3 * float(np.max(run.angle))
+        figures = dict(zip(_NO_RUN, (*both, result.inverse_error), strict=True))
+    ways = ("joint", np.mean), ("std_joint", np.std)
+    torque: Row = {
+        f"{word}_{j + 1}": None if error is None else float(way(error[:, j]))
+        for word, way in ways
+        for j in range(n)
+    }
+    about = {"engine": f"{result.engine} {result.version}".strip()}
+    return {**about, **torque, "motion": result.motion, **figures, "status": result.status}

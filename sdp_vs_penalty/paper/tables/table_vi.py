@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.paper.tables.table import Row, Table
 
 NAME = "VI"
 PROBLEMS = ("two_link",)
@@ -14,27 +13,16 @@ PROBLEMS = ("two_link",)
 
 def build(study: Study) -> Table:
     """Rows: joints. Our columns are read back from the joint placements, not from the same file."""
-    published = study.problem.published["table_VI"]
-    columns = [Column(name) for name in published[0]]
-    columns += [Column(name) for name in ("a_m_ours", "alpha_rad_ours", "d_m_ours")]
-    rows: list[tuple[Cell, ...]] = [
-        (*row.values(), *map(float, values))
-        for row, values in zip(published, dh_rows(study.problem.robot), strict=True)
-    ]
-    return Table(
+    rows: list[Row] = []
+    for row, joint in zip(study.problem.published["table_VI"], study.problem.robot.joints, strict=True):
+        frame = joint.link_frame  # Tz(d) Tx(a) Rx(alpha)
+        a, alpha, d = frame[0, 3], np.arctan2(frame[2, 1], frame[2, 2]), frame[2, 3]
+        ours = {"a_m_ours": float(a), "alpha_rad_ours": float(alpha), "d_m_ours": float(d)}
+        rows.append({**row, **ours})
+    return Table.of(
         NAME,
         f"Table VI: Denavit-Hartenberg parameters of {study.problem.title}",
         "Standard (distal) convention; nothing here is simulated or measured.",
-        tuple(columns),
-        tuple(rows),
+        rows,
         ("theta_i = q_i without offset.",),
     )
-
-
-def dh_rows(robot: Robot) -> list[tuple[float, float, float]]:
-    """a, alpha, d of each joint from its link frame Tz(d) Tx(a) Rx(alpha)."""
-    out = []
-    for joint in robot.joints:
-        frame = joint.link_frame
-        out.append((frame[0, 3], float(np.arctan2(frame[2, 1], frame[2, 2])), frame[2, 3]))
-    return out

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.paper.tables.study import Study, sentence
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
-from sdp_vs_penalty.paper.wrenches import COMPONENTS, UNITS, spread, wrench_study
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.paper.tables.table import Row, Table
+from sdp_vs_penalty.paper.wrenches import COMPONENTS, wrench_study
 from sdp_vs_penalty.robot.arrays import Array
 
 NAME = "wrenches"
@@ -15,42 +15,41 @@ PROBLEMS = ("two_link",)
 
 def build(study: Study) -> Table:
     """Rows: joint and component; largest true value, then largest deviations from it."""
-    w = wrench_study(study)
-    interval = w.intervals
+    w = study.once(wrench_study)
+    low, high = w.intervals.lower, w.intervals.upper
     columns: dict[str, Array] = {
         "true": np.abs(w.true).max(axis=0),
-        "interval_mean_width": (interval.upper - interval.lower).mean(axis=0),
-        "interval_max_width": (interval.upper - interval.lower).max(axis=0),
+        "interval_mean_width": (high - low).mean(axis=0),
+        "interval_max_width": (high - low).max(axis=0),
         # How far feasible parameters of equal torque can be from the true wrench.
-        "interval_deviation": np.maximum(interval.upper - w.true, w.true - interval.lower).max(axis=0),
+        "interval_deviation": np.maximum(high - w.true, w.true - low).max(axis=0),
     }
     columns |= {name: np.abs(value - w.true).max(axis=0) for name, value in w.feasible.items()}
-    columns["spread_of_penalty_runs"] = spread(w.penalty_runs).max(axis=0)
-    columns["spread_of_estimates"] = spread(list(w.feasible.values())).max(axis=0)
+    columns["spread_of_penalty_runs"] = np.ptp(w.penalty_runs, axis=0).max(axis=0)
+    columns["spread_of_estimates"] = np.ptp(list(w.feasible.values()), axis=0).max(axis=0)
     for name, found in (("unfeasible_in_box", w.boxed), ("unfeasible_unbounded", w.unbounded)):
-        errors = [np.abs(w.wrenches(study, r.links) - w.true).max(axis=0) for r in found]
-        if errors:
+        if found:
+            errors = [np.abs(x - w.true).max(axis=0) for x in found]
             columns[f"{name}_median"] = np.median(errors, axis=0)
             columns[f"{name}_max"] = np.max(errors, axis=0)
-    rows: list[tuple[Cell, ...]] = [
-        (j + 1, component, UNITS[k], *(float(values[j, k]) for values in columns.values()))
+    rows: list[Row] = [
+        {"joint": j + 1, "component": component, "unit": unit}
+        | {name: float(values[j, k]) for name, values in columns.items()}
         for j in range(study.problem.robot.n)
-        for k, component in enumerate(COMPONENTS)
+        for k, (component, unit) in enumerate(COMPONENTS.items())
     ]
-    names = ("joint", "component", "unit", *columns)
-    return Table(
+    return Table.of(
         NAME,
         f"Internal joint wrenches of {study.problem.title}",
-        sentence(study),
-        tuple(Column(name, 3) for name in names),
-        tuple(rows),
+        study.sentence,
+        rows,
         (
             "Force and moment about the joint's origin, in the joint frame, that a joint bears "
             "(recursive Newton-Euler), its own torque being the component nz: the largest over "
             f"{len(w.t)} instants of the exciting trajectory.",
             "interval: the smallest and largest value over all feasible parameters that make exactly "
             "the true torques in every motion, by two SDPs a component and instant; attained ends and "
-            f"ends certified from the dual differ by {interval.slack:.1e} of the widest. "
+            f"ends certified from the dual differ by {w.intervals.slack:.1e} of the widest. "
             "interval_deviation: the farthest such parameters are from the truth.",
             "The interval is over the convex constraints: of the upper bounds on inertias about the "
             "centres of mass it has the convex consequence, so that it contains what the originals "
@@ -66,4 +65,5 @@ def build(study: Study) -> Table:
             "the search happens to end at: wrenches are linear along the directions that torque does "
             "not see.",
         ),
+        digits=3,
     )

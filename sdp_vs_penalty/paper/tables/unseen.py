@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.diagnosis.comparison import Comparison, compare
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.cross_validation import cross_validate
+from sdp_vs_penalty.estimation.cross_validation import CrossValidation, Fold, cross_validate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import FOLDS, TEST_START, TRAIN_STOP, Study
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
+from sdp_vs_penalty.paper.tables.table import Cell, Row, Table
 
 NAME = "unseen"
 SLOW = True
@@ -28,23 +28,19 @@ def build(study: Study) -> Table:
             "table unseen is about the real run, which is not at hand",
             "name the folder of the measurements by SDP_VS_PENALTY_DATA",
         )
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[Row] = []
     told: dict[tuple[str, str], Cell] = {}
     for method in _METHODS:
         for added in _ADDED:
             study.progress(f"unseen motion: {method}, {added or 'the usual effects'}")
             rows += (found := _rows(study, study.run, method, added))
-            told[method, added] = found[FOLDS][3]
+            told[method, added] = found[FOLDS]["relative_error_percent"]
     usual, friction, all_of_it = (told[DEFAULT_METHOD, added] for added in _ADDED)
-    joints = study.problem.robot.n
-    names = ["data", "method", "added_effects", "judged_on", "relative_error_percent"]
-    names += [f"rmse_joint_{j + 1}" for j in range(joints)]
-    return Table(
+    return Table.of(
         NAME,
         f"Errors on unseen motion of {study.problem.title}",
         f"Measured: the authors' real run ({len(study.run.t)} samples).",
-        tuple(Column(name, digits=3) for name in names),
-        tuple(("measured", *row) for row in rows),
+        rows,
         (
             f"Folds by phase: each of the {FOLDS} leaves out a stretch of the motion, all its "
             "repetitions and what the filters reach around it, and is judged on that stretch, whose "
@@ -56,22 +52,26 @@ def build(study: Study) -> Table:
         ),
         f"{DEFAULT_METHOD}: {usual:.3g} % on unseen motion, {friction:.3g} % with pre-sliding "
         f"hysteresis, {all_of_it:.3g} % with a gain on joint 6 as well.",
+        digits=3,
     )
 
 
-def _rows(study: Study, run: Measurements, method: str, added: str) -> list[tuple[Cell, ...]]:
+def _rows(study: Study, run: Measurements, method: str, added: str) -> list[Row]:
     """The folds, all of them together, and repeatability."""
     problem = study.problem
     effects = [*problem.default_effects, *(text for text in added.split(", ") if text)]
     result = cross_validate(problem, run, method, effects=effects, folds=FOLDS, seed=study.seed)
-    name = f"+ {added}" if added else ""
-    out: list[tuple[Cell, ...]] = [
-        (method, name, f"{f.start:.2f}-{f.stop:.2f} s", f.relative_error_percent, *f.rmse.tolist())
-        for f in result.folds
-    ]
-    out.append((method, name, "all", result.relative_error_percent, *result.rmse.tolist()))
     train, test = run.window(0.0, TRAIN_STOP), run.window(TEST_START, np.inf)
-    estimate = identify(problem, train, method, effects=effects, seed=study.seed)
-    again = compare(estimate, test)[0]
-    out.append((method, name, "repeatability", again.relative_error_percent, *again.rmse.tolist()))
-    return out
+    again = compare(identify(problem, train, method, effects=effects, seed=study.seed), test)[0]
+    judged: list[tuple[str, Fold | CrossValidation | Comparison]] = [
+        *((f"{f.start:.2f}-{f.stop:.2f} s", f) for f in result.folds),
+        ("all", result),
+        ("repeatability", again),
+    ]
+    about = {"data": "measured", "method": method, "added_effects": f"+ {added}" if added else ""}
+    return [
+        about
+        | {"judged_on": name, "relative_error_percent": x.relative_error_percent}
+        | {f"rmse_joint_{j}": float(e) for j, e in enumerate(x.rmse, start=1)}
+        for name, x in judged
+    ]

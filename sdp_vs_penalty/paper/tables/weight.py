@@ -6,8 +6,8 @@ from typing import Any
 
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.paper.tables.methods import certified_optimum
-from sdp_vs_penalty.paper.tables.study import Study, sentence
-from sdp_vs_penalty.paper.tables.table import Column, Table
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.paper.tables.table import Table
 
 NAME = "weight"
 SLOW = True
@@ -43,12 +43,11 @@ def build(study: Study) -> Table:
                         "excess_loss_percent": 100.0 * (float(best["loss"]) / optimum - 1.0),
                     }
                 )
-    return Table(
+    return Table.of(
         NAME,
         f"The penalty method's weight on {study.problem.title}",
-        sentence(study),
-        tuple(Column(name, digits=3) for name in rows[0]),
-        tuple(tuple(row.values()) for row in rows),
+        study.sentence,
+        rows,
         (
             f"penalty-paper with the weights 0, xi/4, xi/2, 3 xi/4, xi, {_RUNS} runs each, of which the "
             "one of least penalised loss is shown; the authors' xi is 40. violation: the worst of the "
@@ -58,6 +57,7 @@ def build(study: Study) -> Table:
             "below it no budget makes the answer feasible.",
         ),
         _gist(rows),
+        digits=3,
     )
 
 
