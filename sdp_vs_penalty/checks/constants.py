@@ -40,9 +40,10 @@ SLOW_ODDS = 15.0
 #: Instants of a log at which a step of a torque is tried.
 STEPS = 39
 #: What the arm leaves of parts that it was not fitted to has to fall by so many standard errors, and the
-#: log-likelihood by as many to either side of a number, within its reach; a number has to lie as many
-#: beyond what is usual (Student's t of PARTS, 99 %).
+#: log-likelihood by as many to either side of a number, within its reach (Student's t, 99 %).
 SIGNIFICANT = 3.0
+#: Standard deviations that a number has to lie beyond what is usual (Student's t of PARTS, 99.5 %).
+SIGMAS = 4.0
 #: At most so many things are wrong at once; so many proposals are looked at closely.
 MOST = 6
 

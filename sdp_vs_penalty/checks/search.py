@@ -100,7 +100,7 @@ class Search:
         here, *sides = self.scene.likelihood.scores([number.at(x) for x in values])
         if 0.5 * self.samples * (min(s.score for s in sides) - here.score) < 0.5 * c.SIGNIFICANT**2:
             return False
-        return abs(number.value) > number.tolerance + c.SIGNIFICANT * self.deviation(number)
+        return abs(number.value) > number.tolerance + c.SIGMAS * self.deviation(number)
 
     def deviation(self, number: Number) -> float:
         """A number's standard deviation."""
