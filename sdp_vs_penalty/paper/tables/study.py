@@ -190,12 +190,12 @@ class Study:
     @property
     def whole(self) -> list[Data]:
         """What Tables III, VII, VIII and IX are identified from."""
-        return [self.simulated, *([] if self.measured is None else [self.measured])]
+        return [data for data in (self.simulated, self.measured) if data is not None]
 
     @property
     def judged(self) -> list[Data]:
         """Where one estimate is judged by other rows than its own; the real one's are its repetition."""
-        return [self.simulated, *([] if self.repeated is None else [self.repeated])]
+        return [data for data in (self.simulated, self.repeated) if data is not None]
 
     def task(self, data: Data) -> Task:
         if data not in self._tasks:
