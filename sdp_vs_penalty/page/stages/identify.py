@@ -13,12 +13,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.sentences import new_motion
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page.arm import draw_arm, torque_errors
-from sdp_vs_penalty.page.charts import (
-    asked_span,
-    ready,
-    residual_chart,
-    torque_chart,
-)
+from sdp_vs_penalty.page.charts import asked_span, ready, residual_chart, torque_chart
 from sdp_vs_penalty.page.controls import (
     button,
     chart,
