@@ -91,7 +91,7 @@ def make_tables(
         groups.setdefault(own if problem is None else "", []).append(module.NAME)
     made = []
     for name, group in groups.items():
-        study = Study(as_problem(name or problem), budget, seed, progress, workers)
+        study = Study(as_problem(problem or name), budget, seed, progress, workers)
         made += [(t, t.write(_folder(t, Path(out)))) for t in build_tables(group, study)]
     return made
 

@@ -87,7 +87,7 @@ def _exact(study: Study) -> SigmoidFit:
 
 def _replicates(study: Study) -> list[SigmoidFit]:
     # Simulated runs with different noise from which the coverage of the intervals is counted.
-    fits, count = [], {"quick": 4, "paper": 40}[study.budget]
+    fits, count = [], study.effort.replicates
     for k in range(count):
         study.progress(f"sigmoid friction: simulated run {k + 1} of {count}")
         run = study.simulated.train if k == 0 else study.experiment.training_run(study.seed + k)

@@ -23,8 +23,6 @@ from sdp_vs_penalty.simulation.engines.comparison import (
 
 NAME = "V"
 PROBLEMS = ("panda",)
-#: Of the sinusoidal motion [s].
-DURATION = {"quick": 10.0, "paper": 30.0}
 #: Time step along the real run, and what is left out of the comparison at its start [s].
 MEASURED_STEP, _SETTLE = 2e-3, 0.1
 #: The method whose links the engines get.
@@ -51,7 +49,7 @@ class EngineResult:
 def sinusoidal_runs(study: Study) -> list[EngineResult]:
     """Sinusoidal velocities over the range, with the links identified from the simulated run."""
     motion = Sinusoids.over_range(study.problem.robot)
-    return _played(study, study.simulated, motion, DURATION[study.budget], 1e-3)
+    return _played(study, study.simulated, motion, study.effort.duration, 1e-3)
 
 
 def measured_runs(study: Study) -> list[EngineResult]:
