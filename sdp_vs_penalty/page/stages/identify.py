@@ -207,10 +207,9 @@ def fit(view: View) -> None:
         causes = {cause for *_, cause in _stretches(view, model)}
         parts["legend"].content = legend([cause for cause in SHADES if cause in causes])
         parts["words"].text = _words(model, j, units[j])
-        if "arm" in parts and parts.get("run") != view.run:
+        if "arm" in parts:
             read = session.recording(model, view.run)
-            parts["arm"](read, torque_errors(model, read))
-            parts["run"] = view.run
+            parts["arm"](view.run, read, torque_errors(model, read))
 
     with tag("div", style="pair"):
         parts["chart"] = chart(torques(), "Measured and modelled torque, and the residual")
