@@ -198,15 +198,6 @@ def framed(caption: str, inner: str) -> Any:
     return ui.html(f"{frame}{inner}</div>", sanitize=False)
 
 
-def figures(items: Mapping[str, str]) -> None:
-    """Names and values, side by side."""
-    with tag("dl", style="figures"):
-        for name, value in items.items():
-            with tag("div"):
-                tag("dt", name)
-                tag("dd", value)
-
-
 def chart(options: Mapping[str, Any], label: str) -> Any:
     """A plotly chart with a text alternative."""
     made = ui.plotly(dict(options)).classes("chart")
