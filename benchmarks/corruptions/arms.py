@@ -47,11 +47,12 @@ class Arm:
 
     @cached_property
     def clean_errors(self) -> Array:
-        return _squared_errors(self.clean, self.test)
+        return compare(self.clean, self.test)[0].mse
 
     def harm(self, estimate: Estimate) -> float:
         """Held-out error over the clean model's: root mean square of the joints' ratios."""
-        return float(np.sqrt(np.mean(_squared_errors(estimate, self.test) / self.clean_errors)))
+        errors = compare(estimate, self.test)[0].mse / self.clean_errors
+        return float(np.sqrt(np.mean(errors)))
 
     def corruptions(self) -> list[Corruption]:
         """The general ones, and those that need to know what the arm weighs."""
@@ -59,26 +60,21 @@ class Arm:
         return [*corruptions(n), *self._of_the_weight(sorted({1 % n, n // 2}))]
 
     def _of_the_weight(self, joints: list[int]) -> Iterator[Corruption]:
-        weight = self._torque(self.clean.theta, still=True)
-        loaded = self.clean.theta.copy()
-        last = self.clean.model.rigid_indices[-10:]
+        theta, rigid = self.clean.theta, self.clean.model.rigid_indices
+        weight, own = self._torque(theta, still=True), self._torque(theta)
+        loaded, other = theta.copy(), theta.copy()
         x, y, z, mass = 0.05, 0.02, 0.08, 2.0
-        loaded[last] += mass * np.array(
+        loaded[rigid[-10:]] += mass * np.array(
             [1, x, y, z, y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y]
         )
-        load = self._torque(loaded) - self._torque(self.clean.theta)
-        other = self.clean.theta.copy()
-        rigid = self.clean.model.rigid_indices
         other[rigid] = self.problem.nominal(self.clean.model)[rigid] * 0.7
-        exchange = self._torque(other) - self._torque(self.clean.theta)
+        load, exchange = self._torque(loaded) - own, self._torque(other) - own
         late = 1.0 * (np.arange(len(weight)) > 0.55 * len(weight))[:, None]
         one = [((j,), np.eye(self.train.n)[j]) for j in joints]
         for share in (1.0, 0.9):
             for which, mask in (*one, ((), np.ones(self.train.n))):
-                less = self._less(share * weight * mask)
-                yield Corruption(
-                    "gravity removed", which, f"{100 * share:g} %", ("gravity removed",), less
-                )
+                how = f"{100 * share:g} %", ("gravity removed",), self._less(share * weight * mask)
+                yield Corruption("gravity removed", which, *how)
         both = ("load step", "two arms")
         yield Corruption("load picked up", (), "2 kg", both, self._less(-late * load))
         yield Corruption("two arms in one file", (), "", both, self._less(-late * exchange))
@@ -104,12 +100,6 @@ def _smoothed(x: Array, width: int) -> Array:
     window = np.hanning(width + 2)[1:-1]
     padded = np.pad(x, ((width // 2, width // 2), (0, 0)), "edge")
     return np.column_stack([np.convolve(c, window / window.sum(), "valid") for c in padded.T])
-
-
-def _squared_errors(estimate: Estimate, test: Measurements) -> Array:
-    """(n,) mean square of the model's error on a run."""
-    (found,) = compare(estimate, test)
-    return found.mse
 
 
 def arm(name: str, data: Path) -> Arm:

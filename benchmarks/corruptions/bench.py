@@ -88,10 +88,8 @@ def run_case(arm: Arm, corruption: Corruption) -> Case:
         except InputError:
             outcome = "refused"
     joints = "+".join(str(j + 1) for j in corruption.joints)
-    twice = any(contradicts(report) for report in reports)
-    return Case(
-        arm.name, corruption.kind, joints, corruption.size, outcome, harm, _said(problems), twice
-    )
+    what = arm.name, corruption.kind, joints, corruption.size, outcome, harm
+    return Case(*what, _said(problems), any(contradicts(report) for report in reports))
 
 
 def _said(problems: Sequence[Issue]) -> str:
@@ -110,20 +108,14 @@ def contradicts(report: Report) -> bool:
 
 
 def _outcome(corruption: Corruption, problems: Sequence[Issue]) -> str:
-    if any(f.kind in corruption.causes and _names(f, corruption.joints) for f in problems):
+    joints = {j + 1 for j in corruption.joints}
+    if any(f.kind in corruption.causes and (not joints or _joints(f) == joints) for f in problems):
         return "named"
-    if any(f.severity == "error" for f in problems):
-        return "refused" if all(f.kind in _GENERAL for f in problems) else "wrong"
     if not problems:
         return "silent"
-    return "warned" if all(f.kind in _GENERAL for f in problems) else "wrong"
-
-
-def _names(issue: Issue, joints: Sequence[int]) -> bool:
-    """Whether an issue is about these joints and no others."""
-    if not joints:
-        return True
-    return _joints(issue) == {j + 1 for j in joints}
+    if not all(f.kind in _GENERAL for f in problems):
+        return "wrong"
+    return "refused" if any(f.severity == "error" for f in problems) else "warned"
 
 
 def _joints(issue: Issue) -> set[int]:

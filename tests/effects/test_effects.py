@@ -1,10 +1,12 @@
 """Single effects beyond the contracts, what a model makes of several, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_contract import robots, steady_motion, wide_columns
 from numpy.typing import NDArray
-from random_robots import uicker_torques
+from random_robots import sines, uicker_torques
 
 from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.effects import CurrentModel, Effect, Model, Motion, Seen, effect_types, parse_effects
@@ -29,25 +31,11 @@ def test_rotor_inertia_is_what_a_spinning_link_on_the_axis_makes():
     np.testing.assert_array_equal(rotor[1, :, 1], state[2][:, 1])
 
 
-def harmonic(robot: Robot, t: Array) -> tuple[Array, Array, Array]:
-    """A smooth motion whose derivatives are exact."""
-    n = robot.n
-    w = 0.7 + 0.31 * np.arange(n)
-    phase = np.arange(n)
-    q = 0.6 * np.sin(np.outer(t, w) + phase) + 0.2
-    return (
-        q,
-        0.6 * w * np.cos(np.outer(t, w) + phase),
-        -0.6 * w**2 * np.sin(np.outer(t, w) + phase),
-    )
-
-
 def current_motion(problem: Problem, rate: float = 200.0, duration: float = 4.0) -> Motion:
-    t = np.arange(0.0, duration, 1.0 / rate)
-    q, dq, ddq = harmonic(problem.robot, t)
-    links = problem.nominal_links
-    torque = problem.robot.inverse_dynamics(links.ravel(), q, dq, ddq) + 0.3 * dq
-    return Motion(t, q, dq, ddq, torque, CurrentModel(problem.robot, links))
+    t, links = np.arange(0.0, duration, 1.0 / rate), problem.nominal_links
+    m = sines(np.random.default_rng(0), problem.robot.n, t)
+    torque = problem.robot.inverse_dynamics(links.ravel(), m.q, m.dq, m.ddq) + 0.3 * m.dq
+    return replace(m, torque=torque, current=CurrentModel(problem.robot, links))
 
 
 def torque_of(effect: Effect, motion: Motion, theta: Array) -> Array:

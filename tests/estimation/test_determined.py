@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_arms import SCARA_FRICTION, SCARA_NOISE, run_of, scara
+from random_robots import posed_task
 
 from sdp_vs_penalty import InputError, Problem, export, identify, load_estimate, load_problem
 from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.estimation.identify import data_share
-from sdp_vs_penalty.estimators import Task, make_task
-from sdp_vs_penalty.regression import LeastSquares, compress
+from sdp_vs_penalty.estimators import Task
+from sdp_vs_penalty.regression import LeastSquares
 
 
 @pytest.fixture(scope="module")
@@ -20,8 +21,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Problem:
 
 def task_of(problem: Problem, seconds: float = 8.0) -> Task:
     run = run_of(problem, SCARA_FRICTION, SCARA_NOISE, seconds=seconds)
-    model = problem.model()
-    return make_task(problem, model, compress(run, model, problem.preprocessing.resolve(run)))
+    return posed_task(problem, run)
 
 
 def test_shares_are_shares_and_free_of_units(arm):

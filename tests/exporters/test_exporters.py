@@ -12,12 +12,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import random_robots
+from commands import run_cli
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sdp_vs_penalty import Estimate, InputError, load_problem
 from sdp_vs_penalty.checks.urdf import check_urdf, massless_links
-from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
 from sdp_vs_penalty.estimation import Certificate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
@@ -395,9 +395,7 @@ def test_check_urdf_names_the_link_and_mends_it(tmp_path, capsys):
     # Moments (0.02, 0.02, 0.05): the nearest with D1 + D2 = D3 moves each by 0.01 / 3.
     assert checks["upper"].distance == pytest.approx(0.01 / np.sqrt(3.0))
     assert all(c.consistent for name, c in checks.items() if name not in ("upper",))
-    with pytest.raises(SystemExit) as exit_code:
-        cli.main(["check-urdf", str(path), "--json", str(tmp_path / "c.json"), "--fix", str(fixed)])
-    assert exit_code.value.code == 1
+    assert run_cli("check-urdf", path, "--json", tmp_path / "c.json", "--fix", fixed) == 1
     shown = capsys.readouterr().out
     assert "upper" in shown
     assert "Frobenius" in shown
@@ -406,13 +404,9 @@ def test_check_urdf_names_the_link_and_mends_it(tmp_path, capsys):
     assert [x["link"] for x in links if not x["consistent"]] == ["upper"]
     assert all(c.consistent for c in check_urdf(fixed))
     only_numbers_of_inertials_changed(path.read_bytes(), fixed.read_bytes())
-    with pytest.raises(SystemExit) as exit_code:
-        cli.main(["check-urdf", str(fixed)])
-    assert exit_code.value.code == 0
+    assert run_cli("check-urdf", fixed) == 0
     path.write_bytes(TREE.replace("<mass value='2.0' />", "<mass value='-2.0' />").encode())
-    with pytest.raises(SystemExit) as exit_code:
-        cli.main(["check-urdf", str(path), "--fix", str(fixed)])
-    assert exit_code.value.code == 2
+    assert run_cli("check-urdf", path, "--fix", fixed) == 2
 
 
 def test_check_urdf_names_moving_links_without_inertial(tmp_path, capsys):
@@ -431,9 +425,7 @@ def test_check_urdf_names_moving_links_without_inertial(tmp_path, capsys):
         + "</robot>"
     )
     assert massless_links(path) == ["bare"]
-    with pytest.raises(SystemExit) as exit_code:
-        cli.main(["check-urdf", str(path), "--json", str(tmp_path / "c.json")])
-    assert exit_code.value.code == 0
+    assert run_cli("check-urdf", path, "--json", tmp_path / "c.json") == 0
     assert "Moving links without an inertial: bare. " in capsys.readouterr().out
     assert json.loads((tmp_path / "c.json").read_text())["moving_links_without_inertial"] == ["bare"]
 
@@ -442,9 +434,7 @@ def test_the_verb(tmp_path, capsys):
     estimate = estimate_of(load_problem("two_link").robot, f"{FULL},torque_offset", 3)
     model, out = tmp_path / "model.json", tmp_path / "out.urdf"
     estimate.save(model)
-    with pytest.raises(SystemExit) as exit_code:
-        cli.main(["export", str(model), "--out", str(out)])
-    assert exit_code.value.code == 0
+    assert run_cli("export", model, "--out", out) == 0
     shown = capsys.readouterr()
     assert "rotor_inertia" in shown.err
     assert "torque_offset" in shown.err

@@ -7,17 +7,15 @@ import os
 import pickle
 import re
 import shutil
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from commands import PROGRAM, python
 from page_driver import (
     ARM,
-    ROOT,
     Server,
     a_context,
     alert,
@@ -270,10 +268,7 @@ def test_the_folder_is_offered_and_kept_as_it_is(browser, files, tmp_path):
 
 
 def test_a_taken_port_is_said(server):
-    code = "from sdp_vs_penalty.cli.main import main; main()"
-    command = [sys.executable, "-c", code, "page", "--no-browser", "--port", str(server.port)]
-    environment = {**os.environ, "PYTHONPATH": ROOT}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    done = python(*PROGRAM, "page", "--no-browser", "--port", server.port)
     assert done.returncode == 2
     assert f"--port {server.port}: is taken: choose another" in done.stderr
     assert done.stderr.count("\n") == 1

@@ -15,12 +15,7 @@ from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
 from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
 from sdp_vs_penalty.paper.tables.table import (
-    Column,
     Table,
-    escape_latex,
-    number_column,
-    plain_number,
-    text,
 )
 from sdp_vs_penalty.problem.published import barycentric_names
 from sdp_vs_penalty.regression import LeastSquares, triangular
@@ -99,21 +94,6 @@ def test_all_three_forms_hold_the_same_cells(tables):
         assert plain == [[c.replace("|", "\\|") for c in row] for row in cells]
         lines = [line for line in table.latex().splitlines() if line.endswith(r" \\")][1:]
         assert [line.count(" & ") for line in lines] == [len(table.columns) - 1] * len(cells)
-
-
-def test_escaping_and_number_columns():
-    assert escape_latex(r"a_b 5 % & ^ { \x") == (r"a\_b 5 \% \& \textasciicircum{} \{ \textbackslash{}x")
-    assert number_column(["-12.345", "1.2e-05", "", "inf"]) == "S[table-format=-2.3e-1]"
-    assert number_column(["3", "14"]) == "S[table-format=2.0]"
-    assert plain_number("5.4615e-01") == "0.54615"
-    assert plain_number("-2.991e-05") == "-0.00002991"
-    assert plain_number("3e-10") == "3e-10"
-    assert plain_number("inf") == "inf"
-    assert text(-0.0) == "0"
-    assert text(float("nan")) == ""
-    assert text("-1.0517e-02") == "-1.0517e-02"
-    with pytest.raises(ValueError, match="2 cells in 1 columns"):
-        Table("X", "x", "x", (Column("a"),), (("1", "2"),))
 
 
 def test_files_of_the_names_asked_for_are_written(tmp_path, without_data):

@@ -2,14 +2,12 @@
 
 import json
 
-import numpy as np
 import pytest
-from periodic_runs import JOINTS, SETTINGS, run_of
+from periodic_runs import SETTINGS, run_of
 
 from sdp_vs_penalty import load_measurements, load_problem
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.signals import motion
 from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
 
 
@@ -46,33 +44,6 @@ def test_other_motion_is_new():
     assert share(once, moved) == 1.0
     slower = run_of(11, 11.0, period=20.0)  # the same positions, half as fast
     assert share(once, slower) > 0.8
-
-
-def test_the_record_is_bounded(monkeypatch):
-    """Periods add nothing; much motion is kept more coarsely, and stays known, or not at all."""
-    one, ten = (record_motion(run_of(10, s), SETTINGS) for s in (11.0, 96.0))
-    assert ten.points < 1.5 * one.points
-    rng = np.random.default_rng(3)
-    wild = run_of(10, 120.0)
-    smooth = np.convolve(rng.normal(size=len(wild.t) + 200), np.hanning(201), "valid")
-    wild.q[:, 0] = smooth / smooth.std()
-    monkeypatch.setattr(motion, "_MOST", 14_000)
-    record = record_motion(wild, SETTINGS)
-    assert 2 * JOINTS * record.points <= 14_000
-    assert record.distance > motion.DISTANCE
-    assert record.new_share_of(wild, SETTINGS) == 0.0
-    monkeypatch.setattr(motion, "_MOST", 100)
-    assert record_motion(wild, SETTINGS) is None
-
-
-def test_records_join():
-    a, b = (record_motion(run_of(seed, 11.0), SETTINGS) for seed in (10, 20))
-    assert b is not None
-    both = a.joined(b)
-    assert both is not None
-    for seed in (11, 21):
-        assert both.new_share_of(run_of(seed, 9.0, 0.5), SETTINGS) == 0.0
-    assert both.new_share_of(run_of(30, 9.0), SETTINGS) > 0.9
 
 
 @pytest.mark.real_data

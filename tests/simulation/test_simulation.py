@@ -112,24 +112,6 @@ def test_the_committed_sensor_is_what_the_real_run_shows(panda, panda_run):
     assert sensor.log_jitter == pytest.approx(steps.std(), rel=1e-3)
 
 
-@pytest.mark.real_data
-def test_simulated_noise_reads_like_the_real_one(panda, panda_run):
-    """Estimated from a simulated run as from the real one, and behind the filters of `compare`."""
-    x = experiment(panda)
-    run = x.training_run()
-    std, _ = repetition_noise(run, 2.0 / 0.15, x.sensor.rate)
-    np.testing.assert_allclose(std, x.sensor.torque_std, rtol=0.1)
-    floors = []
-    for data in (run, panda_run):
-        floor = compare(identify(panda, data, "ols"), data)[0].noise_floor
-        assert floor is not None
-        floors.append(floor)
-    # The autoregression of order 4 holds at the full rate; below 8 Hz it is right to a factor of two
-    # (100 rows repeat, from which a floor beside drift is known to a tenth).
-    ratio = floors[0] / floors[1]
-    assert np.all((ratio > 0.5) & (ratio < 2.0))
-
-
 def test_any_robot_has_an_experiment(tmp_path):
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(

@@ -14,15 +14,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import run_cli
+from random_robots import posed_task
 
 from sdp_vs_penalty import identify, load_problem
-from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.identify import certify
-from sdp_vs_penalty.estimators import make_estimator, make_task
-from sdp_vs_penalty.regression import LeastSquares, compress
+from sdp_vs_penalty.estimators import make_estimator
+from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.simulation import experiment
@@ -44,9 +45,7 @@ Proof = dict[str, Any]
 def proofs() -> dict[str, Proof]:
     """One of each formulation: matrices, cones and bounds, with and without the entropy."""
     problem = load_problem("two_link")
-    run = experiment(problem).training_run(seed=1)
-    model = problem.model()
-    task = make_task(problem, model, compress(run, model, problem.preprocessing.resolve(run)))
+    task = posed_task(problem, experiment(problem).training_run(seed=1))
     made = {}
     for method in METHODS:
         fit = make_estimator(method).fit(task)
@@ -183,12 +182,6 @@ def test_the_checker_stands_alone(proofs, tmp_path):
     assert done.returncode == 1
 
 
-def verified(*words: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main(["verify", *map(str, words)])
-    return int(ended.value.code or 0)
-
-
 def test_identify_writes_a_proof_and_verify_accepts_it(tmp_path, capsys):
     problem, path = load_problem("two_link"), tmp_path / "proof.json"
     run = experiment(problem).training_run(seed=2)
@@ -198,19 +191,19 @@ def test_identify_writes_a_proof_and_verify_accepts_it(tmp_path, capsys):
     estimate.save(model)
     save(run, data)
     save(experiment(problem).training_run(seed=3), other)
-    assert verified(path) == 0
+    assert run_cli("verify", path) == 0
     assert "the model describes the robot is not" in capsys.readouterr().out
     # A file of decimals is the same numbers: the run is read back to the last bit.
-    assert verified(path, "--model", model, "--data", data) == 0
+    assert run_cli("verify", path, "--model", model, "--data", data) == 0
     assert "make its numbers" in capsys.readouterr().out
-    assert verified(path, "--model", model, "--data", other) == 1
+    assert run_cli("verify", path, "--model", model, "--data", other) == 1
     assert "other measurements" in capsys.readouterr().out
     identify(problem, run, "lmi-sdp-plain").save(model)
-    assert verified(path, "--model", model) == 1
-    assert verified(path, "--data", data) == 2
-    assert verified(tmp_path / "absent.json") == 2
+    assert run_cli("verify", path, "--model", model) == 1
+    assert run_cli("verify", path, "--data", data) == 2
+    assert run_cli("verify", tmp_path / "absent.json") == 2
     path.write_text(path.read_text().replace('"floor": "', '"floor": "1'))
-    assert verified(path) == 1
+    assert run_cli("verify", path) == 1
     with pytest.raises(InputError, match="no lower bound"):
         identify(problem, run, "ols", proof=path)
 
