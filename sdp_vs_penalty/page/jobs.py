@@ -186,7 +186,7 @@ def separate(asked: Asked) -> Answer:
     found = separation(
         asked.model,
         asked["effects"],
-        duration=asked.number("duration", 20.0),
+        duration=asked.number("duration", 21.0),
         level=asked.number("level", 1.0),
         iterations=int(asked.number("iterations", 200)),
         seed=asked.seed,
