@@ -94,3 +94,10 @@ def test_the_table_equals_the_generated_one():
     assert tool["with_results"](README, tool["headline"]() + "\nchanged") != README
     for picture in re.findall(r"\]\(([^):]*)\)", README):
         assert (ROOT / picture).exists(), picture
+
+
+def test_it_is_short_and_says_what_the_tests_leave_out():
+    assert len(README.split()) <= 900
+    left_out = re.findall(r"not (\w+)", (ROOT / "pyproject.toml").read_text().partition("-m '")[2][:60])
+    assert left_out
+    assert all(f"`{marker}`" in README for marker in left_out)
