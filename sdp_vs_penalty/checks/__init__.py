@@ -17,12 +17,11 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import channel_rules, residual
 from sdp_vs_penalty.checks.constants import LOUDEST, PARTS, SPARE
-from sdp_vs_penalty.checks.glance import Glance
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.rules import mended
+from sdp_vs_penalty.checks.rules import Glance, mended
 from sdp_vs_penalty.checks.search import Search
 from sdp_vs_penalty.checks.several import compare
 from sdp_vs_penalty.checks.transformation import Scene
@@ -37,6 +36,9 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 __all__ = ["Issue", "Report", "check"]
+
+#: Windows of a long run (docs/large-data.md).
+_WINDOWS = PARTS // 2
 
 
 @dataclass(frozen=True)
@@ -145,14 +147,17 @@ def check(
     reports: list[Report] = []
     for run in measurements.runs():
         windows = [run]
-        if run.samples > PARTS * PART:  # so many windows, whose rows count from their first
+        if run.samples > _WINDOWS * PART:  # so many windows, whose rows count from their first
             try:
                 check_usable(run.names[0], run)
             except InputError as error:
                 issue = _stopped("unusable rows", error, "certain: read from the file")
                 reports.append(Report(run.names[0], (issue,), run, run))
                 continue
-            name, starts = run.names[0], np.linspace(0, run.samples - PART, PARTS).astype(int).tolist()
+            name, starts = (
+                run.names[0],
+                np.linspace(0, run.samples - PART, _WINDOWS).astype(int).tolist(),
+            )
             windows = [run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on") for k in starts]
         reports += [_check_run(problem, window, settings, thorough) for window in windows]
     return of_one_arm(reports)

@@ -187,7 +187,7 @@ class Mounting(Transformation):
         given = np.array(now.gravity)
         size = float(np.linalg.norm(given))
         known = _earthly(size)
-        if any(w != 1.0 for w in now.weight) or 0.0 < size < 1.0:
+        if any(w != 1.0 for w in now.weight):
             return
         for axis in (*np.eye(3), *-np.eye(3)):
             yield replace(now, gravity=_vector((size if known else _EARTH) * axis))
