@@ -16,7 +16,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import channel_rules, residual
-from sdp_vs_penalty.checks.constants import LOUDEST, PARTS, SPARE
+from sdp_vs_penalty.checks.constants import LOUDEST, PARTS
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
@@ -36,9 +36,6 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 __all__ = ["Issue", "Report", "check"]
-
-#: Windows of a long run (docs/large-data.md).
-_WINDOWS = PARTS // 2
 
 
 @dataclass(frozen=True)
@@ -144,10 +141,10 @@ def check(
     if measurements.n != problem.robot.n:
         raise other_robot(measurements.n, problem.robot.n, measurements.names[0])
     settings = preprocessing or problem.preprocessing
-    reports: list[Report] = []
+    reports, windows_of_long = list[Report](), PARTS // 2
     for run in measurements.runs():
         windows = [run]
-        if run.samples > _WINDOWS * PART:  # so many windows, whose rows count from their first
+        if run.samples > windows_of_long * PART:  # so many windows, whose rows count from their first
             try:
                 check_usable(run.names[0], run)
             except InputError as error:
@@ -156,7 +153,7 @@ def check(
                 continue
             name, starts = (
                 run.names[0],
-                np.linspace(0, run.samples - PART, _WINDOWS).astype(int).tolist(),
+                np.linspace(0, run.samples - PART, windows_of_long).astype(int).tolist(),
             )
             windows = [run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on") for k in starts]
         reports += [_check_run(problem, window, settings, thorough) for window in windows]
@@ -237,7 +234,7 @@ def _channels(
     parameters = int(data.independent.sum()) + scene.n * data.own.shape[2]
     assert settings.torque_cutoff is not None
     samples = 2.0 * settings.torque_cutoff * float(np.ptp(data.motion.t)) * len(scene.joints)
-    settled = samples > SPARE * parameters
+    settled = samples > parameters
     issues = [*first, *stated, *told, *sizes, *residual.find(scene, net, score, settled)]
     if any(i.kind == "torque channel kind" for i in sizes):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]

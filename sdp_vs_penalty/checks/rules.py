@@ -24,10 +24,6 @@ Rows = NDArray[np.bool_]
 _UNITS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 #: Time steps [s] of a log that somebody would identify from.
 _STEPS = (2e-5, 0.5)
-#: Share of rows from which on an odd one is a signal, and a row that repeats the one before no accident.
-_FEW = 1 / RUN
-#: The samples of the median that a spike is measured from.
-_WIDTH = 7
 _READ, _DELETE = "certain: read from the file", "delete these rows"
 
 
@@ -206,7 +202,7 @@ def uneven(g: Glance) -> Iterator[Issue]:
     pause = LONG * max(g.step, float(np.quantile(steps, 0.97)))  # packets, too, may come in bursts
     even, usual = (steps[1:] < pause) & (steps[:-1] < pause), steps[steps < pause]
     spread = float(np.std(usual) / np.mean(usual))
-    if spread < _FEW or np.count_nonzero(even) < RUN:
+    if spread < 1 / RUN or np.count_nonzero(even) < RUN:
         return
     share = (steps[:-1] / (g.run.t[2:] - g.run.t[:-2]))[:, None]
     rough_time, rough_rows = (
@@ -333,11 +329,11 @@ def doubled(g: Glance) -> Iterator[Issue]:
     same, span = g.held & g.movement.moves, 2 * STUCK
     at = np.flatnonzero(same[span:-span]) + span
     at = at[~same[at - 1] & ~same[at + 1]]
-    if not 0.1 * _FEW <= same.mean() <= 0.8 or not len(at):
+    if not 0.1 * 1 / RUN <= same.mean() <= 0.8 or not len(at):
         return
     near, far = (np.linalg.norm(g.run.q[at + k] - g.run.q[at - k], axis=1) / k for k in (1, span))
     skips = bool(np.median(near / np.maximum(far, 1e-300)) > 0.75)
-    if skips and not _FEW < same.mean() < 0.5:  # from half of the rows on the source is slower
+    if skips and not 1 / RUN < same.mean() < 0.5:  # from half of the rows on the source is slower
         return
     severity, remedy = "error", "delete the copies and their time"
     how = "and the motion does not skip ahead after them: rows were doubled and the clock was made again"
@@ -402,15 +398,15 @@ def _filled(x: Array) -> Rows:
 
 def spikes(g: Glance) -> Iterator[Issue]:
     """Single samples far from the median around them: bits turned, packets torn."""
-    found, half = {}, _WIDTH // 2
+    found, half = {}, STUCK // 2
     for name, j, x in g.channels:
-        least = SPIKE[1] * float(np.ptp(np.quantile(x, [_FEW, 1.0 - _FEW]))) + 1e-9
+        least = SPIKE[1] * float(np.ptp(np.quantile(x, [1 / RUN, 1.0 - 1 / RUN]))) + 1e-9
         # Without such a step no sample can be that far from the median.
         if g.moving[j] and np.abs(np.diff(x)).max() > least / half:
-            around = sliding_window_view(np.pad(x, half, "edge"), _WIDTH)
+            around = sliding_window_view(np.pad(x, half, "edge"), 2 * half + 1)
             off = np.abs(x - np.median(around, axis=1))
             bad = (off > max(SPIKE[0] * np.quantile(off, 0.9), least)) & g.inside
-            found[name] = bad & (bad.mean() <= _FEW)
+            found[name] = bad & (bad.mean() <= 1 / RUN)
     what = "{rows} samples of {named} lie far from the samples on both sides."
     yield from _deleted(g, found, "spikes", what, "certain: no joint moves like that")
 
@@ -436,7 +432,7 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
     skips, told = np.sum(np.round(ratio) > 2.0, axis=1), tells.sum(axis=1)  # one row could be noise
     enough = (told >= max(2, (q.shape[1] + 1) // 2)) & (skips > 0.74 * told)
     rows = np.flatnonzero(enough & (steps < 3.0 * np.median(steps)))
-    if 0 < len(rows) <= _FEW * len(steps):
+    if 0 < len(rows) <= 1 / RUN * len(steps):
         lost = np.round(np.nanmedian(ratio[rows], axis=1) - 1.0)
         added, rows = np.zeros(len(g.steps)), fresh[rows + 1] - 1
         added[rows] = lost * np.median(steps)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import CONTRADICTS, ODD_NUMBER, ODDS
+from sdp_vs_penalty.checks.constants import CONTRADICTS, ODDS
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score, independent_samples
 from sdp_vs_penalty.checks.repair import Repair
@@ -33,11 +33,6 @@ class Number:
     text: Callable[[float], str]
     snaps: tuple[float, ...] = ()
 
-    @property
-    def odd(self) -> bool:
-        """Whether it is none of the round values."""
-        return all(abs(self.value - x) > 1e-9 for x in self.snaps)
-
     @classmethod
     def factor(
         cls, x: float, at: Callable[[float], Repair], tolerance: float, reach: float,
@@ -54,7 +49,7 @@ class Element:
     """One thing that a repair does: what is said of it, and the repair without it (``plain``;
     default: its number at 0).
 
-    prior : natural logarithm of the odds against it, its number apart; place : default: the joints;
+    cost : natural logarithm of the odds against it; place : default: the joints;
     mends : whether a repaired log can be written.
     """
 
@@ -63,7 +58,7 @@ class Element:
     joints: tuple[int, ...]
     what: str
     remedy: str
-    prior: float
+    cost: float
     number: Number | None = None
     plain: Repair | None = None
     mends: bool = True
@@ -73,10 +68,6 @@ class Element:
     @property
     def name(self) -> tuple[str, tuple[int, ...]]:
         return self.kind, self.joints
-
-    @property
-    def cost(self) -> float:
-        return self.prior + (ODD_NUMBER if self.number and self.number.odd else 0.0)
 
     @property
     def without(self) -> Repair:
