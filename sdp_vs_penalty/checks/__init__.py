@@ -17,7 +17,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import channel_rules, residual
 from sdp_vs_penalty.checks.constants import LOUDEST, PARTS
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
@@ -268,7 +268,7 @@ def _stated(search: Search, net: Repair) -> tuple[list[Issue], Repair]:
         if change[j] < 0.05:  # the fit is the same: physics alone tells
             text = f"{word}: as recorded, friction would drive the motion, or inertia be negative"
         figures = {"joints": [j + 1 for j in e.joints], **e.figures, "net": True, "log_odds": gain}
-        what = e.what
+        what, where = e.what, e.place or joints_text(e.joints)
         if e.number is not None:
             reach = 2.0 * search.deviation(e.number)
             low, high = e.number.value - reach, e.number.value + reach
@@ -278,7 +278,7 @@ def _stated(search: Search, net: Repair) -> tuple[list[Issue], Repair]:
         if e.kind.startswith("gravity"):
             share = net.weight[0] if len(set(net.weight)) == 1 else 1.0
             gravity = tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
-        out.append(Issue(e.kind, e.severity, e.where, what, text, e.remedy, mend, figures, gravity))
+        out.append(Issue(e.kind, e.severity, where, what, text, e.remedy, mend, figures, gravity))
         if not out[-1].mends:
             certain = next((x.without for x in search.elements(certain) if x.name == e.name), certain)
     return out, certain

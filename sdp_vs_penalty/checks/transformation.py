@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import CONTRADICTS, ODDS
-from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score, independent_samples
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.problem.problem import Problem
@@ -24,6 +23,7 @@ class Number:
     """One number of a repair, 0 where the log is right; ``at`` gives the repair with another one.
 
     tolerance : what arms and loggers differ by themselves, in the number's own unit; text : with unit;
+    reach : how far to either side the best value is looked for; snaps : round values, tried beside it.
     """
 
     value: float
@@ -46,11 +46,10 @@ class Number:
 
 @dataclass(frozen=True)
 class Element:
-    """One thing that a repair does: what is said of it, and the repair without it (``plain``;
-    default: its number at 0).
+    """One thing that a repair does: what is said of it, and the repair ``without`` it.
 
-    cost : natural logarithm of the odds against it; place : default: the joints;
-    mends : whether a repaired log can be written.
+    cost : natural logarithm of the odds against it; place : default: the joints; mends : whether a
+    repaired log can be written.
     """
 
     kind: str
@@ -59,8 +58,8 @@ class Element:
     what: str
     remedy: str
     cost: float
+    without: Repair
     number: Number | None = None
-    plain: Repair | None = None
     mends: bool = True
     place: str = ""
     figures: Mapping[str, Any] = field(default_factory=dict)
@@ -68,17 +67,6 @@ class Element:
     @property
     def name(self) -> tuple[str, tuple[int, ...]]:
         return self.kind, self.joints
-
-    @property
-    def without(self) -> Repair:
-        if self.plain is None and self.number is not None:
-            return self.number.at(0.0)
-        assert self.plain is not None
-        return self.plain
-
-    @property
-    def where(self) -> str:
-        return self.place or joints_text(self.joints)
 
 
 @dataclass(frozen=True)
