@@ -210,3 +210,25 @@ def test_the_recipe_of_a_control_loop_renews_a_certified_fit():
     assert names["fit"] is not posed
     assert names["fit"].gap <= 1e-8
     np.testing.assert_array_equal(again, names["fit"].theta)
+
+
+def sentences(text: str) -> list[str]:
+    """The prose of a page, code and addresses as one word each."""
+    text = re.sub(r"```.*?```|<!--.*?-->|^ {7,}\S[^\n]*$", "", text, flags=re.DOTALL | re.MULTILINE)
+    out = []
+    for part in re.split(r"\n\s*\n|\n(?=\s*[-*|#:] ?|\s*\d+\. )", text):
+        if not part.strip().startswith(("|", ":::")):
+            part = re.sub(r"\]\([^)]*\)", "]", re.sub(r"`[^`]*`", "code", part))
+            out += re.split(r"(?<=[.!?])\s+", part.replace("\n", " "))
+    return out
+
+
+@pytest.mark.parametrize("page", ["../README.md", *(p.name for p in PAGES)])
+def test_no_sentence_is_longer_than_35_words(page):
+    said = sentences((DOCS / page).read_text(encoding="utf-8"))
+    long = [one for one in said if len(one.split()) > 35]
+    assert not long, "\n".join(long)
+
+
+def test_the_documentation_is_short():
+    assert sum(len(p.read_text(encoding="utf-8").split()) for p in PAGES) <= 25_000

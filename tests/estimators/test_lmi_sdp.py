@@ -322,3 +322,15 @@ def test_real_arms_weigh_about_what_their_makers_say(data_folder, name, maker):
     posed = pose(one.problem, one.train)
     total = float(LmiSdp().fit(posed.task).theta[posed.task.links[:, 0]].sum())
     assert 1.0 / 1.5 < total / maker < 1.5
+
+
+@pytest.mark.real_data
+def test_the_real_runs_rank_is_that_of_the_paper(panda, real_task):
+    """43 base parameters and 21 of friction and offset, all excited."""
+    data = real_task.data
+    assert real_task.base.shape == (64, 91)
+    norms = np.where(data.column_norms > 0.0, data.column_norms, 1.0)
+    s = np.linalg.svd(data.R / norms, compute_uv=False)
+    assert int(np.sum(s > 1e-9 * s[0])) == 64
+    assert s[63] > 1e3 * s[64]
+    assert panda.robot.n == 7

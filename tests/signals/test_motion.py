@@ -2,12 +2,14 @@
 
 import json
 
+import numpy as np
 import pytest
-from periodic_runs import SETTINGS, run_of
+from periodic_runs import JOINTS, SETTINGS, run_of
 
 from sdp_vs_penalty import load_measurements, load_problem
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.signals import motion
 from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
 
 
@@ -55,3 +57,20 @@ def test_the_panda_repeats_itself_after_a_period(data_folder):
     for train, judged, new in (((0, 14), (14.2, 20.9), 0.0), ((0, 7.6), (8, 13.2), 1.0)):
         record = record_motion(run.window(*train), settings)
         assert record.new_share_of(run.window(*judged), settings) == pytest.approx(new, abs=0.01)
+
+
+def test_the_record_is_bounded(monkeypatch):
+    """Periods add nothing; much motion is kept more coarsely, and stays known, or not at all."""
+    one, ten = (record_motion(run_of(10, s), SETTINGS) for s in (11.0, 96.0))
+    assert ten.points < 1.5 * one.points
+    rng = np.random.default_rng(3)
+    wild = run_of(10, 120.0)
+    smooth = np.convolve(rng.normal(size=len(wild.t) + 200), np.hanning(201), "valid")
+    wild.q[:, 0] = smooth / smooth.std()
+    monkeypatch.setattr(motion, "_MOST", 14_000)
+    record = record_motion(wild, SETTINGS)
+    assert 2 * JOINTS * record.points <= 14_000
+    assert record.distance > motion.DISTANCE
+    assert record.new_share_of(wild, SETTINGS) == 0.0
+    monkeypatch.setattr(motion, "_MOST", 100)
+    assert record_motion(wild, SETTINGS) is None
