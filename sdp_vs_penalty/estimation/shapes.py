@@ -7,12 +7,13 @@ Columns are computed on a grid of u once, and are cubic splines of ln u between 
 tell a constant more finely, columns at the value itself follow (:func:`shape_constants.settled`).
 
 Every fold of the motion is left out once, all constants are found anew from the rest (by one step of
-Gauss and Newton), and the fold is predicted with a constant as found there and as the model has it. With r what the former leaves
-of the torque and d the difference of the two predictions, sum_k |d_k|^2 + 2 r_k'd_k is what it
-takes from the squared error of all folds k. A constant is confirmed where that exceeds Student's 95
-% quantile times its own deviation: the larger of sqrt(sum_k (2 r_k'd_k)^2), which holds for noise
-of any colour, and what white noise would make of it. Else the model's own value stays: the simpler
-model unless another is significantly better (Breiman et al., Classification and Regression Trees,
+Gauss and Newton), and the fold is predicted with a constant as found there and as the model has it.
+With r what the former leaves of the torque and d the difference of the two predictions, sum_k |d_k|^2 +
+2 r_k'd_k is what it takes from the squared error of all folds k. A constant is confirmed where that
+exceeds Student's 95 % quantile times its own deviation: the larger of sqrt(sum_k (2 r_k'd_k)^2), which
+holds for noise of any colour, and what white noise would make of it. Else the model's own value stays:
+the simpler model unless another is significantly better (Breiman et al., Classification and Regression
+Trees,
 1984, sec. 3.4.3).
 """
 
