@@ -33,14 +33,13 @@ from sdp_vs_penalty.signals.runs import stretches
 @dataclass(frozen=True)
 class Course:
     """A stretch of a run: states, an instant a row; torque (N, n) [N m, N]; which joints move (N, n);
-    where there is a command, that and the integral (N, n) of the positions."""
+    where there is one, the command."""
 
     name: str
     states: State
     torque: Array
     moving: NDArray[np.bool_]
     command: Command | None = None
-    sum: Array | None = None
 
     @property
     def dt(self) -> float:
@@ -62,11 +61,12 @@ def courses_of(run: Measurements, estimate: Estimate, plant: Plant, shortest: fl
         motion = filters.motion(part, first, last)
         torque = plant.true_torque(motion.t, part.resampled(part.tau, first, last + 1))
         z, moving = plant.remembered(motion), filters.movement.at(motion.t)
-        warm = np.full_like(motion.q, np.nan)
+        warm = unknown = np.full_like(motion.q, np.nan)
         if any(effect.needs_temperature for effect in estimate.model.effects):
             warm = motion.joint_temperature
-        states = State(motion.t, motion.q, motion.dq, motion.ddq, z, warm)
-        out.append(Course(run.names[0], states, torque, moving, motion.command, motion.sum))
+        path = unknown if motion.sum is None else motion.sum
+        states = State(motion.t, motion.q, motion.dq, motion.ddq, z, warm, path)
+        out.append(Course(run.names[0], states, torque, moving, motion.command))
     if not out:
         raise no_rows(run, 2.0 * half * filters.dt + shortest)
     return out

@@ -9,7 +9,7 @@ what the loop has to add is then the model's error as a torque.
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -243,13 +243,6 @@ def follow(
     )
 
 
-class _Moving(NamedTuple):
-    """Simulated states, and where a servo drives them the integrals (W, n) of their positions."""
-
-    state: State
-    sum: Array | None
-
-
 @dataclass(frozen=True)
 class _Ride:
     """Plants along a measured course, and what drives them: the measured torque, a loop of the model's
@@ -265,13 +258,6 @@ class _Ride:
         """Steps within a sample, no longer than the simulation's."""
         return int(np.ceil(self.course.dt / _STEP - 1e-9))
 
-    def at(self, k: NDArray[np.intp]) -> _Moving:
-        """As measured at samples k (W,). Raises InputError where a servo has no command."""
-        path = self.course.sum
-        if self.servo is not None and path is None:
-            raise InputError("this run holds no commands", "log qcmd1..qcmdn", self.course.name)
-        return _Moving(self.course.states.rows(k), None if path is None else path[k])
-
     def loop(
         self, mass: Plant, state: State, k: NDArray[np.intp], share: float, h: float
     ) -> tuple[Array, Array]:
@@ -284,23 +270,22 @@ class _Ride:
         M = mass.mass(seen.q[k])
         return np.einsum("kij,kj->ki", M, pull), (2.0 * w + 0.5 * h * w * w) * M
 
-    def step(self, moving: _Moving, k: NDArray[np.intp]) -> _Moving:
-        """From sample k (W,) of the course to the next."""
+    def step(self, state: State, k: NDArray[np.intp]) -> State:
+        """From sample k (W,) of the course to the next. InputError where a servo has no command."""
         course, h = self.course, self.course.dt / self.substeps
-        state, path = moving
         for m in range(self.substeps):
             if self.servo is not None:
-                assert course.command is not None
-                assert path is not None
-                state, path = self.servo.step(state, path, course.command, h)
+                if course.command is None:
+                    raise InputError("this run holds no commands", "log qcmd1..qcmdn", course.name)
+                state = self.servo.step(state, course.command, h)
                 continue
-            share = (m + 0.5) / self.substeps
+            share, damping = (m + 0.5) / self.substeps, None
             torque = (1.0 - share) * course.torque[k] + share * course.torque[k + 1]
-            more, damping = (
-                (0.0, None) if self.mass is None else self.loop(self.mass, state, k, share, h)
-            )
-            state = advance(self.plant, state, torque + more, h, damping)
-        return _Moving(state, path)
+            if self.mass is not None:
+                more, damping = self.loop(self.mass, state, k, share, h)
+                torque = torque + more
+            state = advance(self.plant, state, torque, h, damping)
+        return state
 
 
 def _windows(ride: _Ride) -> tuple[Array, Array, Array, Array]:
@@ -312,14 +297,14 @@ def _windows(ride: _Ride) -> tuple[Array, Array, Array, Array]:
     if not len(starts):
         starts = np.arange(len(seen.t) - steps - 1)
     at = starts[np.unique(np.linspace(0, len(starts) - 1, min(_WINDOWS, len(starts))).astype(int))]
-    moving, first = ride.at(at), np.zeros((len(at), seen.q.shape[1]))
+    state, first = seen.rows(at), np.zeros((len(at), seen.q.shape[1]))
     for k in range(steps):
-        moving = ride.step(moving, at + k)
+        state = ride.step(state, at + k)
         if k == 0:
-            first = moving.state.dq - seen.dq[at + 1]
+            first = state.dq - seen.dq[at + 1]
     straight = seen.q[at] + steps * dt * seen.dq[at]
     there = seen.q[at + steps]
-    return first, moving.state.q - there, seen.dq[at] - seen.dq[at + 1], straight - there
+    return first, state.q - there, seen.dq[at] - seen.dq[at + 1], straight - there
 
 
 def _drawn(estimate: Estimate, seed: int) -> Array:
@@ -338,16 +323,16 @@ def _free_run(estimate: Estimate, drawn: Array, measured: _Ride, most: int | Non
     units = estimate.robot.position_units
     limit = np.array([_LEFT[unit] for unit in units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
-    moving = ride.at(np.full(size, start))
-    q, added, left = [moving.state.q], [], False
+    state = seen.rows(np.full(size, start))
+    q, added, left = [state.q], [], False
     end = len(course.torque) - 1 if most is None else min(start + most, len(course.torque) - 1)
     for k in range(start, end):
         at = np.full(size, k)
         if ride.mass is not None:
-            added.append(ride.loop(ride.mass, moving.state, at, 0.0, 0.0)[0][0])
-        moving = ride.step(moving, at)
-        q.append(moving.state.q)
-        if not np.all(np.abs(moving.state.q[0] - seen.q[k + 1]) <= limit):
+            added.append(ride.loop(ride.mass, state, at, 0.0, 0.0)[0][0])
+        state = ride.step(state, at)
+        q.append(state.q)
+        if not np.all(np.abs(state.q[0] - seen.q[k + 1]) <= limit):
             left = True
             break
     motion, until = np.array(q), start + len(q)
