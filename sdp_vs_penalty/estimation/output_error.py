@@ -79,7 +79,7 @@ DESCRIPTION = (
 )
 #: Longest step of the simulation [s], and the windows that are tried [s], the longest first: one is used
 #: if the starting model stays within this share of the motion's size.
-_STEP, _WINDOWS, _STAYS = 2e-3, (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1), 0.3
+STEP, _WINDOWS, _STAYS = 2e-3, (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1), 0.3
 #: Change of a parameter for its slope, in its standard deviations.
 _SLOPE = 0.1
 
@@ -142,7 +142,7 @@ def _chosen(plant: Plant, courses: Sequence[Course], size: Array) -> tuple[list[
 
 def _cut(course: Course, seconds: float) -> list[_Window]:
     """A course in windows; a step's torque is the mean of its samples (trapezoidal rule)."""
-    stride = max(1, int(_STEP / course.dt + 1e-9))
+    stride = max(1, int(STEP / course.dt + 1e-9))
     steps = (len(course.torque) - 1) // stride
     weights = np.ones(stride + 1) / stride
     weights[[0, -1]] /= 2.0

@@ -41,8 +41,6 @@ _BLEND = 0.7
 PERIOD = 2.0 / 0.15  # s: 1.5 periods in a run
 #: Rate [Hz] at which effects are sized.
 _SIZING = 200.0
-#: Seconds in which the gears warm up.
-_WARM_UP = 120.0
 #: Whatever can be hidden, by the name of the library's effect.
 MAKERS: Mapping[str, Maker] = dict(sorted({**FRICTION, **MACHINE, **FROZEN, **NUISANCE}.items()))
 #: The files of a folder of simulated runs; the last run is meant as the test run.
@@ -139,9 +137,7 @@ def true_world(problem: Problem, setup: Experiment, seed: int, without: Sequence
     noise, last, ends = setup.sensor.torque_std, robot.link_joints[-1] + 1, joint_limits(robot)
     arm = Arm(problem.name, None, model, *ends, size, size, rotary, noise, last, *follows)
     dry = DryFriction("tanh", np.full(robot.n, min(problem.model().sign_width)))
-    return World(
-        Conditions(problem.name), arm, model, dry, coulomb, viscous, offset, none, none, none, _WARM_UP
-    )
+    return World(Conditions(problem.name), arm, model, dry, coulomb, viscous, offset, none, none, none)
 
 
 def hidden_runs(
@@ -214,7 +210,7 @@ def _measure(
     seed: int,
     k: int,
 ) -> Measurements:
-    """One run as the sensor logs it, at the rate of the controller; the log's clock reads what was last."""
+    """One run as the sensor logs it: the log's clock reads what the controller renewed last."""
     rng = np.random.default_rng([seed, 3, k])
     local = setup.sensor.instants(trajectory.duration)
     motion = _motion(trajectory, local, k)
