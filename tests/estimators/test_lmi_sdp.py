@@ -90,20 +90,6 @@ def test_the_readable_model_has_the_same_optimum(method, solver, toy_task, two_l
     assert certificate.gap < 1e-8
 
 
-@pytest.mark.real_data
-@pytest.mark.parametrize("method", METHODS)
-def test_the_readable_model_agrees_on_the_real_panda(method, panda, real_task):
-    estimator: Any = make_estimator(method)
-    fit = estimator.fit(real_task)
-    model = cvxpy_model(panda, real_task, fit.objective, estimator.thickness, estimator.body)
-    found, value = model.solve("CLARABEL")
-    own = fit.objective.value(fit.theta)
-    loss = fit.objective.least_squares.loss(fit.theta)
-    assert value == pytest.approx(own, abs=1e-7 * loss)
-    assert fit.objective.value(found) == pytest.approx(own, abs=1e-7 * loss)
-    assert fit.constraints.margin(found) > -1e-8
-
-
 # --- against known robots ---------------------------------------------------------------------------
 
 
@@ -275,11 +261,6 @@ def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(panda, mon
 
 
 # --- the real arm -----------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def real_task(panda: Problem, panda_run: Measurements) -> Task:
-    return posed_task(panda, panda_run.window(0.0, 14.0))
 
 
 @pytest.mark.long

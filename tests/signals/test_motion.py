@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from periodic_runs import JOINTS, SETTINGS, run_of
 
-from sdp_vs_penalty import load_measurements, load_problem
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.signals import motion
@@ -46,17 +45,6 @@ def test_other_motion_is_new():
     assert share(once, moved) == 1.0
     slower = run_of(11, 11.0, period=20.0)  # the same positions, half as fast
     assert share(once, slower) > 0.8
-
-
-@pytest.mark.real_data
-def test_the_panda_repeats_itself_after_a_period(data_folder):
-    """14.2-20.9 s are 0.9-7.6 s again; what lies between them is another motion."""
-    problem = load_problem("panda")
-    run = load_measurements(data_folder / "panda")
-    settings = problem.preprocessing.resolve(run)
-    for train, judged, new in (((0, 14), (14.2, 20.9), 0.0), ((0, 7.6), (8, 13.2), 1.0)):
-        record = record_motion(run.window(*train), settings)
-        assert record.new_share_of(run.window(*judged), settings) == pytest.approx(new, abs=0.01)
 
 
 def test_the_record_is_bounded(monkeypatch):
