@@ -1,4 +1,4 @@
-"""The wheel works from any directory, with its problems; without any extra a verb names what it needs."""
+"""The wheel works from any directory; without any extra a verb names the one that it needs."""
 
 import subprocess
 import sys
