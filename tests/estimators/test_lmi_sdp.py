@@ -309,6 +309,11 @@ def test_real_arms_weigh_about_what_their_makers_say(data_folder, name, maker):
     assert 1.0 / 1.5 < total / maker < 1.5
 
 
+@pytest.fixture(scope="module")
+def real_task(panda: Problem, panda_run: Measurements) -> Task:
+    return posed_task(panda, panda_run.window(0.0, 14.0))
+
+
 @pytest.mark.real_data
 def test_the_real_runs_rank_is_that_of_the_paper(panda, real_task):
     """43 base parameters and 21 of friction and offset, all excited."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from periodic_runs import periodic
 
 from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.signals import repeat_period
@@ -13,13 +14,6 @@ from sdp_vs_penalty.signals.repetition import recurring
 from sdp_vs_penalty.signals.standstill import lawless, still, turned_at_rest
 
 seeds = st.integers(0, 2**32 - 1)
-
-
-def periodic(rng: np.random.Generator, t: np.ndarray, period: float, joints: int = 3) -> np.ndarray:
-    """Five harmonics a joint (N, joints)."""
-    w = 2.0 * np.pi / period * np.arange(1, 6)
-    a, b = rng.normal(size=(2, joints, 5)) / np.arange(1, 6)
-    return np.sin(np.outer(t, w)) @ a.T + np.cos(np.outer(t, w)) @ b.T
 
 
 @settings(max_examples=20, deadline=None, derandomize=True)
