@@ -70,7 +70,7 @@ class VerbCommand(TyperCommand):
 
     def get_params(self, ctx: Any) -> Any:
         """The parameters, plain values of which need no pydantic."""
-        return [lightened(param) for param in super().get_params(ctx)]
+        return list(map(lightened, super().get_params(ctx)))
 
     def invoke(self, ctx: Any) -> Any:
         for name, value in ctx.params.items():
@@ -139,7 +139,7 @@ class VerbGroup(TyperGroup):
 
     def get_params(self, ctx: Any) -> Any:
         """Its own options, likewise."""
-        return [lightened(param) for param in super().get_params(ctx)]
+        return list(map(lightened, super().get_params(ctx)))
 
     def list_commands(self, ctx: Any) -> list[str]:
         """The names, in the order of the help."""
