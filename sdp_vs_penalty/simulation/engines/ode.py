@@ -6,8 +6,6 @@ apart and are pulled back (error reduction parameter). Debian's package libode8 
 C interface; it has no loader of URDF, so that bodies and joints are made here.
 """
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_uint, c_void_p
