@@ -187,10 +187,7 @@ def test_degrees_are_refused_by_the_joints_ranges(panda):
     centre = 0.5 * (np.array([j.lower + j.upper for j in panda.robot.joints]))
     run = Measurements(run.t, run.q + centre, run.tau, run.dq, None, ("run.csv",))
     estimate = identify(panda, run, "ols", check=False)  # its torques are those of other positions
-    for call in (
-        lambda: identify(panda, in_degrees(run)),
-        lambda: compare(estimate, in_degrees(run)),
-    ):
+    for call in (lambda: identify(panda, in_degrees(run)), lambda: compare(estimate, in_degrees(run))):
         refusal(
             call, "run.csv: row ", "column q", "far outside the range of joint", "degrees to radians"
         )

@@ -27,10 +27,7 @@ FIELDS = {
     "noise_floor",
     "relative_error_percent",
     "band_hz",
-} | {
-    "new_motion_share",
-    "outside",
-}
+} | {"new_motion_share", "outside"}
 
 
 @pytest.fixture(scope="module")

@@ -12,14 +12,7 @@ from random_robots import posed_task, repeating_run, sines
 from sdp_vs_penalty import InputError, Problem, identify
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.estimation.identify import certify
-from sdp_vs_penalty.estimators import (
-    Estimator,
-    Fit,
-    LmiSdp,
-    Task,
-    estimator_types,
-    make_estimator,
-)
+from sdp_vs_penalty.estimators import Estimator, Fit, LmiSdp, Task, estimator_types, make_estimator
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain, LmiSdpThickness
 from sdp_vs_penalty.regression import Regression

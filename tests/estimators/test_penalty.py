@@ -9,12 +9,7 @@ from random_robots import link_parameters, posed_task, sines, tree
 
 from sdp_vs_penalty import Measurements, Problem, load_measurements
 from sdp_vs_penalty.estimation.identify import certify
-from sdp_vs_penalty.estimators import (
-    LmiSdp,
-    PenaltyPaper,
-    Task,
-    make_estimator,
-)
+from sdp_vs_penalty.estimators import LmiSdp, PenaltyPaper, Task, make_estimator
 from sdp_vs_penalty.estimators.barycentric import barycentric_box
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.estimators.penalty import Penalty

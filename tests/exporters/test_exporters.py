@@ -15,6 +15,7 @@ import random_robots
 from commands import run_cli
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from lxml import etree
 
 from sdp_vs_penalty import Estimate, InputError, load_problem
 from sdp_vs_penalty.checks.urdf import check_urdf, massless_links
@@ -70,19 +71,9 @@ def estimate_of(robot: Robot, effects: str, seed: int, links: np.ndarray | None 
     theta[model.rigid_indices] = links.ravel()[: len(model.rigid_indices)]
     if model.needs_reference:
         model = Model(robot, model.effects, theta)
-    certificate = Certificate({}, 0.0, None, None, None, None, None)
-    return Estimate(
-        random_robots.bare(robot),
-        model,
-        theta,
-        Uncertainty.unknown(model, theta),
-        "by hand",
-        certificate,
-        Preprocessing(),
-        {},
-        {},
-        {},
-    )
+    unknown, made = Uncertainty.unknown(model, theta), Certificate({}, 0.0)
+    settings = (Preprocessing(), {}, {}, {})
+    return Estimate(random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings)
 
 
 def emps() -> Robot:
@@ -92,19 +83,16 @@ def emps() -> Robot:
     return Robot("emps", (joint,))
 
 
-def robots(tmp_path: Path, data_folder: Path | None = None) -> dict[str, Robot]:
+def robots(tmp_path: Path) -> dict[str, Robot]:
     tree = tmp_path / "tree.urdf"
     tree.write_bytes(TREE.encode())
-    found = {
+    return {
         "panda": load_problem("panda").robot,
         "two_link": load_problem("two_link").robot,
         "emps": emps(),
         "tree": load_urdf(tree)[0],
         "random": random_robots.tree(np.random.default_rng(5), 6, link_frames=True),
     }
-    if data_folder is not None:
-        found = {"ur10e": load_urdf(data_folder / "ur10e" / "ur10e.urdf")[0]}
-    return found
 
 
 NAMES = ["panda", "two_link", "emps", "tree", "random"]
@@ -135,8 +123,6 @@ def urdf_torques(path: Path, robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: n
 
 
 def dynamics_of(path: Path, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    from lxml import etree
-
     joints = {
         j.get("name"): j.find("dynamics") for j in etree.parse(str(path)).getroot().findall("joint")
     }
@@ -173,7 +159,6 @@ def test_urdf_made_from_a_model(name, tmp_path):
 
 def only_numbers_of_inertials_changed(before: bytes, after: bytes) -> None:
     """Cut the inertials and dynamics elements out of both: the rest is the same to the byte."""
-    import re
 
     def rest(text: bytes) -> bytes:
         text = re.sub(rb"\s*<inertial.*?</inertial>\s*", b"", text, flags=re.S)

@@ -30,20 +30,13 @@ from sdp_vs_penalty.diagnosis import Curve, load_diagnosis
 from sdp_vs_penalty.page import jobs, uploads, worker
 from sdp_vs_penalty.page import sessions as sessions_module
 from sdp_vs_penalty.page.auth_middleware import guarded
-from sdp_vs_penalty.page.charts import (
-    data_chart,
-    missing_chart,
-    torque_chart,
-)
+from sdp_vs_penalty.page.charts import data_chart, missing_chart, torque_chart
 from sdp_vs_penalty.page.controls import fields_of
 from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.worker import JobProcess
-from sdp_vs_penalty.reports.plots import (
-    Curves,
-    envelope,
-)
+from sdp_vs_penalty.reports.plots import Curves, envelope
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -459,6 +452,29 @@ def test_the_authors_four_files_are_one_run(tmp_path):
     assert all((tmp_path / f"user-{name}").exists() for name in uploads.LOG_FILES)
 
 
+def answer(
+    headers: dict[str, str], gate: Any = guarded, error: Exception | None = None, **scope: Any
+) -> tuple[bool, list[Any]]:
+    """Whether a request with these headers reaches the page, and what is answered."""
+    reached, sent = [], []
+    kind = scope.pop("kind", "http")
+
+    async def app(asked: Any, receive: Any, send: Any) -> None:
+        reached.append(asked)
+        if error is not None:
+            raise error
+        if kind == "http":
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    scope = {"type": kind, "method": "GET", "path": "/", "query_string": b"", **scope}
+    scope["headers"] = [(k.encode(), v.encode()) for k, v in headers.items()]
+    asyncio.run(gate(app, 99, "secret")(scope, None, send))
+    return bool(reached), sent
+
+
 @pytest.mark.parametrize(
     ("headers", "allowed"),
     [
@@ -481,24 +497,12 @@ def test_the_authors_four_files_are_one_run(tmp_path):
 )
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 def test_only_this_page_may_ask(headers, allowed, kind):
-    reached, sent = [], []
-
-    async def app(scope: Any, receive: Any, send: Any) -> None:
-        reached.append(scope)
-        if kind == "http":
-            await send({"type": "http.response.start", "status": 200, "headers": []})
-
-    async def send(message: Any) -> None:
-        sent.append(message)
-
     if kind == "websocket":
         headers = {"origin": "http://127.0.0.1:99", **headers}
     headers = {"cookie": "other=1; sdp-vs-penalty-key-99=secret", **headers}
-    scope: dict[str, Any] = {"type": kind, "method": "GET", "path": "/", "query_string": b""}
-    scope["headers"] = [(k.encode(), v.encode()) for k, v in headers.items()]
-    asyncio.run(guarded(app, 99, "secret")(scope, None, send))
+    reached, sent = answer(headers, kind=kind)
     allowed = kind == "http" if allowed is None else allowed  # a socket names where it comes from
-    assert bool(reached) == allowed
+    assert reached == allowed
     if not allowed:
         assert sent[0] == {"type": "websocket.close", "code": 1008} or sent[0]["status"] in (400, 403)
     elif kind == "http":
@@ -506,12 +510,8 @@ def test_only_this_page_may_ask(headers, allowed, kind):
 
 
 def test_an_error_of_a_request_is_one_line(capsys):
-    async def app(scope: Any, receive: Any, send: Any) -> None:
-        raise KeyError("Session is disconnected")  # what engine.io does to a tab that was silent
-
-    headers = [(b"host", b"127.0.0.1"), (b"cookie", b"sdp-vs-penalty-key-99=secret")]
-    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": headers}
-    asyncio.run(guarded(app, 99, "secret")(scope, None, None))
+    silent = KeyError("Session is disconnected")  # what engine.io does to a tab that was silent
+    answer({"host": "127.0.0.1", "cookie": "sdp-vs-penalty-key-99=secret"}, error=silent)
     said = capsys.readouterr().err
     assert said == "sdp-vs-penalty: page: KeyError: 'Session is disconnected'\n"
 
@@ -519,27 +519,17 @@ def test_an_error_of_a_request_is_one_line(capsys):
 @pytest.mark.parametrize(
     ("path", "query", "to"),
     [
-        ("/", "key=secret", b"/"),
-        ("/s/abc", "a=1&key=secret", b"/s/abc?a=1"),
-        ("//evil.example", "key=secret", b"/evil.example"),
-        ("/", "key=guess", None),
-        ("/", "", None),
+        ("/", b"key=secret", b"/"),
+        ("/s/abc", b"a=1&key=secret", b"/s/abc?a=1"),
+        ("//evil.example", b"key=secret", b"/evil.example"),
+        ("/", b"key=guess", None),
+        ("/", b"", None),
     ],
 )
 def test_the_printed_address_lets_in_once(path, query, to):
     """The key leaves the address bar, and stays in a cookie that scripts and other sites do not get."""
-    sent: list[Any] = []
-
-    async def app(scope: Any, receive: Any, send: Any) -> None:
-        raise AssertionError("nobody is let in without the cookie")
-
-    async def send(message: Any) -> None:
-        sent.append(message)
-
-    scope = {"type": "http", "method": "GET", "path": path, "query_string": query.encode()}
-    asyncio.run(
-        guarded(app, 99, "secret")({**scope, "headers": [(b"host", b"127.0.0.1:99")]}, None, send)
-    )
+    reached, sent = answer({"host": "127.0.0.1:99"}, path=path, query_string=query)
+    assert not reached  # without the cookie
     headers = dict(sent[0]["headers"])
     if to is None:
         assert sent[0]["status"] == 403
@@ -551,17 +541,13 @@ def test_the_printed_address_lets_in_once(path, query, to):
 
 
 def test_over_tls_only_the_named_host_is_asked_and_the_cookie_stays_there():
-    sent: list[Any] = []
-
-    async def send(message: Any) -> None:
-        sent.append(message)
-
-    gate = guarded(None, 99, "secret", "lab.example", tls=True)
-    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"key=secret"}
-    for host in (b"127.0.0.1:99", b"lab.example:99"):
-        asyncio.run(gate({**scope, "headers": [(b"host", host)]}, None, send))
-    assert sent[0]["status"] == 400
-    headers = dict(sent[2]["headers"])
+    gate = partial(guarded, host="lab.example", tls=True)
+    other, own = (
+        answer({"host": host}, gate, query_string=b"key=secret")[1][0]
+        for host in ("127.0.0.1:99", "lab.example:99")
+    )
+    assert other["status"] == 400
+    headers = dict(own["headers"])
     assert headers[b"set-cookie"].endswith(b"Secure")
     assert b"connect-src 'self' wss://lab.example:99 data:;" in headers[b"content-security-policy"]
 

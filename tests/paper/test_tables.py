@@ -8,15 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import THREE, write_urdf
 
 from sdp_vs_penalty import InputError, Measurements, load_problem
 from sdp_vs_penalty.estimators import Estimator, PenaltyPaper
 from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
 from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
-from sdp_vs_penalty.paper.tables.table import (
-    Table,
-)
+from sdp_vs_penalty.paper.tables.table import Table
 from sdp_vs_penalty.problem.published import barycentric_names
 from sdp_vs_penalty.regression import LeastSquares, triangular
 from sdp_vs_penalty.robot import inertia
@@ -114,15 +113,7 @@ def test_unknown_names_are_refused_before_anything_is_written(tmp_path):
 
 
 def test_any_urdf_has_tables_too(tmp_path, without_data):
-    urdf = tmp_path / "arm.urdf"
-    urdf.write_text(
-        """<robot name="arm"><link name="base"/><link name="a"/><link name="b"/>
-        <joint name="j1" type="revolute"><parent link="base"/><child link="a"/>
-          <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="9"/></joint>
-        <joint name="j2" type="revolute"><parent link="a"/><child link="b"/>
-          <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
-          <limit lower="-2" upper="2" velocity="1" effort="9"/></joint></robot>"""
-    )
+    urdf = write_urdf(tmp_path / "arm.urdf", "arm", THREE[1:])
     made = build_tables(None, SmallStudy(load_problem(urdf)))
     assert [table.name for table in made] == list(DEFAULT_TABLES)
     assert "the problem's nominal links" in made[0].caption

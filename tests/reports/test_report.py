@@ -146,25 +146,6 @@ def test_the_ellipsoid_has_the_links_inertia(made):
     assert ellipsoid(np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])) is None  # a rod
 
 
-def test_poses_are_the_robots(two_link):
-    """Gravity torque by the drawn poses: potential energy's slope."""
-    robot, links = two_link.robot, two_link.nominal_links
-    q, step = np.array([0.3, -0.7]), 1e-6
-
-    def energy(at: np.ndarray) -> float:
-        total = 0.0
-        for pose, joint, link in zip(robot.poses(at[None])[0], robot.joints, links, strict=True):
-            com = (pose @ joint.link_frame @ np.append(link[1:4] / link[0], 1.0))[:3]
-            total -= link[0] * float(np.array(robot.gravity) @ com)
-        return total
-
-    zero = np.zeros((1, 2))
-    torque = robot.inverse_dynamics(links.ravel(), q[None, :], zero, zero)[0]
-    for j in range(2):
-        move = step * np.eye(2)[j]
-        assert (energy(q + move) - energy(q - move)) / (2 * step) == pytest.approx(torque[j], abs=1e-6)
-
-
 def test_the_verb_and_short_runs(two_link, tmp_path):
     run = experiment(two_link).training_run(0)
     keep = (run.t > run.t[0] + 2.0) & (run.t < run.t[0] + 3.8)

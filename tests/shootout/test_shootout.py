@@ -16,13 +16,7 @@ from sdp_vs_penalty.shootout import profile, standard_instances, summary
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.shootout.instances import catalogue, instance, selected
-from sdp_vs_penalty.shootout.judge import (
-    CLASSES,
-    Answer,
-    dimacs_error,
-    judge,
-    relative_violation,
-)
+from sdp_vs_penalty.shootout.judge import CLASSES, Answer, dimacs_error, judge, relative_violation
 from sdp_vs_penalty.shootout.reference import Reference, reference
 from sdp_vs_penalty.shootout.results import table_text
 from sdp_vs_penalty.shootout.work import Assignment, in_child, run

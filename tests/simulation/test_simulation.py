@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from arms import SCARA, write_urdf
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
@@ -113,16 +114,7 @@ def test_the_committed_sensor_is_what_the_real_run_shows(panda, panda_run):
 
 
 def test_any_robot_has_an_experiment(tmp_path):
-    urdf = tmp_path / "arm.urdf"
-    urdf.write_text(
-        """<robot name="arm">
-        <link name="base"/><link name="a"/><link name="b"/>
-        <joint name="j1" type="revolute"><parent link="base"/><child link="a"/>
-          <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="9"/></joint>
-        <joint name="j2" type="prismatic"><parent link="a"/><child link="b"/>
-          <origin xyz="0.4 0 0"/><axis xyz="1 0 0"/>
-          <limit lower="0" upper="0.3" velocity="0.5" effort="9"/></joint></robot>"""
-    )
+    urdf = write_urdf(tmp_path / "arm.urdf", "arm", SCARA[1:3])
     problem = load_problem(urdf)
     x = experiment(problem)
     estimate = identify(problem, x.training_run(), effects=x.effects)
