@@ -107,8 +107,7 @@ def arm(name: str, data: Path) -> Arm:
     if name == "sim5":
         return simulated(name, FIVE, 2)
     if name.startswith("drawn"):
-        seed = int(name.removeprefix("drawn"))
-        return simulated(name, drawn(seed), seed)
+        return simulated(name, drawn(seed := int(name.removeprefix("drawn"))), seed)
     return {"panda": panda, "ur10e": ur10e, "tx40": tx40, "ur10": ur10, "emps": emps}[name](data)
 
 
@@ -170,21 +169,17 @@ Axis = tuple[str, str, str, float, str]
 
 def urdf(name: str, axes: tuple[Axis, ...]) -> str:
     """The arm as a URDF file, its links solid balls of 7 cm about their centres of mass."""
-    links, joints = ['<link name="l0"/>'], []
+    parts = ['<link name="l0"/>']
     for k, (kind, axis, origin, mass, com) in enumerate(axes, start=1):
-        i = 0.4 * mass * 0.07**2
-        links.append(
+        i, limit = 0.4 * mass * 0.07**2, 0.4 if kind == "prismatic" else 3.0
+        parts.append(
             f'<link name="l{k}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>'
             f'<inertia ixx="{i}" iyy="{1.3 * i}" izz="{0.8 * i}" ixy="{0.1 * i}" ixz="0" iyz="0"/>'
-            "</inertial></link>"
-        )
-        limit = 0.4 if kind == "prismatic" else 3.0
-        joints.append(
-            f'<joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/><child link="l{k}"/>'
-            f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
+            f'</inertial></link><joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/>'
+            f'<child link="l{k}"/><origin xyz="{origin}"/><axis xyz="{axis}"/>'
             f'<limit lower="{-limit}" upper="{limit}" velocity="3" effort="400"/></joint>'
         )
-    return f'<robot name="{name}">{"".join(links + joints)}</robot>'
+    return f'<robot name="{name}">{"".join(parts)}</robot>'
 
 
 def drawn(seed: int) -> tuple[Axis, ...]:
@@ -225,7 +220,7 @@ def _simulate(axes: tuple[Axis, ...], rng: np.random.Generator, seed: int, real:
     size = np.array([30.0 * 0.7**k for k in range(n)])
     viscous, coulomb = links.uniform(0.05, 0.12, n) * size, links.uniform(0.05, 0.12, n) * size
     t = np.arange(0.0, 20.0, 0.005)
-    q, dq, ddq = (np.zeros((len(t), n)) for _ in range(3))
+    q, dq, ddq = np.zeros((3, len(t), n))
     reach = np.array([0.12 if a[0] == "prismatic" else 0.7 for a in axes])
     for harmonic in range(1, 6):
         w = 2.0 * np.pi * 0.1 * harmonic

@@ -20,7 +20,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, fields, replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -179,12 +179,15 @@ def markdown(cases: Sequence[Case], command: str) -> str:
     text += ["clean run. In brackets Wilson's 95 % interval.", ""]
     text += markdown_table(head, [summary(*g) for g in (*groups.items(), ("all", cases))])
     text += ["", "## By kind", ""]
-    counts = [[k, str(len(v)), *(str(sum(c.outcome == w for c in v)) for w in _WORDS)]
-              for k, v in kinds.items()]  # fmt: skip
+    counts = [[k, *summary(k, v)[1 : 2 + len(_WORDS)]] for k, v in kinds.items()]
     text += markdown_table(["kind", "cases", *_WORDS], counts)
     text += ["", f"## Silent, and more than {HARMFUL:g} times worse on clean data", ""]
     told = [f"- {c.arm}: {c.kind} {c.joints} {c.size}: {c.harm:.3g} times" for c in silent]
     return "\n".join([*text, *(told or ["none"]), ""])
+
+
+def _harm(case: Case) -> list[str]:
+    return ["" if case.harm is None else f"{case.harm:.3g}"]
 
 
 def main() -> None:
@@ -203,9 +206,7 @@ def main() -> None:
     with ProcessPoolExecutor(given.workers) as pool:
         for found in pool.map(work, given.arms.split(",")):  # kept after each arm
             cases += found
-            lines = [["" if x is None else f"{x:.3g}" if isinstance(x, float) else x for x in astuple(c)]
-                     for c in cases]  # fmt: skip
-            names = ["arm", "kind", "joints", "size", "outcome", "harm", "said", "contradicts"]
-            write_text(given.out / "corruptions.csv", as_csv(names, lines))
+            rows_of = ([*astuple(c)[:5], *_harm(c), c.said, c.contradicts] for c in cases)
+            write_text(given.out / "corruptions.csv", as_csv([f.name for f in fields(Case)], rows_of))
             write_text(given.out / "corruptions.md", markdown(cases, f"{command} --part {given.part}"))
             print("\n".join(" | ".join(summary(n, found)) for n in {c.arm for c in found}), flush=True)

@@ -30,8 +30,7 @@ from sdp_vs_penalty.robot.urdf import load_urdf
 
 #: How far the joint axes of a model and of a URDF may be apart: what rounded DH tables leave [m, -].
 _SAME_AXIS = 1e-4
-
-
+_REMEDY = "give the URDF of the robot that was identified"
 _DRAKE = "http://drake.mit.edu"
 
 ENDING, FILE, ABOUT = ".urdf", "robot.urdf", "for ROS and simulators"
@@ -198,11 +197,8 @@ def _moving_links(root: Any, robot: Robot) -> dict[str, tuple[int, bool]]:
 def _order(path: str | Path, theirs: Robot, mine: Robot) -> list[int]:
     """For each joint of the file's tree the model's: by name where all names agree, else in order."""
     if (theirs.n, len(theirs.tree), theirs.links) != (mine.n, len(mine.tree), mine.links):
-        raise InputError(
-            f"the file has {formatting.count(theirs.n, 'moving joint')}, the model {mine.n}",
-            "give the URDF of the robot that was identified",
-            path,
-        )
+        what = f"the file has {formatting.count(theirs.n, 'moving joint')}, the model {mine.n}"
+        raise InputError(what, _REMEDY, path)
     names = [joint.name for joint in mine.tree]
     if sorted(names) == sorted(joint.name for joint in theirs.tree):
         return [names.index(joint.name) for joint in theirs.tree]
@@ -227,19 +223,15 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) ->
         apart = across if joint.kind == "revolute" else 0.0
         wrong_parent = (-1 if joint.parent < 0 else order[joint.parent]) != other.parent
         if joint.kind != other.kind or wrong_parent or np.linalg.norm(turned - joint.axis) > _SAME_AXIS:
-            raise InputError(
-                f"joint {joint.name!r} is not joint {other.name!r} of the model (another kind, "
-                "parent or direction of its axis)",
-                "give the URDF of the robot that was identified",
-                path,
+            what = (
+                f"joint {joint.name!r} is not joint {other.name!r} of the model (another kind, parent "
             )
+            raise InputError(what + "or direction of its axis)", _REMEDY, path)
         if apart > _SAME_AXIS:
-            raise InputError(
-                f"the axis of joint {joint.name!r} lies {1000.0 * apart:.3g} mm away from that "
-                f"of joint {other.name!r} of the model",
-                "give the URDF of the robot that was identified",
-                path,
+            what = (
+                f"the axis of joint {joint.name!r} lies {1000.0 * apart:.3g} mm away from that of joint "
             )
+            raise InputError(f"{what}{other.name!r} of the model", _REMEDY, path)
         if index in place:
             own = links[mine_place[order[index]]]
             same = np.array_equal(relation, np.eye(4))
