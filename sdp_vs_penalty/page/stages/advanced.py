@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import Stage, View, after_model
 from sdp_vs_penalty.reports.sections import CERTIFICATE
 
@@ -59,9 +58,7 @@ def proof(view: View) -> None:
             kind = "good" if found["holds"] else "bad"
             said = session.without_paths(found["said"])
             draw.tag("p", f"{said[0].upper()}{said[1:]}.", f"verdict {kind}")
-    draw.drop(
-        "Or check a proof.json", "drop a file here, or choose one", "proof", SUFFIXES["proof"], False
-    )
+    draw.drop("Or check a proof.json", "proof")
 
 
 #: The optimisation problem, for other solvers; beside each a .json with what it means.

@@ -18,7 +18,6 @@ from sdp_vs_penalty.page.arm import draw_arm, torque_errors
 from sdp_vs_penalty.page.charts import asked_span, ready, residual_chart, torque_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.summary import ModelStep
-from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified, plain_name, spoken
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
@@ -83,9 +82,7 @@ def _form(view: View) -> None:
             "A model identified earlier, possibly from other runs: kept fixed, it shows what has "
             "changed since, such as a payload."
         )
-        draw.drop(
-            "Your model.json", "drop a file here, or choose one", "model", SUFFIXES["model"], False
-        )
+        draw.drop("Your model.json", "model")
 
 
 def _bounds(view: View) -> None:

@@ -52,7 +52,7 @@ def _choose(view: View) -> None:
             _tile(view, str(folder), folder.name, "with the bounds and filters of its problem.toml")
         for file in view.folder_files(ROBOT_SUFFIXES):
             _tile(view, str(file), file.name, "from your folder", file.name)
-    draw.drop("Your robot's URDF", "drop a file here, or choose one", "robot", ROBOT_SUFFIXES, False)
+    draw.drop("Your robot's URDF", "robot")
 
 
 def _inertials(view: View) -> None:
@@ -104,8 +104,7 @@ def _draw_runs(view: View) -> None:
     with draw.tag("div", style="ways"):
         with draw.tag("section", style="way"):
             draw.tag("h4", "Your runs")
-            hint = f"or choose files: {', '.join(sorted(RUN_SUFFIXES))}"
-            draw.drop("Drop measurements here", hint, "runs", RUN_SUFFIXES, True)
+            draw.drop("Drop measurements here", "runs")
             draw.note("They stay on this computer.")
             with draw.details("Other column names, motors, ROS topics", "reading"):
                 draw.draw_form(view.forms.get("read", ()), view.session.reading)
