@@ -31,7 +31,11 @@ class Search:
 
     def likelihood(self, score: Score, repair: Repair) -> float:
         """Log-likelihood less the repair's cost."""
-        cost = sum(e.cost for e in self.elements(repair))
+        told = self.elements(repair)
+        odd = sum(
+            e.number is not None and not np.isclose(e.number.value, e.number.snaps).any() for e in told
+        )
+        cost = sum(e.cost for e in told) + 0.5 * c.ODDS * odd  # round numbers come first
         return -0.5 * self.samples * score.score - cost
 
     def posterior(self, repair: Repair) -> float:
@@ -116,7 +120,7 @@ class Search:
             assert number is not None
             ends = number.value - number.reach, number.value + number.reach
             best = float(minimize_scalar(
-                lambda x, at=number.at: self.scene.screen.score(at(float(x))).score,
+                lambda x, at=number.at: self.scene.likelihood.score(at(float(x))).score,
                 bounds=ends, method="bounded", options={"xatol": 0.05 * number.tolerance, "maxiter": 14},
             ).x)  # fmt: skip
             near = [x for x in number.snaps if abs(x - best) < number.tolerance]
