@@ -32,8 +32,6 @@ LOUDEST = 60.0
 ODDS = 6.0
 #: Friction that warms up and slow noise look like a drift or a step (natural logarithm of the odds).
 SLOW_ODDS = 15.0
-#: Instants of a log at which a step of a torque is tried.
-STEPS = 39
 #: What the arm leaves of parts that it was not fitted to has to fall by so many standard errors, and the
 #: log-likelihood by as many to either side of a number, within its reach (Student's t, 99 %).
 SIGNIFICANT = 3.0

@@ -14,8 +14,14 @@ import numpy as np
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformation import Element, Number, Scene
-from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS
+from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation
+from sdp_vs_penalty.checks.transformations import motion, torque
+
+#: What is tried, in the order of the words.
+TRANSFORMATIONS: tuple[Transformation, ...] = (
+    motion.Degrees(), motion.Clock(), motion.Sign(), motion.Exchange(), motion.Mounting(),
+    torque.Weight(), torque.Gain(), torque.Delay(), torque.Change(), motion.Zero(), torque.Saturation(),
+)  # fmt: skip
 
 
 class Search:
