@@ -219,7 +219,7 @@ def _reasons(
     torque = np.mean((spread_columns(rows, effect) @ known.beta) ** 2, axis=1)
     absorbed, shared = _shares(search, term)
     explained = np.sum(np.maximum(errors[0, on] ** 2 - errors[1, on] ** 2, 0.0))
-    beyond = np.sum(left.beyond[on] ** 2) if left.known else 0.0
+    beyond = np.sum(left.beyond[on] ** 2) if search.data.known else 0.0
     holds = {
         "rivals": bool(term.rivals),
         "uncertain": not std < UNCERTAIN * abs(size),  # nothing is known of a size of zero
@@ -279,7 +279,7 @@ def remarks(
     """Sentences about the diagnosis as a whole."""
     found = [_noise(data.noise.source), _standstill(data, residual)]
     if data.noise.source == REPETITION:
-        found.append(_turning(left))
+        found.append(_turning(left, data.noise.floor))
     found.append(repeatability_warning(new_share) or "")
     if held_out == "folds":
         found.append(
@@ -319,9 +319,9 @@ def _standstill(data: WhiteData, residual: Array) -> str:
     )
 
 
-def _turning(left: Remainder) -> str:
+def _turning(left: Remainder, floor: Array) -> str:
     """Where most of what is left is of slow joints."""
-    slow = np.flatnonzero((left.slow > left.floor) & (left.slow > 2.0 * left.beyond))
+    slow = np.flatnonzero((left.slow > floor) & (left.slow > 2.0 * left.beyond))
     if not len(slow):
         return ""
     errors = ", ".join(f"{left.slow[j]:.2g}" for j in slow)

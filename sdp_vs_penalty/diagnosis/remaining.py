@@ -26,16 +26,14 @@ from sdp_vs_penalty.signals.standstill import SLOW, STILL
 @dataclass(frozen=True)
 class Remainder:
     """share (n,) : variance of what is left over that of the noise, less one; beyond (n,) [N m or N] :
-    its RMS beyond the noise while the joint slides, slow (n,) : while it is slow; floor (n,) : of the
-    noise; matters : the joints (from 0) on which something is left that matters; known : whether the
-    noise is; residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it."""
+    its RMS beyond the noise while the joint slides, slow (n,) : while it is slow; matters : the joints
+    (from 0) on which something is left that matters; residual (M, n) [N m or N]; odd (M, n) : rows that
+    are outliers of it."""
 
     share: Array
     beyond: Array
     slow: Array
-    floor: Array
     matters: tuple[int, ...]
-    known: bool
     residual: Array
     odd: NDArray[np.bool_]
 
@@ -64,9 +62,7 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
         raised = np.hypot(beyond, noise.floor) / noise.floor - 1.0
     found = (variance > least) & (raised > MATTERS) & data.known
     matters = tuple(np.flatnonzero(found).tolist())
-    return Remainder(
-        mean(white**2, keep) - 1.0, beyond, slow, noise.floor, matters, data.known, residual, odd
-    )
+    return Remainder(mean(white**2, keep) - 1.0, beyond, slow, matters, residual, odd)
 
 
 def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:

@@ -267,9 +267,7 @@ class Search:
         data = whitened(rows, data.noise, estimate, data.frozen)
         named = [t for t in self.terms if not t.form.own]
         out = Search(data, replace(self.library, own=()))
-        out.terms = [
-            Term(t.form, data.columns(t.form.effect), t.J, t.beta, t.covariance, t.rivals) for t in named
-        ]
+        out.terms = [Term(t.form, data.columns(t.form.effect), t.J, t.beta, t.rivals) for t in named]
         out.fit = out.score.fit(out.terms)
         return out
 
