@@ -14,7 +14,6 @@ from sdp_vs_penalty.diagnosis.constants import (
     FAR,
     HARMONIC,
     MATTERS,
-    SHARED,
     UNCERTAIN,
 )
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
@@ -226,7 +225,7 @@ def _reasons(
         "small": not term.J > 2.0 * APART,
         "not_held_out": not lowers(errors[0, on], errors[1, on]),
         "more_left": explained < beyond,
-        "shared": shared > SHARED,
+        "shared": shared > 1.0 - UNCERTAIN,
         "absorbed": absorbed > 1.0 - ABSORBED,
         "implausible": bool(np.any(torque > np.mean(rows.torque**2, axis=0)))
         or (plausible is not None and np.sqrt(np.mean((known.beta / plausible) ** 2)) > FAR),
@@ -246,14 +245,11 @@ def _rival_name(own: Effect, other: Effect) -> str:
 
 def _shares(search: Search, term: Term) -> tuple[float, float]:
     """Of a term's energy what the model's columns make, and what other terms make besides."""
-    parts = []
-    for others in ([], [t for t in search.terms if t != term]):
-        fit = search.score.fit(others, search.fit.level)
-        parts.append(float(np.sum((fit.beside(fit.scaled(term.columns)) @ term.beta) ** 2)))
-    whole = sum(
-        float(np.sum((z @ term.beta / search.fit.level[j]) ** 2)) for j, z in term.columns.items()
+    alone, beside = (
+        search.energy(term, others) for others in ([], [t for t in search.terms if t != term])
     )
-    alone, beside = parts
+    scaled = search.fit.scaled(term.columns)
+    whole = sum(float(np.sum((z @ term.beta) ** 2)) for z in scaled.values())
     return 1.0 - alone / max(whole, 1e-300), 1.0 - beside / max(alone, 1e-300)
 
 

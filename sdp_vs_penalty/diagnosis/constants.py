@@ -73,11 +73,9 @@ HARMONIC = 0.02
 
 # Confidence.
 
-#: Relative standard deviation of a size from which it is uncertain.
+#: Relative standard deviation of a size from which it is uncertain; and share of its energy that other
+#: findings leave below which it is not its own: its deviation is then 2.2 times as large as alone.
 UNCERTAIN = 0.2
-#: Share of an effect's energy that other findings make, from which its size is not its own: its standard
-#: deviation is then 2.2 times as large as alone, 1 / sqrt(1 - share).
-SHARED = 0.8
 #: Standard deviations from which a size is not what its effect says is plausible, and a constant another
 #: one ("three sigma").
 FAR = 3.0

@@ -108,9 +108,16 @@ class Search:
     # Which forms there are beside a fit.
 
     def margin(self, joints: Iterable[int], terms: Sequence[Term]) -> float:
-        """Evidence that a further term needs: what the others get wrong looks like something else."""
-        shared = (t.J * len(t.joints & set(joints)) / len(t.joints) for t in terms if t.joints)
+        """Evidence that a further term needs: what the others get wrong looks like something else, in
+        proportion to all that they make. Two that cancel each other make much more than they explain."""
+        on = set(joints)
+        shared = (t.J * t.times * len(t.joints & on) / len(t.joints) for t in terms if t.joints)
         return APART + FORM * max(shared, default=0.0)
+
+    def energy(self, term: Term, others: Sequence[Term]) -> float:
+        """Weighted squares of what the model and other terms leave of a term."""
+        fit = self.score.fit(others, self.fit.level)
+        return float(np.sum((fit.beside(fit.scaled(term.columns)) @ term.beta) ** 2))
 
     def top_candidates(
         self,
@@ -187,7 +194,10 @@ class Search:
                     terms, moved = others, True
                     continue
                 moved |= again.form.effect.shape != term.form.effect.shape
-                terms[terms.index(term)] = replace(again, rivals=term.rivals)
+                own, times = [t for t in others if t.form.own], 1.0
+                if len(own) < len(others):
+                    times = self.energy(again, own) / max(self.energy(again, others), 1e-300)
+                terms[terms.index(term)] = replace(again, rivals=term.rivals, times=max(times, 1.0))
             if not moved:
                 break
         return terms
@@ -238,14 +248,18 @@ class Search:
 
     def run(self, progress: Progress = no_progress) -> list[Term]:
         """Add, exchange, drop until nothing changes."""
-        seen = set[tuple[str, ...]]()
+        seen, refused = set[tuple[str, ...]](), set[Key]()
         for _ in range(STEPS):
             self.fit = self.score.fit(self.terms)
             found = self.top_candidates(self.fit, self.terms)
-            best = self.simplest([t for t in found if self.margin(t.joints, self.terms) < t.J])
+            enough = (t for t in found if self.margin(t.joints, self.terms) < t.J)
+            best = self.simplest([t for t in enough if t.key not in refused])
             if best is not None:
                 progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
                 self.terms = self.settled([*self.terms, best])
+                if all(t.key != best.key for t in self.terms):
+                    refused.add(best.key)
+                    continue
             else:
                 other = self.exchanged(self.terms)
                 if other is None:
