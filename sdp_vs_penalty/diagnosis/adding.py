@@ -26,8 +26,6 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.constants import LEVEL, SHAPE_FOLDS
-from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.identify import (
     certify,
@@ -138,9 +136,8 @@ def add(
     if together is None:
         return found
     model, shapes = together
-    other = identified(model.effects)
-    other = replace(other, details={**other.details, "shapes": [s.to_dict() for s in shapes]})
-    return other if confirmed(other, found, measurements) else found
+    found = identified(model.effects)
+    return replace(found, details={**found.details, "shapes": [s.to_dict() for s in shapes]})
 
 
 def _retunes(
@@ -349,31 +346,3 @@ def found_together(
         for s in shapes
     ]
     return best.model, out
-
-
-def confirmed(other: Estimate, found: Estimate, measurements: Measurements) -> bool:
-    """Whether folds of the motion that are left out show significantly less error with the other model's
-    shape constants: by Wilcoxon's signed ranks of the folds' differences, since a few folds may hold
-    most of the reversals."""
-    from scipy.stats import wilcoxon
-
-    try:
-        before, after = (
-            cross_validate(
-                e.problem,
-                measurements,
-                "ols",
-                effects=e.model.effects,
-                preprocessing=e.preprocessing,
-                folds=SHAPE_FOLDS,
-            )
-            for e in (found, other)
-        )
-    except InputError:  # too short to leave anything out
-        return False
-    level = sum(f.losses for f in before.folds)
-    gains = [
-        float(np.sum((a.losses - b.losses) / level))
-        for a, b in zip(before.folds, after.folds, strict=True)
-    ]
-    return bool(wilcoxon(gains, alternative="greater").pvalue < 0.5 * (1.0 - LEVEL))
