@@ -104,7 +104,8 @@ def add(
                 "All these effects are the held model's own", "identify it again on these runs"
             )
     for effect in added:
-        _refuse_twice(estimate, effect)
+        if twice := _twice(estimate, effect):
+            raise _refused_twice(estimate, effect, twice)
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
@@ -175,29 +176,21 @@ def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
     return out
 
 
-def _joints_with(estimate: Estimate, effect: Effect) -> set[int]:
-    """The joints (from 0) on which the model has the effect already."""
-    return {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
+def _twice(estimate: Estimate, effect: Effect) -> set[int]:
+    """The joints (from 0) on which an effect that may come only once would come a second time."""
+    there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
+    return set() if effect.several else there & set(effect.joints)
 
 
-def _twice(estimate: Estimate, effect: Effect) -> list[int]:
-    """Of these the joints on which it would come a second time, where it may come only once."""
-    return [] if effect.several else sorted(_joints_with(estimate, effect) & set(effect.joints))
-
-
-def _refuse_twice(estimate: Estimate, effect: Effect) -> None:
-    twice = _twice(estimate, effect)
-    if twice:
-        free = sorted(set(range(estimate.robot.n)) - _joints_with(estimate, effect))
-        advice = "name another effect"
-        if free and not effect.whole_robot:
-            advice += f", or the joints without it: {effect.name}:{_joints(free)}"
-        where = "" if effect.whole_robot else f" on {formatting.joints([j + 1 for j in twice])}"
-        raise InputError(f"the model already has {effect.name}{where}", advice)
-
-
-def _joints(joints: Sequence[int]) -> str:
-    return "+".join(str(j + 1) for j in joints)
+def _refused_twice(estimate: Estimate, effect: Effect, twice: set[int]) -> InputError:
+    there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
+    free = sorted(set(range(estimate.robot.n)) - there)
+    advice = "name another effect"
+    if free and not effect.whole_robot:
+        joints = "+".join(str(j + 1) for j in free)
+        advice += f", or the joints without it: {effect.name}:{joints}"
+    where = "" if effect.whole_robot else f" on {formatting.joints([j + 1 for j in sorted(twice)])}"
+    return InputError(f"the model already has {effect.name}{where}", advice)
 
 
 def _given_shapes(text: str) -> list[frozenset[str]]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, MISFIT, WITHIN
+from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, WITHIN
 from sdp_vs_penalty.diagnosis.score import Fit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
@@ -55,9 +55,10 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
     beyond, slow = (np.sqrt(np.maximum(x - noise.floor**2, 0.0)) for x in squares)
     # Of one log's joints the spectrum is wrong by much the same.
     beside = WITHIN * max(float(np.median(variance)), 1.0)
-    least = np.full(len(variance), min(WITHIN**2 * MISFIT, beside))
+    more = (1.0 + MATTERS) ** 2
+    least = np.full(len(variance), min(WITHIN**2 * more, beside))
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
-        least = MISFIT * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
+        least = more * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
     with np.errstate(divide="ignore", invalid="ignore"):
         raised = np.hypot(beyond, noise.floor) / noise.floor - 1.0
     found = (variance > least) & (raised > MATTERS) & data.known

@@ -13,7 +13,6 @@ from sdp_vs_penalty.diagnosis.constants import (
     EQUIVALENT,
     FORM,
     LIKELY,
-    LOOKED_AT,
     STEPS,
     TURNS,
 )
@@ -123,13 +122,12 @@ class Search:
         self,
         fit: Fit,
         terms: Sequence[Term],
-        most: int = LOOKED_AT,
         on: frozenset[int] | None = None,
         beyond: float = 0.0,
     ) -> list[Term]:
         """The most likely form of each candidate, refined, the best first; beyond : what has to be
         reached, nearly, to be of use."""
-        found = self._screened(fit, [t.form for t in terms], most, on)
+        found = self._screened(fit, [t.form for t in terms], on)
         top = max((t.J for t in found if not t.form.own), default=0.0)
         # A width that is far from those on the grid says little there, and all where it is right.
         least = 0.5 * max(top, beyond) - 3.0 * APART
@@ -138,9 +136,7 @@ class Search:
         first = {t.key: t for t in reversed(ranked)}
         return [t for t in ranked if first[t.key] is t]
 
-    def _screened(
-        self, fit: Fit, picked: Sequence[Form], most: int, on: frozenset[int] | None
-    ) -> list[Term]:
+    def _screened(self, fit: Fit, picked: Sequence[Form], on: frozenset[int] | None) -> list[Term]:
         """Of so many candidates that take most the likely laws, and the best value of each of the
         model's own shape constants, as they are on the grids."""
         best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
@@ -157,7 +153,7 @@ class Search:
                     best[form.law] = float(values[f]), form, batch.columns(int(f))
         found, tops = [], dict[Key, float]()
         for value, form, columns in sorted(best.values(), key=lambda b: -b[0]):
-            if not form.own and len(tops) == most and form.key not in tops:
+            if not form.own and len(tops) == CLOSELY and form.key not in tops:
                 continue
             if form.own or value >= LIKELY * tops.setdefault(form.key, value):
                 found.append(self.score.judged(fit, form, columns))
@@ -217,7 +213,7 @@ class Search:
             rest = [t for t in terms if t not in group]
             fit, total = self.score.fit(rest, self.fit.level), self.worth(group, rest)
             joints = frozenset[int]().union(*(g.joints for g in group))
-            found = self.top_candidates(fit, rest, CLOSELY, joints, total)
+            found = self.top_candidates(fit, rest, joints, total)
             if len(group) == 1:
                 told.append(replace(group[0], rivals=self.equivalent(group[0], total, found)))
             own = {g.key for g in group}
