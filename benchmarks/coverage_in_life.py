@@ -48,10 +48,6 @@ def slow(rng: np.random.Generator, count: int, n: int) -> Array:
     return np.asarray(signal.lfilter([np.sqrt(1 - a**2)], [1.0, -a], noise, axis=0)[2000:])
 
 
-def encoder(q: Array, rng: np.random.Generator) -> Array:
-    return np.asarray(np.round((q + JITTER * rng.normal(size=q.shape)) / QUANTUM) * QUANTUM)
-
-
 def drive(
     problem: Problem, links: Array, friction: Array, plan: tuple[Array, ...], rng: np.random.Generator
 ) -> tuple[Array, Array]:
@@ -97,10 +93,10 @@ def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:
     if closed:
         seen, torque = drive(problem, links, friction, plan, rng)
     else:
-        seen, dq = encoder(plan[0], rng), plan[1]
-        viscous, dry, offset = friction
-        torque = problem.robot.inverse_dynamics(links, *plan) + viscous * dq + offset
-        torque = torque + dry * np.tanh(dq / TURN)
+        noisy = plan[0] + JITTER * rng.normal(size=plan[0].shape)
+        seen, (viscous, dry, offset) = np.round(noisy / QUANTUM) * QUANTUM, friction
+        torque = problem.robot.inverse_dynamics(links, *plan) + viscous * plan[1] + offset
+        torque = torque + dry * np.tanh(plan[1] / TURN)
     noise = rng.normal(size=torque.shape) if rng.random() < 0.5 else slow(rng, len(t), n)
     measured = torque + rng.uniform(0.005, 0.05) * torque.std(axis=0) * noise
     run = Measurements(t[::EVERY], seen[::EVERY], measured[::EVERY], names=(f"draw {seed}",))

@@ -20,6 +20,7 @@ import resource
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -153,8 +154,13 @@ def infeasible(rng: np.random.Generator) -> Proof:
         c = {"family": "any", "name": "one", "cone": "nonnegative", "indices": [k], "entropy": []}
         c |= {"constant": [text(-1.0 - sign * a)], "coefficients": [[text(sign * s)]], "dual": ["1"]}
         p["constraints"].append(c)
-    p = {key: v for key, v in p.items() if key not in ("theta", "lower", "upper")}
-    return p | {"kind": "infeasible", "R": [], "rho": [], "y": [], "floor": "0"}
+    return without_optimum(p)
+
+
+def without_optimum(p: Proof) -> Proof:
+    """The same multipliers as a claim that nothing is feasible."""
+    rest = {key: v for key, v in p.items() if key not in ("theta", "lower", "upper")}
+    return rest | {"kind": "infeasible", "R": [], "rho": [], "y": [], "floor": "0"}
 
 
 # False claims: each takes a genuine proof and returns one that is known to be false, or None.
@@ -175,8 +181,7 @@ def outside(p: Proof, rng: np.random.Generator) -> Proof | None:
 
 def impossible(p: Proof, rng: np.random.Generator) -> Proof | None:
     """Infeasibility of what has a feasible point, with the multipliers of the optimum."""
-    rest = {k: v for k, v in p.items() if k not in ("theta", "lower", "upper")}
-    return rest | {"kind": "infeasible", "R": [], "rho": [], "y": [], "floor": "0"}
+    return without_optimum(p)
 
 
 def wrong_dual(p: Proof, rng: np.random.Generator) -> Proof | None:
@@ -313,12 +318,10 @@ def judged(count: int, seed: int = 0) -> tuple[Counter[str], list[str], float]:
         file = Path(folder, "proof.json")
         for kind, content, true in cases(count, seed):
             file.write_text(content)
-            begin = time.process_time()
-            try:
+            begin, accepted = time.process_time(), False
+            with suppress(Exception):
                 verify_proof.check(verify_proof.read(file))
                 accepted = True
-            except Exception:
-                accepted = False
             longest = max(longest, time.process_time() - begin)
             if accepted == true:
                 right[kind] += 1

@@ -28,17 +28,15 @@ PARTS = {
     "fits": "compressed data to a certified fit, beside Clarabel",
     "renewed": "a renewed fit",
     "processes": "commands as processes, beside bare imports",
-    "growth": "how cost grows: the exponent of processor time in samples, runs and joints",
     "memory": "processor time and peak memory of whole commands on long recordings",
 }
 #: Measured once, by scripts that left (the commit that had them): they stay in the table.
-LEFT = {"solvers": "8fe364a0", "rivals": "ffa8cd7"}
+LEFT = {"solvers": "8fe364a0", "rivals": "ffa8cd7", "growth": "204ffd3f"}
 NAMES = ["part", "what", "ours", "other", "unit", "ratio", "note", "when"]
 
 
 def measure(part: str, given: argparse.Namespace) -> list[dict[str, Any]]:
     """Rows of the table."""
-    import growth
     import speed
 
     from sdp_vs_penalty import load_measurements, load_problem
@@ -46,12 +44,8 @@ def measure(part: str, given: argparse.Namespace) -> list[dict[str, Any]]:
 
     problem, folder = load_problem("panda"), given.data / "panda"
     run = load_measurements(folder, joints=7)
-    if part == "text":
-        rows = speed.text(problem, folder)
-    elif part == "memory":
-        rows = growth.memory(run, problem, given.rows)
-    else:
-        rows = getattr(growth if part == "growth" else speed, part)(problem, run)
+    more = {"text": (folder,), "memory": (run, given.rows)}.get(part, (run,))
+    rows = getattr(speed, part)(problem, *more)
     used = " ".join(f"{name} {version}" for name, version in versions().items())
     when = f"{datetime.now(UTC):%Y-%m-%d %H:%M}, load {os.getloadavg()[0]:.0f}, {used}"
     ratios = ["" if r.other is None else r.other / r.ours for r in rows]

@@ -58,8 +58,8 @@ class Case:
 
 def arm(rng: np.random.Generator) -> str:
     """A URDF of six links, axes z y y x y x, whose masses lie about half-way along them."""
-    parts = ['<robot name="servo_arm"><link name="base"/>']
-    parent, at, axes = "base", 0.03, ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
+    parts = ['<robot name="servo_arm"><link name="l0"/>']
+    at, axes = 0.03, ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
     for k, (length, mass) in enumerate(zip(LENGTH, MASS, strict=True), start=1):
         m = mass * rng.uniform(0.7, 1.4)
         c = np.array([0.0, 0.0, 0.5 * length]) + rng.uniform(-0.025, 0.025, 3)
@@ -68,11 +68,11 @@ def arm(rng: np.random.Generator) -> str:
         parts.append(
             f'<link name="l{k}"><inertial><origin xyz="{c[0]} {c[1]} {c[2]}"/><mass value="{m}"/>'
             f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-            f'<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="l{k}"/>'
+            f'<joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>'
             f'<origin xyz="0 0 {at}"/><axis xyz="{axes[k - 1]}"/>'
             '<limit lower="-3" upper="3" effort="100" velocity="20"/></joint>'
         )
-        parent, at = f"l{k}", length
+        at = length
     return "".join(parts) + "</robot>"
 
 
@@ -102,17 +102,11 @@ def case(seed: int) -> Case:
     w = 2.0 * np.pi * hertz * rng.uniform(0.8, 1.25, 6)
     inertia = np.diag(mass)
     kp, kd = w**2 * inertia, 2.0 * rng.uniform(0.6, 1.0, 6) * w * inertia
-    ki = kh = np.zeros(6)
-    if law == "pid":
-        ki = kp * rng.uniform(0.5, 1.5, 6)
-    if law == "cascade":
-        kh = kd * rng.uniform(1.0, 3.0, 6)
-        ki = kh * kp / kd
+    kh = kd * rng.uniform(1.0, 3.0, 6) if law == "cascade" else np.zeros(6)
+    ki = kp * rng.uniform(0.5, 1.5, 6) if law == "pid" else kh * kp / kd
     delay = 0.0 if seed // 6 % 2 == 0 else round(rng.uniform(0.004, 0.02), 3)
-    return Case(
-        seed, urdf, law, kp, kd, ki, kh, viscous, coulomb, delay,
-        int(rng.choice([50, 100, 200, 500])), int(rng.choice([12, 18])),
-    )  # fmt: skip
+    log = int(rng.choice([50, 100, 200, 500])), int(rng.choice([12, 18]))
+    return Case(seed, urdf, law, kp, kd, ki, kh, viscous, coulomb, delay, *log)
 
 
 def command(seed: int, t: np.ndarray) -> np.ndarray:
@@ -137,10 +131,8 @@ def simulate(c: Case, motion: int) -> dict[str, np.ndarray]:
     late = command(1000 * c.seed + motion, np.maximum(t - c.delay, 0.0))
     data.qpos[:] = told[0]
     mujoco.mj_forward(model, data)
-    both, start = np.zeros(6), np.zeros(6)
-    if c.ki.any():
-        both = data.qfrc_bias.copy()  # the integral begins where it holds the arm
-    start = data.qpos.copy()
+    # The integral begins where it holds the arm.
+    both, start = data.qfrc_bias * c.ki.any(), data.qpos.copy()
     q, dq, tau = np.empty((3, len(t), 6))
     for k in range(len(t)):
         e = late[k] - data.qpos
@@ -150,11 +142,10 @@ def simulate(c: Case, motion: int) -> dict[str, np.ndarray]:
         data.qfrc_applied[:] = torque
         mujoco.mj_step(model, data)
     every = round(1.0 / c.rate / STEP)
-    step, logged = 2.0 * np.pi / 2**c.bits, q[::every]
-    fine = logged + rng.normal(0.0, 2e-5, logged.shape)
-    logged = step * np.round(logged / step) if c.bits < 18 else fine
-    true = {"true_q": q[::every], "dq": dq[::every], "tau": tau[::every]}
-    return {"t": t[::every], "q": logged, "qcmd": told[::every], **true}
+    step, true = 2.0 * np.pi / 2**c.bits, q[::every]
+    logged = true + rng.normal(0.0, 2e-5, true.shape) if c.bits == 18 else step * np.round(true / step)
+    known = {"true_q": true, "dq": dq[::every], "tau": tau[::every]}
+    return {"t": t[::every], "q": logged, "qcmd": told[::every], **known}
 
 
 def judge(seed: int, instruments: str) -> dict[str, Any]:
@@ -217,23 +208,24 @@ def main() -> None:
     cases = []
     for seed in range(*map(int, asked.seeds.split(":"))):
         cases.append(one := judge(seed, asked.instruments))
-        worst = max(one["errors"].values(), key=abs)
+        gain = 100 * max(one["errors"].values(), key=abs)
         print(
             f"{seed}: {one['law']} -> {one['found']}, {one['rate']} Hz, {one['bits']} bits, delay "
             f"{1e3 * one['delay']:.0f} -> {1e3 * one['found_delay']:.1f} ms, worst gain "
-            f"{100 * worst:+.1f} %, torque {one['torque_percent']:.2f} %, {one['seconds']:.1f} s CPU",
+            f"{gain:+.1f} %, torque {one['torque_percent']:.2f} %, {one['seconds']:.1f} s CPU",
             flush=True,
         )
-    joints = [
+    worst = [
         max((abs(x) for name, x in c["errors"].items() if name[-1] == str(j + 1)), default=0.0)
-        for c in cases for j in range(6)
-    ]  # fmt: skip
+        for c in cases
+        for j in range(6)
+    ]
     inside = [x for c in cases for x in c["inside"]]
     torque = np.array([c["torque_percent"] for c in cases])
     summary = {
         "cases": len(cases),
         "law right": float(np.mean([c["right"] for c in cases])),
-        "joints with all gains within 5 %": float(np.mean(np.array(joints) <= 0.05)),
+        "joints with all gains within 5 %": float(np.mean(np.array(worst) <= 0.05)),
         "intervals that hold": float(np.mean(inside)),
         "torque on unseen motion within 5 %": float(np.mean(torque <= 5.0)),
         "median torque error [%]": float(np.median(torque)),

@@ -1,6 +1,8 @@
 """What things cost: this program's way and another one, measured in one process or one run.
 
-Parts of `benchmarks/run.py`, which says how they are started and writes what they return.
+Parts of `benchmarks/run.py`, which says how they are started and writes what they return. Each command
+is a process of its own on one thread; memory is its peak beyond that of the same command on an input
+error (imports).
 """
 
 from __future__ import annotations
@@ -10,9 +12,8 @@ import subprocess
 import sys
 import tempfile
 import time
-import tracemalloc
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,9 +26,9 @@ from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.identify import build_estimate
 from sdp_vs_penalty.estimation.identify import identify as estimated
-from sdp_vs_penalty.estimation.pose import Posed, pose
+from sdp_vs_penalty.estimation.pose import pose
 from sdp_vs_penalty.estimators import make_estimator
-from sdp_vs_penalty.estimators.estimator import Fit, Task, joint_weights, make_task, sample_variance
+from sdp_vs_penalty.estimators.estimator import Fit, joint_weights, make_task, sample_variance
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
 from sdp_vs_penalty.problem.problem import Problem
@@ -62,16 +63,6 @@ def cpu(call: Callable[[], object], times: int = 1) -> float:
     return best
 
 
-def peak(call: Callable[[], object]) -> float:
-    """Memory that a call needs at most beyond what was there before [MB]."""
-    tracemalloc.start()
-    before = tracemalloc.get_traced_memory()[0]
-    call()
-    highest = tracemalloc.get_traced_memory()[1] - before
-    tracemalloc.stop()
-    return highest / 1e6
-
-
 def text(problem: Problem, folder: Path) -> list[Row]:
     """Text files to an estimate against the decimated script, and both on motion not seen."""
     model, basis = problem.robot._model, inertia.PSEUDO_INERTIA_BASIS
@@ -84,9 +75,7 @@ def text(problem: Problem, folder: Path) -> list[Row]:
     def ours(verb: Callable[..., Estimate] = estimated) -> Estimate:
         return verb(problem, load_measurements(folder, joints=7), METHOD)
 
-    def judged_too() -> Estimate:
-        return ours(partial(identify, check=False))
-
+    judged_too = partial(ours, partial(identify, check=False))
     estimate, run = ours(), load_measurements(folder, joints=7)
     settings = problem.preprocessing.resolve(run)
     split = phase_folds(run, settings, 5)
@@ -111,14 +100,11 @@ def text(problem: Problem, folder: Path) -> list[Row]:
     posed, method = pose(problem, run), make_estimator(METHOD)
     fit = method.fit(posed.task)
 
-    def fresh() -> Posed:  # without what an earlier call has left in its cache
-        return replace(posed, task=replace(posed.task))
-
-    def certified() -> Estimate:
-        return build_estimate(fresh(), method, fit)
+    def certified() -> Estimate:  # without what an earlier call has left in the task's cache
+        return build_estimate(replace(posed, task=replace(posed.task)), method, fit)
 
     def solved() -> Fit:
-        return method.fit(fresh().task)
+        return method.fit(replace(posed.task))
 
     spent, plain = cpu(ours, 5), "theirs: the rows as they are, not their R factor, to CVXPY"
     return [
@@ -133,15 +119,9 @@ def text(problem: Problem, folder: Path) -> list[Row]:
     ]  # fmt: skip
 
 
-def task_of(problem: Problem, measurements: Measurements) -> Task:
-    model = problem.model()
-    settings = problem.preprocessing.resolve(measurements)
-    return make_task(problem, model, compress(measurements, model, settings))
-
-
 def fits(problem: Problem, run: Measurements) -> list[Row]:
     """Compressed data to a certified fit, by the default and by Clarabel in the same loop."""
-    tasks = {"the measured Panda": task_of(problem, run)}
+    tasks = {"the measured Panda": pose(problem, run).task}
     tasks |= {f"{n} links": standard_instances.chain_task(n) for n in (7, 20, 60)}
     rows = []
     for name, task in tasks.items():
@@ -153,12 +133,7 @@ def fits(problem: Problem, run: Measurements) -> list[Row]:
             spent.append(1e3 * cpu(lambda method=method, task=task: method.fit(task).gap, times))  # type: ignore[misc]
         note = f"certified gaps {gaps[0]:.0e} and {gaps[1]:.0e} of the loss; other: Clarabel"
         rows.append(Row(f"certified fit, {name}, CPU", *spent, "ms", note))
-    task = tasks["60 links"]
-    memory = [peak(lambda s=s: LmiSdp(solver=s).fit(task)) for s in (None, "clarabel")]  # type: ignore[misc]
-    return [
-        *rows,
-        Row("certified fit, 60 links, memory beyond the data", *memory, "MB", "other: Clarabel"),
-    ]
+    return rows
 
 
 def renewed(problem: Problem, run: Measurements) -> list[Row]:
@@ -225,3 +200,50 @@ def processes(problem: Problem, run: Measurements) -> list[Row]:
                 used[key].append(measured(command)[0])
     bare, note = min(used.pop("bare")), "other: a process that imports numpy, scipy.linalg, scipy.signal"
     return [Row(f"{key} as a process, CPU", min(x), bare, "s", note) for key, x in used.items()]
+
+
+def write(path: Path, rows: int, model: Estimate) -> None:
+    """A recording as CSV, a part at a time: a Panda at 1 kHz on sums of sines that never come back; its
+    torque is a model's, with a Stribeck friction that this lacks and white noise."""
+    rng, n, part = np.random.default_rng(5), 7, 50_000
+    noise = np.array([0.15, 0.2, 0.15, 0.15, 0.08, 0.08, 0.06])  # N m
+    centre = np.array([0.0, -0.3, 0.0, -1.8, 0.0, 1.9, 0.3])  # rad
+    omega = 2.0 * np.pi * rng.uniform(0.05, 0.6, (n, 6))
+    size = 0.14 * rng.uniform(0.6, 1.4, omega.shape) / (1.0 + omega / 4.0)
+    phase = rng.uniform(0.0, 2.0 * np.pi, omega.shape)
+    with path.open("w") as file:
+        file.write(",".join(["t", *(f"{x}{j + 1}" for x in ("q", "tau") for j in range(n))]) + "\n")
+        for start in range(0, rows, part):
+            t = np.arange(start, min(rows, start + part)) / 1000.0
+            at = t[:, None, None] * omega + phase
+            q = centre + (size * np.sin(at)).sum(axis=2)
+            dq = (size * omega * np.cos(at)).sum(axis=2)
+            tau = model.predict(q, dq, (-size * omega**2 * np.sin(at)).sum(axis=2))
+            tau[:, 3] += 0.8 * np.exp(-((dq[:, 3] / 0.05) ** 2)) * np.tanh(dq[:, 3] / 0.005)
+            q, tau = q + rng.normal(0.0, 2e-5, q.shape), tau + rng.normal(size=q.shape) * noise
+            np.savetxt(file, np.column_stack([t, q, tau]), ["%.3f"] + ["%.6f"] * n + ["%.4f"] * n, ",")
+
+
+def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[Row]:
+    """Processor seconds and peak memory of whole commands on recordings of so many rows at 1 kHz."""
+    rows = []
+    with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
+        true = identify(problem, run, check=False)
+        true.save(Path(folder, "model.json"))
+        log, model, out = (str(Path(folder, x)) for x in ("run.csv", "model.json", "out.json"))
+        commands = {
+            "identify": ["identify", "panda", "--data", log, "--out", out],
+            "check": ["check", log, "--problem", "panda"],
+            "compare": ["compare", model, "--data", log],
+            "convert": ["convert", log, "--out", out.replace(".json", ".npz")],
+            "diagnose": ["diagnose", model, "--data", log],
+        }
+        imports = {verb: measured([*PROGRAM, *words])[1] for verb, words in commands.items()}
+        for count in counts:
+            write(Path(log), count, true)
+            for verb, words in commands.items():
+                seconds, most = measured([*PROGRAM, *words])
+                note = f"peak memory {most - imports[verb]:.0f} MB beyond imports"
+                rows.append(Row(f"{verb}, {count} rows", seconds, None, "s", note))
+                print("  ", rows[-1].what, f"{seconds:.1f} s", note, file=sys.stderr, flush=True)
+    return rows

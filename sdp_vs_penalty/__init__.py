@@ -58,11 +58,7 @@ _HOME = {
 }
 #: Verbs that check their measurements first; inside the package they do not.
 _CHECKED = ("identify", "diagnose")
-__all__ = [
-    "__version__",
-    "effects",
-    *_HOME,
-]
+__all__ = ["__version__", "effects", *_HOME]
 
 
 def __getattr__(name: str) -> Any:

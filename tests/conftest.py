@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from page_driver import Server
     from playwright.sync_api import Browser, BrowserContext
 
+    from sdp_vs_penalty.page.sessions import Sessions
+    from sdp_vs_penalty.page.worker import WorkerPool
+
 
 def real_data_folder() -> Path | None:
     """Where the real measurements are: SDP_VS_PENALTY_DATA, or the shared folder beside a checkout."""
@@ -99,3 +102,21 @@ def files(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> list[P
 
     hidden = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
     return written(hidden, tmp_path_factory.mktemp("runs"))
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[WorkerPool]:
+    from sdp_vs_penalty.page.worker import WorkerPool
+
+    made = WorkerPool()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def sessions(pool: WorkerPool) -> Iterator[Sessions]:
+    from sdp_vs_penalty.page.sessions import Sessions
+
+    made = Sessions(pool)
+    yield made
+    made.close()

@@ -1,6 +1,5 @@
 """The front door: every verb takes what users have, shows itself in five lines, names what was given."""
 
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from commands import python
 from small_runs import small_run, write_run
 
 import sdp_vs_penalty
@@ -85,7 +85,7 @@ def test_the_import_is_lazy_and_lists_its_names():
         "assert set(s.__all__) <= set(dir(s)), dir(s)\n"
         "print({'numpy', 'scipy', 'pandas', 'pinocchio', 'cvxpy', 'typer'} & set(sys.modules))"
     )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    result = python("-c", code, check=True)
     assert result.stdout == "set()\n"
     for name in sdp_vs_penalty.__all__:
         assert getattr(sdp_vs_penalty, name) is not None
@@ -101,7 +101,7 @@ def test_verbs_are_not_hidden_by_the_folders_of_their_names():
         "assert callable(check) and callable(report)\n"
         "assert s.check is check and s.report is report\n"
     )
-    subprocess.run([sys.executable, "-c", code], check=True)
+    python("-c", code, check=True)
 
 
 def test_effect_classes_are_at_hand(two_link):

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 import typer.main
+from commands import run_cli
 from printed_pages import check_printed
 from small_runs import small_run, write_run
 
 import sdp_vs_penalty
 from sdp_vs_penalty import load_problem
-from sdp_vs_penalty.cli.main import app, expand_many, main
+from sdp_vs_penalty.cli.main import app, expand_many
 from sdp_vs_penalty.data import DATASETS, save
 from sdp_vs_penalty.simulation import experiment
 
@@ -36,28 +37,6 @@ def commands(page: str) -> list[str]:
 TESTED_ELSEWHERE = {
     "demo", "tables", "figures", "excite", "shootout", "fetch", "convert", "page", "verify",
 }  # fmt: skip
-
-
-def sentences(text: str) -> list[str]:
-    """The prose of a page, code and addresses as one word each."""
-    text = re.sub(r"```.*?```|<!--.*?-->|^ {7,}\S[^\n]*$", "", text, flags=re.DOTALL | re.MULTILINE)
-    out = []
-    for part in re.split(r"\n\s*\n|\n(?=\s*[-*|#:] ?|\s*\d+\. )", text):
-        if not part.strip().startswith(("|", ":::")):
-            part = re.sub(r"\]\([^)]*\)", "]", re.sub(r"`[^`]*`", "code", part))
-            out += re.split(r"(?<=[.!?])\s+", part.replace("\n", " "))
-    return out
-
-
-@pytest.mark.parametrize("page", ["../README.md", *(p.name for p in PAGES)])
-def test_no_sentence_is_longer_than_35_words(page):
-    said = sentences((DOCS / page).read_text(encoding="utf-8"))
-    long = [one for one in said if len(one.split()) > 35]
-    assert not long, "\n".join(long)
-
-
-def test_the_documentation_is_short():
-    assert sum(len(p.read_text(encoding="utf-8").split()) for p in PAGES) <= 25_000
 
 
 def test_every_verb_is_shown():
@@ -85,10 +64,9 @@ def run_all(lines: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, s
     for line in lines:
         program, *words = shlex.split(line)
         assert program == "sdp-vs-penalty"
-        with pytest.raises(SystemExit) as stop:
-            main(words)
+        code = run_cli(*words)
         shown = capsys.readouterr()
-        assert stop.value.code == 0, f"{line}\n{shown.err}"
+        assert code == 0, f"{line}\n{shown.err}"
         said[words[0]] = shown.out
         said[""] += shown.out
     return said
@@ -232,3 +210,25 @@ def test_the_recipe_of_a_control_loop_renews_a_certified_fit():
     assert names["fit"] is not posed
     assert names["fit"].gap <= 1e-8
     np.testing.assert_array_equal(again, names["fit"].theta)
+
+
+def sentences(text: str) -> list[str]:
+    """The prose of a page, code and addresses as one word each."""
+    text = re.sub(r"```.*?```|<!--.*?-->|^ {7,}\S[^\n]*$", "", text, flags=re.DOTALL | re.MULTILINE)
+    out = []
+    for part in re.split(r"\n\s*\n|\n(?=\s*[-*|#:] ?|\s*\d+\. )", text):
+        if not part.strip().startswith(("|", ":::")):
+            part = re.sub(r"\]\([^)]*\)", "]", re.sub(r"`[^`]*`", "code", part))
+            out += re.split(r"(?<=[.!?])\s+", part.replace("\n", " "))
+    return out
+
+
+@pytest.mark.parametrize("page", ["../README.md", *(p.name for p in PAGES)])
+def test_no_sentence_is_longer_than_35_words(page):
+    said = sentences((DOCS / page).read_text(encoding="utf-8"))
+    long = [one for one in said if len(one.split()) > 35]
+    assert not long, "\n".join(long)
+
+
+def test_the_documentation_is_short():
+    assert sum(len(p.read_text(encoding="utf-8").split()) for p in PAGES) <= 25_000

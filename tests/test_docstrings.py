@@ -35,10 +35,6 @@ VERBS = [
 ]
 
 
-def test_there_are_examples():
-    assert {"sdp_vs_penalty.robot.inertia", "sdp_vs_penalty.robot.constraint"} <= set(WITH_EXAMPLES)
-
-
 @pytest.mark.parametrize("name", WITH_EXAMPLES)
 def test_examples_run(name):
     result = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)

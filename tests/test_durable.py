@@ -79,6 +79,26 @@ def test_a_shootout_killed_at_any_step_resumes_without_a_wrong_row(tmp_path):
         assert [p.name for p in out.iterdir()] == ["runs.csv"]
 
 
+def test_of_two_writers_the_second_is_told(tmp_path):
+    with alone(tmp_path), pytest.raises(InputError, match="another command is writing"), alone(tmp_path):
+        pass
+    code = f"""if True:
+        import time
+        from pathlib import Path
+        from sdp_vs_penalty.files import alone
+        with alone(Path({str(tmp_path)!r})):
+            print("mine", flush=True)
+            time.sleep(60)"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "mine\n"
+        with pytest.raises(InputError, match="another command"), alone(tmp_path):
+            pass
+        other.send_signal(signal.SIGKILL)
+        other.wait()
+    with alone(tmp_path):  # a killed command holds no lock
+        pass
+
+
 def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path):
     tables = [Table(n, "t", "c", (Column("a"),), ((1.0,), (2.0,))) for n in ("I", "II")]
 
@@ -117,23 +137,3 @@ def test_a_challenge_killed_at_any_step_repeats_only_what_was_not_kept(tmp_path,
         asked.clear()
         assert run(out) == right
         assert asked == [key for key in right if key not in kept]
-
-
-def test_of_two_writers_the_second_is_told(tmp_path):
-    with alone(tmp_path), pytest.raises(InputError, match="another command is writing"), alone(tmp_path):
-        pass
-    code = f"""if True:
-        import time
-        from pathlib import Path
-        from sdp_vs_penalty.files import alone
-        with alone(Path({str(tmp_path)!r})):
-            print("mine", flush=True)
-            time.sleep(60)"""
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout.readline() == "mine\n"
-        with pytest.raises(InputError, match="another command"), alone(tmp_path):
-            pass
-        other.send_signal(signal.SIGKILL)
-        other.wait()
-    with alone(tmp_path):  # a killed command holds no lock
-        pass

@@ -7,7 +7,7 @@ import sdp_vs_penalty
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
 #: A worker of the page hands its error on as the one sentence that it is.
-HANDED_ON = {"page/worker_pool.py"}
+HANDED_ON = {"page/worker.py"}
 
 
 def test_every_error_has_a_remedy():

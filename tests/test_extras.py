@@ -1,11 +1,10 @@
 """Without any extra: what needs one names it in a sentence, and the rest works."""
 
-import subprocess
-import sys
 import textwrap
 from pathlib import Path
 
 import pytest
+from commands import python
 from small_runs import write_run
 
 from sdp_vs_penalty import Problem
@@ -59,9 +58,7 @@ def test_each_verb_works_or_names_its_extra(folder):
         "shootout --solvers scs --problems two_link --out out": "solvers",
     }
     program = textwrap.dedent(PROGRAM).format(extras=EXTRAS, lines=[words.split() for words in asked])
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, timeout=300
-    )
+    done = python("-c", program, cwd=folder)
     *said, _ = done.stderr.split("CODE")
     codes = [int(part.split()[0]) for part in done.stderr.split("CODE")[1:]]
     assert len(codes) == len(asked), done.stderr[-2000:]

@@ -1,25 +1,17 @@
 """Outputs: whole or not at all, never over an input, whatever the name under which it is reached."""
 
 import os
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import PROGRAM, python, run_cli
 from small_runs import write_run
 
 from sdp_vs_penalty import InputError, load_problem
-from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.files import alone, protecting, read_bytes, read_json, reading, write_text, writing
 from sdp_vs_penalty.files.inputs import opened
-
-
-def run(*arguments: str | Path) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
-    return int(ended.value.code or 0)
 
 
 @pytest.fixture
@@ -43,7 +35,7 @@ def test_an_input_is_never_replaced(log, how, tmp_path, monkeypatch, capsys):
     elif how == "hard link":
         out = tmp_path / "other.csv"
         os.link(log, out)
-    assert run("identify", "two_link", *data, "--out", out) == 2
+    assert run_cli("identify", "two_link", *data, "--out", out) == 2
     assert "also an input" in capsys.readouterr().err
     assert log.read_bytes() == before
 
@@ -58,7 +50,7 @@ def test_what_only_a_reader_opens_is_protected_too(log, tmp_path):
     )
     (folder / "bounds.csv").write_text("parameter,lower,upper\nm1,0.1,9\n")
     before = (folder / "bounds.csv").read_bytes()
-    assert run("identify", folder, "--data", log, "--out", folder / "bounds.csv", "--no-check") == 2
+    assert run_cli("identify", folder, "--data", log, "--out", folder / "bounds.csv", "--no-check") == 2
     assert (folder / "bounds.csv").read_bytes() == before
 
 
@@ -66,7 +58,9 @@ def test_a_word_longer_than_a_file_name_is_no_trouble(log, tmp_path, capsys):
     effects = ",".join(["rigid_body", "viscous_friction", "coulomb_friction", *["torque_offset:1"] * 20])
     assert len(effects) > 255
     assert (
-        run("identify", "two_link", "--data", log, "--effects", effects, "--out", tmp_path / "m.json")
+        run_cli(
+            "identify", "two_link", "--data", log, "--effects", effects, "--out", tmp_path / "m.json"
+        )
         == 2
     )
     assert "appears twice" in capsys.readouterr().err
@@ -103,8 +97,7 @@ def test_a_device_stays_a_device(tmp_path):
 
 
 def test_standard_output_can_be_named(log):
-    command = [sys.executable, "-m", "sdp_vs_penalty", "convert", str(log), "--out", "/dev/stdout"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=log.parent)
+    done = python(*PROGRAM, "convert", log, "--out", "/dev/stdout", cwd=log.parent)
     assert done.returncode == 2  # the suffix is the format
     assert "suffix" in done.stderr
 

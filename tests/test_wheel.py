@@ -1,12 +1,12 @@
 """The wheel works from any directory: the built-in problems travel as package data."""
 
-import os
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
 import pytest
+from commands import PROGRAM, python
 from small_runs import write_run
 
 ROOT = Path(__file__).parents[1]
@@ -31,20 +31,6 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def call(installed: Path, cwd: Path, *arguments: str) -> str:
-    code = "from sdp_vs_penalty.cli.main import main; main()"
-    environment = {**os.environ, "PYTHONPATH": str(installed)}
-    result = subprocess.run(
-        [sys.executable, "-c", code, *arguments],
-        cwd=cwd,
-        env=environment,
-        text=True,
-        capture_output=True,
-    )
-    assert result.returncode == 0, result.stderr
-    return result.stdout
-
-
 def test_the_wheel_holds_package_and_problems_only(wheel):
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
@@ -59,12 +45,12 @@ def test_the_wheel_holds_package_and_problems_only(wheel):
 def test_the_command_works_from_another_folder(installed, tmp_path, two_link):
     write_run(tmp_path / "run.csv", two_link)
     where = "import sdp_vs_penalty; print(sdp_vs_penalty.__file__)"
-    environment = {**os.environ, "PYTHONPATH": str(installed)}
-    found = subprocess.run(
-        [sys.executable, "-c", where], cwd=tmp_path, env=environment, text=True, capture_output=True
-    )
-    assert Path(found.stdout.strip()).is_relative_to(installed)
+
+    def call(*words: str) -> str:
+        return python(*words, path=str(installed), cwd=tmp_path, check=True).stdout
+
+    assert Path(call("-c", where).strip()).is_relative_to(installed)
     for name in ("panda", "two_link", "ur10e", "emps", "tx40"):
-        assert name in call(installed, tmp_path, "list", "problems")
-    call(installed, tmp_path, "identify", "two_link", "--data", "run.csv", "--out", "model.json")
-    assert "RMSE" in call(installed, tmp_path, "compare", "model.json", "--data", "run.csv")
+        assert name in call(*PROGRAM, "list", "problems")
+    call(*PROGRAM, "identify", "two_link", "--data", "run.csv", "--out", "model.json")
+    assert "RMSE" in call(*PROGRAM, "compare", "model.json", "--data", "run.csv")

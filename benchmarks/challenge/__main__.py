@@ -22,16 +22,8 @@ def main() -> None:
     parser.add_argument("--classes", type=lambda text: text.split(","), help="a,b; default: all")
     parser.add_argument("--nuisance", type=lambda text: text.split(","), help="a,b; default: all")
     told = parser.parse_args()
-    written = run_challenge(
-        told.cases,
-        told.seed,
-        told.out,
-        Workers(told.jobs),
-        told.classes,
-        told.nuisance,
-        lambda x: print(x, end="\r"),
-    )
-    print(*written, sep="\n")
+    chosen = Workers(told.jobs), told.classes, told.nuisance, lambda x: print(x, end="\r")
+    print(*run_challenge(told.cases, told.seed, told.out, *chosen), sep="\n")
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ import time
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -90,20 +91,15 @@ def run_case(case: Case) -> tuple[str, Record]:
     """The case's key and its record, which is plain JSON."""
     kind, sitting = CLASSES[case.kind], simulate_case(case)
     allowed, abstains = fair(sitting.world.conditions)
-    first = sitting.motions[0]
     record: Record = {
         "class": case.kind,
         "nuisance": case.nuisance,
         "conditions": sitting.world.describe(),
         "truth": [h.to_dict() for h in sitting.hidden],
-        "deviation": [h.deviation(sitting.world, first) for h in sitting.hidden],
+        "deviation": [h.deviation(sitting.world, sitting.motions[0]) for h in sitting.hidden],
         "fair": sorted(allowed),
         "abstains": abstains,
-        "found": [],
-        "retuned": [],
-        "events": [],
-        "after": [],
-        "energy": [],
+        **{name: [] for name in ("found", "retuned", "events", "after", "energy")},
     }
     try:
         record |= _diagnosed(kind, sitting)
@@ -114,14 +110,15 @@ def run_case(case: Case) -> tuple[str, Record]:
 
 def _diagnosed(kind: CaseClass, sitting: Sitting) -> Record:
     """What the diagnosis says, in how many seconds of the processor, and the truth beside it."""
-    data = concatenate([x.run for x in sitting.logged[:-1]])
+    *logged, test = sitting.logged
+    data = concatenate([x.run for x in logged])
     learnt = concatenate([x.run for x in sitting.unloaded]) if kind.frozen else data
     assert sitting.world.arm.urdf is not None
     problem = load_problem(sitting.world.arm.urdf)
     begin = time.process_time()
     estimate = identify(problem, learnt, "ols", effects=list(sitting.effects))
     between = time.process_time()
-    diagnosis = diagnose(estimate, data, sitting.logged[-1].run, frozen=kind.frozen)
+    diagnosis = diagnose(estimate, data, test.run, frozen=kind.frozen)
     result = diagnosis.to_dict()
     record: Record = {
         "verdict": result["verdict"],
@@ -135,9 +132,8 @@ def _diagnosed(kind: CaseClass, sitting: Sitting) -> Record:
     if kind.what == "curves":
         record["curve"] = judged_curve(diagnosis, sitting.hidden[0], sitting.logged, estimate, data)
     if sitting.hidden:
-        record["energy"] = energies(sitting.logged[:-1], estimate, kind.frozen)
+        record["energy"] = energies(logged, estimate, kind.frozen)
     if kind.what in ("none", "effects"):
-        test = sitting.logged[-1]
         settled = replace(estimate, preprocessing=estimate.preprocessing.resolve(test.run))
         record["after"] = (np.array(result["held_out_rmse"]) / true_floor(test, settled)).tolist()
     return record
@@ -174,45 +170,29 @@ def run_challenge(
     conditions = _known("nuisance", nuisances, NUISANCES)
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
-    with alone(out):
-        records = _completed(
-            wanted(cases, seed, kinds, conditions), out / "challenge.json", workers, progress
-        )
-        mine = {k: records[k] for k in sorted(records, key=_order) if k.split("/")[2] == str(seed)}
-        write_text(out / "challenge.md", report_text(mine, seed))
-        return [out / "challenge.json", out / "challenge.md"]
-
-
-def _completed(
-    cases: Sequence[Case], store: Path, workers: Workers, progress: Callable[[str], None]
-) -> dict[str, Record]:
-    """Every record of the store, with those of these cases that were missing; kept after each one."""
+    store, report = out / "challenge.json", out / "challenge.md"
     records: dict[str, Record] = {}
-    if store.is_file():
-        kept = json.loads(store.read_text())
-        records = kept["cases"] if kept.get("version") == VERSION else {}
-    todo = [c for c in cases if c.key not in records]
-    found = spread(run_case, todo, workers.scheduler, workers.jobs)
-    for done, (key, record) in enumerate(found, start=1):
-        records[key] = record
-        progress(f"case {done} of {len(todo)}")
-        content = {"version": VERSION, "cases": {k: records[k] for k in sorted(records, key=_order)}}
-        write_text(store, json.dumps(content) + "\n")
-    return records
+    with alone(out):
+        if store.is_file():
+            kept = json.loads(store.read_text())
+            records = kept["cases"] if kept.get("version") == VERSION else {}
+        todo = [c for c in wanted(cases, seed, kinds, conditions) if c.key not in records]
+        found = spread(run_case, todo, workers.scheduler, workers.jobs)
+        for done, (key, record) in enumerate(found, start=1):
+            records = dict(sorted({**records, key: record}.items(), key=lambda pair: _order(pair[0])))
+            progress(f"case {done} of {len(todo)}")
+            write_text(store, json.dumps({"version": VERSION, "cases": records}) + "\n")
+        mine = {key: r for key, r in records.items() if key.split("/")[2] == str(seed)}
+        write_text(report, report_text(mine, seed))
+    return [store, report]
 
 
 def wanted(cases: int, seed: int, kinds: Sequence[str], conditions: Sequence[str]) -> list[Case]:
     """Cases, class by class; what hides an effect meets the nuisances at random."""
     out = []
-    for kind in kinds:
-        if kind == "clean":
-            out += [Case(kind, name, seed, k) for k in range(cases) for name in conditions]
-        else:
-            order = list(CLASSES).index(kind)
-            names = [
-                str(np.random.default_rng([seed, order, k]).choice(conditions)) for k in range(cases)
-            ]
-            out += [Case(kind, name, seed, k) for k, name in enumerate(names)]
+    for kind, k in product(kinds, range(cases)):
+        drawn = np.random.default_rng([seed, list(CLASSES).index(kind), k]).choice(conditions)
+        out += [Case(kind, x, seed, k) for x in (conditions if kind == "clean" else [str(drawn)])]
     return out
 
 

@@ -60,12 +60,7 @@ class CaseClass:
         self, names: Sequence[str], world: World, motions: Sequence[TrueMotion], rng: np.random.Generator
     ) -> list[Hidden]:
         """The hidden effects, sized on the motions that are identified from."""
-        kinds = {
-            "unknown": unknown,
-            "curves": nameless,
-            "disturbance": disturbance,
-            "payload": FROZEN["payload"],
-        }
+        kinds = {"unknown": unknown, "curves": nameless, "disturbance": disturbance, **FROZEN}
         makers = [EFFECTS[name] for name in names] or [kinds[x] for x in (self.what,) if x in kinds]
         coarse = [m.thinned(10) for m in motions]
         made = [make(world, int(rng.integers(world.arm.n)), rng) for make in makers]

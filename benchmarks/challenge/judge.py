@@ -50,17 +50,19 @@ def is_true(found: Item, record: Record) -> bool:
     return any(same(found, t) for t in record["truth"])
 
 
+def claims(record: Record) -> list[Item]:
+    """Findings but those that are only fair to name under these conditions."""
+    return [f for f in record["found"] if f["effect"] not in record["fair"] or is_true(f, record)]
+
+
 def extras(record: Record) -> list[Item]:
-    """Findings that are neither hidden nor fair to name under these conditions."""
-    return [f for f in record["found"] if f["effect"] not in record["fair"] and not is_true(f, record)]
+    """Claims that are not hidden."""
+    return [f for f in claims(record) if not is_true(f, record)]
 
 
 def first(record: Record) -> Item | None:
-    """The first finding; what is only fair to name does not count."""
-    for f in record["found"]:
-        if is_true(f, record) or f["effect"] not in record["fair"]:
-            return f
-    return None
+    """The first claim."""
+    return next(iter(claims(record)), None)
 
 
 def first_right(record: Record) -> bool:

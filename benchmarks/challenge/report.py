@@ -59,13 +59,12 @@ def shares(records: Sequence[Record]) -> list[list[str]]:
         if mine:
             rows.append([name, what, *share(sum(map(test, mine)), len(mine)), goal])
         if mine and test is judge.false_claim:
-            by = {x: [judge.false_claim(r) for r in mine if r["nuisance"] == x] for x in NUISANCES}
-            by = {x: found for x, found in by.items() if found}
+            met = [x for x in NUISANCES if any(r["nuisance"] == x for r in mine)]
+            by = {x: [test(r) for r in mine if r["nuisance"] == x] for x in met}
             worst = max(by, key=lambda x: float(np.mean(by[x])))
-            both = (f"worst nuisance ({worst})", worst, "3"), ("plain", "plain", "0.3")
-            for word, key, most in both:
-                if key in by:
-                    cells = share(sum(by[key]), len(by[key]))
+            for word, x, most in (f"worst nuisance ({worst})", worst, "3"), ("plain", "plain", "0.3"):
+                if x in by:
+                    cells = share(sum(by[x]), len(by[x]))
                     rows.append(["clean", f"false claims, {word}", *cells, f"<= {most} %"])
     return rows
 

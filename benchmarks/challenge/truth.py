@@ -17,12 +17,7 @@ from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.score import orthonormal
-from sdp_vs_penalty.diagnosis.whitening import (
-    diagnosis_rows,
-    model_columns,
-    white_rows,
-    whitened,
-)
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, model_columns, white_rows, whitened
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
@@ -93,14 +88,11 @@ def _filtered(taus: Sequence[Array], logged: Sequence[Logged], estimate: Estimat
 def true_floor(test: Logged, estimate: Estimate) -> Array:
     """(n,) standard deviation of what noise, and the encoders' steps, leave of the filtered torque."""
 
-    def residual(run: Measurements) -> Array:
-        rows = diagnosis_rows(run, estimate, estimate.preprocessing)
-        return rows.residual[rows.keep[:, 0]]
-
-    real, ideal = residual(test.run), residual(test.ideal)
-    if real.shape != ideal.shape:  # the encoders' steps change what counts as standstill
-        ideal = residual(replace(test.run, tau=test.ideal.tau))
-    return np.asarray((real - ideal).std(axis=0))
+    runs = test.run, test.ideal, replace(test.run, tau=test.ideal.tau)
+    rows = (diagnosis_rows(run, estimate, estimate.preprocessing) for run in runs)
+    real, ideal, stepped = (x.residual[x.keep[:, 0]] for x in rows)
+    # The encoders' steps may change what counts as standstill.
+    return np.asarray((real - (ideal if real.shape == ideal.shape else stepped)).std(axis=0))
 
 
 def judged_curve(

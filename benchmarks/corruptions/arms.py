@@ -47,11 +47,12 @@ class Arm:
 
     @cached_property
     def clean_errors(self) -> Array:
-        return _squared_errors(self.clean, self.test)
+        return compare(self.clean, self.test)[0].mse
 
     def harm(self, estimate: Estimate) -> float:
         """Held-out error over the clean model's: root mean square of the joints' ratios."""
-        return float(np.sqrt(np.mean(_squared_errors(estimate, self.test) / self.clean_errors)))
+        errors = compare(estimate, self.test)[0].mse / self.clean_errors
+        return float(np.sqrt(np.mean(errors)))
 
     def corruptions(self) -> list[Corruption]:
         """The general ones, and those that need to know what the arm weighs."""
@@ -59,26 +60,21 @@ class Arm:
         return [*corruptions(n), *self._of_the_weight(sorted({1 % n, n // 2}))]
 
     def _of_the_weight(self, joints: list[int]) -> Iterator[Corruption]:
-        weight = self._torque(self.clean.theta, still=True)
-        loaded = self.clean.theta.copy()
-        last = self.clean.model.rigid_indices[-10:]
+        theta, rigid = self.clean.theta, self.clean.model.rigid_indices
+        weight, own = self._torque(theta, still=True), self._torque(theta)
+        loaded, other = theta.copy(), theta.copy()
         x, y, z, mass = 0.05, 0.02, 0.08, 2.0
-        loaded[last] += mass * np.array(
+        loaded[rigid[-10:]] += mass * np.array(
             [1, x, y, z, y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y]
         )
-        load = self._torque(loaded) - self._torque(self.clean.theta)
-        other = self.clean.theta.copy()
-        rigid = self.clean.model.rigid_indices
         other[rigid] = self.problem.nominal(self.clean.model)[rigid] * 0.7
-        exchange = self._torque(other) - self._torque(self.clean.theta)
+        load, exchange = self._torque(loaded) - own, self._torque(other) - own
         late = 1.0 * (np.arange(len(weight)) > 0.55 * len(weight))[:, None]
         one = [((j,), np.eye(self.train.n)[j]) for j in joints]
         for share in (1.0, 0.9):
             for which, mask in (*one, ((), np.ones(self.train.n))):
-                less = self._less(share * weight * mask)
-                yield Corruption(
-                    "gravity removed", which, f"{100 * share:g} %", ("gravity removed",), less
-                )
+                how = f"{100 * share:g} %", ("gravity removed",), self._less(share * weight * mask)
+                yield Corruption("gravity removed", which, *how)
         both = ("load step", "two arms")
         yield Corruption("load picked up", (), "2 kg", both, self._less(-late * load))
         yield Corruption("two arms in one file", (), "", both, self._less(-late * exchange))
@@ -106,19 +102,12 @@ def _smoothed(x: Array, width: int) -> Array:
     return np.column_stack([np.convolve(c, window / window.sum(), "valid") for c in padded.T])
 
 
-def _squared_errors(estimate: Estimate, test: Measurements) -> Array:
-    """(n,) mean square of the model's error on a run."""
-    (found,) = compare(estimate, test)
-    return found.mse
-
-
 def arm(name: str, data: Path) -> Arm:
     """panda, ur10e, tx40, ur10, emps (from ``data``), sim5, or drawn and a number."""
     if name == "sim5":
         return simulated(name, FIVE, 2)
     if name.startswith("drawn"):
-        seed = int(name.removeprefix("drawn"))
-        return simulated(name, drawn(seed), seed)
+        return simulated(name, drawn(seed := int(name.removeprefix("drawn"))), seed)
     return {"panda": panda, "ur10e": ur10e, "tx40": tx40, "ur10": ur10, "emps": emps}[name](data)
 
 
@@ -180,21 +169,17 @@ Axis = tuple[str, str, str, float, str]
 
 def urdf(name: str, axes: tuple[Axis, ...]) -> str:
     """The arm as a URDF file, its links solid balls of 7 cm about their centres of mass."""
-    links, joints = ['<link name="l0"/>'], []
+    parts = ['<link name="l0"/>']
     for k, (kind, axis, origin, mass, com) in enumerate(axes, start=1):
-        i = 0.4 * mass * 0.07**2
-        links.append(
+        i, limit = 0.4 * mass * 0.07**2, 0.4 if kind == "prismatic" else 3.0
+        parts.append(
             f'<link name="l{k}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>'
             f'<inertia ixx="{i}" iyy="{1.3 * i}" izz="{0.8 * i}" ixy="{0.1 * i}" ixz="0" iyz="0"/>'
-            "</inertial></link>"
-        )
-        limit = 0.4 if kind == "prismatic" else 3.0
-        joints.append(
-            f'<joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/><child link="l{k}"/>'
-            f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
+            f'</inertial></link><joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/>'
+            f'<child link="l{k}"/><origin xyz="{origin}"/><axis xyz="{axis}"/>'
             f'<limit lower="{-limit}" upper="{limit}" velocity="3" effort="400"/></joint>'
         )
-    return f'<robot name="{name}">{"".join(links + joints)}</robot>'
+    return f'<robot name="{name}">{"".join(parts)}</robot>'
 
 
 def drawn(seed: int) -> tuple[Axis, ...]:
@@ -235,7 +220,7 @@ def _simulate(axes: tuple[Axis, ...], rng: np.random.Generator, seed: int, real:
     size = np.array([30.0 * 0.7**k for k in range(n)])
     viscous, coulomb = links.uniform(0.05, 0.12, n) * size, links.uniform(0.05, 0.12, n) * size
     t = np.arange(0.0, 20.0, 0.005)
-    q, dq, ddq = (np.zeros((len(t), n)) for _ in range(3))
+    q, dq, ddq = np.zeros((3, len(t), n))
     reach = np.array([0.12 if a[0] == "prismatic" else 0.7 for a in axes])
     for harmonic in range(1, 6):
         w = 2.0 * np.pi * 0.1 * harmonic

@@ -20,7 +20,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, fields, replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -88,10 +88,8 @@ def run_case(arm: Arm, corruption: Corruption) -> Case:
         except InputError:
             outcome = "refused"
     joints = "+".join(str(j + 1) for j in corruption.joints)
-    twice = any(contradicts(report) for report in reports)
-    return Case(
-        arm.name, corruption.kind, joints, corruption.size, outcome, harm, _said(problems), twice
-    )
+    what = arm.name, corruption.kind, joints, corruption.size, outcome, harm
+    return Case(*what, _said(problems), any(contradicts(report) for report in reports))
 
 
 def _said(problems: Sequence[Issue]) -> str:
@@ -110,20 +108,14 @@ def contradicts(report: Report) -> bool:
 
 
 def _outcome(corruption: Corruption, problems: Sequence[Issue]) -> str:
-    if any(f.kind in corruption.causes and _names(f, corruption.joints) for f in problems):
+    joints = {j + 1 for j in corruption.joints}
+    if any(f.kind in corruption.causes and (not joints or _joints(f) == joints) for f in problems):
         return "named"
-    if any(f.severity == "error" for f in problems):
-        return "refused" if all(f.kind in _GENERAL for f in problems) else "wrong"
     if not problems:
         return "silent"
-    return "warned" if all(f.kind in _GENERAL for f in problems) else "wrong"
-
-
-def _names(issue: Issue, joints: Sequence[int]) -> bool:
-    """Whether an issue is about these joints and no others."""
-    if not joints:
-        return True
-    return _joints(issue) == {j + 1 for j in joints}
+    if not all(f.kind in _GENERAL for f in problems):
+        return "wrong"
+    return "refused" if any(f.severity == "error" for f in problems) else "warned"
 
 
 def _joints(issue: Issue) -> set[int]:
@@ -187,12 +179,15 @@ def markdown(cases: Sequence[Case], command: str) -> str:
     text += ["clean run. In brackets Wilson's 95 % interval.", ""]
     text += markdown_table(head, [summary(*g) for g in (*groups.items(), ("all", cases))])
     text += ["", "## By kind", ""]
-    counts = [[k, str(len(v)), *(str(sum(c.outcome == w for c in v)) for w in _WORDS)]
-              for k, v in kinds.items()]  # fmt: skip
+    counts = [[k, *summary(k, v)[1 : 2 + len(_WORDS)]] for k, v in kinds.items()]
     text += markdown_table(["kind", "cases", *_WORDS], counts)
     text += ["", f"## Silent, and more than {HARMFUL:g} times worse on clean data", ""]
     told = [f"- {c.arm}: {c.kind} {c.joints} {c.size}: {c.harm:.3g} times" for c in silent]
     return "\n".join([*text, *(told or ["none"]), ""])
+
+
+def _harm(case: Case) -> list[str]:
+    return ["" if case.harm is None else f"{case.harm:.3g}"]
 
 
 def main() -> None:
@@ -211,9 +206,7 @@ def main() -> None:
     with ProcessPoolExecutor(given.workers) as pool:
         for found in pool.map(work, given.arms.split(",")):  # kept after each arm
             cases += found
-            lines = [["" if x is None else f"{x:.3g}" if isinstance(x, float) else x for x in astuple(c)]
-                     for c in cases]  # fmt: skip
-            names = ["arm", "kind", "joints", "size", "outcome", "harm", "said", "contradicts"]
-            write_text(given.out / "corruptions.csv", as_csv(names, lines))
+            rows_of = ([*astuple(c)[:5], *_harm(c), c.said, c.contradicts] for c in cases)
+            write_text(given.out / "corruptions.csv", as_csv([f.name for f in fields(Case)], rows_of))
             write_text(given.out / "corruptions.md", markdown(cases, f"{command} --part {given.part}"))
             print("\n".join(" | ".join(summary(n, found)) for n in {c.arm for c in found}), flush=True)

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,40 +49,38 @@ class Corruption:
 def corruptions(n: int) -> list[Corruption]:
     """All of them for an arm of n joints: those of one channel on the second, a middle and the last."""
     chosen = sorted({1 % n, n // 2, n - 1})
-    pairs = sorted({(a, b) for a in chosen for b in chosen if a < b})
-    made = [
-        Corruption(kind, (j,), size, tuple(causes.split("|")), partial(_on, name, j, change))
-        for kind, size, causes, name, change in _channels()
-        for j in chosen
-    ]
-    made += [
-        Corruption("joint sign", (j,), "q and tau", ("joint sign",), partial(_signs, j)) for j in chosen
-    ]
+    made: list[Corruption] = []
+
+    def add(kind: str, joints: tuple[int, ...], size: str, causes: str, *how: Any, **more: Any) -> None:
+        made.append(Corruption(kind, joints, size, tuple(causes.split("|")), *how, **more))
+
+    for kind, size, causes, name, change in _channels():
+        for j in chosen:
+            add(kind, (j,), size, causes, partial(_on, name, j, change))
+    for j in chosen:
+        add("joint sign", (j,), "q and tau", "joint sign", partial(_signs, j))
     for kind, size, cause, names in _ORDERS:
-        made += [Corruption(kind, p, size, (cause,), partial(_swapped, names, *p)) for p in pairs]
-    made += [
-        Corruption(kind, (), size, tuple(causes.split("|")), s) for kind, size, causes, s in _runs()
-    ]
+        for pair in combinations(chosen, 2):
+            add(kind, pair, size, cause, partial(_swapped, names, *pair))
+    for kind, size, causes, spoil in _runs():
+        add(kind, (), size, causes, spoil)
     for g, word in (((0.0, 0.0, 9.81), "ceiling"), ((9.81, 0.0, 0.0), "wall"), (_TILTED, "30 deg")):
         mounted = lambda problem, g=g: problem.with_gravity(g)  # noqa: E731
-        made.append(Corruption("gravity assumed", (), word, ("gravity direction",), problem=mounted))
-    unknown = ("unexplained torque", "torque not explained")
+        add("gravity assumed", (), word, "gravity direction", problem=mounted)
     for longer in (0.1, 0.3):
         long = partial(_longer, longer, n // 2)
-        made.append(Corruption("link too long", (), f"{longer:g} m", unknown, problem=long))
+        add(
+            "link too long", (), f"{longer:g} m", "unexplained torque|torque not explained", problem=long
+        )
+    moved: Sequence[tuple[str, str, str, Change]] = (
+        ("torque gain", "x 1.15", "tau", lambda x, r: 1.15 * x),
+        ("encoder offset", "3 deg", "q", lambda x, r: x + np.radians(3.0)),
+    )
     for j in chosen[:2]:
-        for kind, size, name, change in _BESIDE:
+        for kind, size, name, change in moved:
             spoil = partial(_on, name, j, change)
-            made.append(
-                Corruption(f"{kind} in one of two runs", (j,), size, (kind,), spoil, beside=True)
-            )
+            add(f"{kind} in one of two runs", (j,), size, kind, spoil, beside=True)
     return made
-
-
-_BESIDE: Sequence[tuple[str, str, str, Change]] = (
-    ("torque gain", "x 1.15", "tau", lambda x, r: 1.15 * x),
-    ("encoder offset", "3 deg", "q", lambda x, r: x + np.radians(3.0)),
-)
 
 
 def _longer(metres: float, j: int, problem: Problem) -> Problem:
@@ -90,10 +90,9 @@ def _longer(metres: float, j: int, problem: Problem) -> Problem:
     away = placement[:3, 3]
     size = float(np.linalg.norm(away))
     placement[:3, 3] = away + metres * (away / size if size > 1e-6 else np.eye(3)[2])
-    joints = tuple(
-        replace(x, placement=placement) if k == j else x for k, x in enumerate(problem.robot.joints)
-    )
-    return replace(problem, robot=replace(problem.robot, joints=joints))
+    joints = list(problem.robot.joints)
+    joints[j] = replace(joint, placement=placement)
+    return replace(problem, robot=replace(problem.robot, joints=tuple(joints)))
 
 
 _TILTED = (0.0, -4.905, -8.4957)

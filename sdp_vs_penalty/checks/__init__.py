@@ -15,11 +15,17 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.constants import PARTS
-from sdp_vs_penalty.checks.content import Content, content
+from sdp_vs_penalty.checks import channel_rules, residual
+from sdp_vs_penalty.checks.constants import LOUDEST, PARTS, SPARE
+from sdp_vs_penalty.checks.glance import Glance
 from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.regression_data import RegressionData
+from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.rules import mended
+from sdp_vs_penalty.checks.search import Search
 from sdp_vs_penalty.checks.several import compare
+from sdp_vs_penalty.checks.transformation import Scene
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque
@@ -33,19 +39,35 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 __all__ = ["Issue", "Report", "check"]
 
 
+@dataclass(frozen=True)
+class Fit:
+    """scene and net ``repair``; ``certain`` the part of it without doubt; unexplained : share of the
+    torques' energy that is left; settled : whether there were samples to spare for the parameters."""
+
+    scene: Scene
+    repair: Repair
+    certain: Repair
+    unexplained: float
+    settled: bool
+
+
 @dataclass(frozen=True, repr=False)
 class Report(Shown):
     """issues : of one run, the gravest first; mended : the run with every repair made, those that are
-    only likely included; fixed : with the certain ones only; unexplained : share of the torques' energy
-    that the arm's dynamics leave over, after mending.
+    only likely included; fixed : with the certain ones only; fit : of the arm, None where there is
+    nothing to fit.
     """
 
     run: str
     issues: tuple[Issue, ...]
     mended: Measurements
     fixed: Measurements
-    unexplained: float | None
-    content: Content | None = field(default=None, compare=False)
+    fit: Fit | None = field(default=None, compare=False)
+
+    @property
+    def unexplained(self) -> float | None:
+        """Share of the torques' energy that the arm's dynamics leave over, after mending."""
+        return self.fit.unexplained if self.fit else None
 
     @property
     def meaningless(self) -> bool:
@@ -128,7 +150,8 @@ def check(
                 check_usable(run.names[0], run)
             except InputError as error:
                 issue = _stopped("unusable rows", error, "certain: read from the file")
-                reports.append(Report(run.names[0], (issue,), run, run, None))
+                reports.append(Report(run.names[0], (issue,), run, run))
+                continue
             name, starts = run.names[0], np.linspace(0, run.samples - PART, PARTS).astype(int).tolist()
             windows = [run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on") for k in starts]
         reports += [_check_run(problem, window, settings, thorough) for window in windows]
@@ -139,11 +162,11 @@ def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     """Runs of one arm share its mounting, its zeros, its gains and its load: where one run's differ,
     it is named."""
     out = list(reports)
-    whole = [(k, r.content) for k, r in enumerate(out) if r.content and r.content.scene]
-    whole = [(k, found) for k, found in whole if found.settled]
-    for k, issue in compare([found for _, found in whole], [out[k].run for k, _ in whole]):
-        odd = out[whole[k][0]]
-        out[whole[k][0]] = replace(odd, issues=gravest_first((*odd.issues, issue)))
+    whole = [(k, r.fit) for k, r in enumerate(out) if r.fit and r.fit.settled]
+    logs = [(fit.scene, fit.repair, out[k].run) for k, fit in whole]
+    for number, issue in compare(logs):
+        k = whole[number][0]
+        out[k] = replace(out[k], issues=gravest_first((*out[k].issues, issue)))
     return out
 
 
@@ -154,23 +177,106 @@ def gravest_first(issues: Iterable[Issue]) -> tuple[Issue, ...]:
 
 def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool) -> Report:
     issues, work, fixed = mended(run, problem.robot, settings.standstill)
-    found = None
+    told, fit = list[Issue](), None
     try:
-        found = content(problem, work, settings, thorough)
+        told, fit = _channels(problem, work, settings, thorough)
     except InputError as error:
         issues.append(_stopped("too little data", error, "certain: the filters need more"))
-    if found is not None:
-        issues += found.issues
-        work, fixed = found.mend(work, certain=False), found.mend(fixed, certain=True)
+    if fit is not None:
+        work, fixed = fit.repair.apply(work), fit.certain.apply(fixed)
+    for issue in told:
+        if issue.repair is not None and "net" not in issue.figures:
+            work, fixed = issue.repair(work), issue.repair(fixed) if issue.mends else fixed
+    issues += told
     if not any(f.severity == "error" for f in issues):
         try:
             check_plausible(problem.robot, run)
         except InputError as error:
             issues.append(_stopped("position range", error, "certain: `identify` refuses it"))
-    unexplained = None if found is None else found.unexplained
-    return Report(run.names[0], gravest_first(issues), work, fixed, unexplained, found)
+    return Report(run.names[0], gravest_first(issues), work, fixed, fit)
 
 
 def _stopped(kind: str, error: InputError, sure: str) -> Issue:
     remedy = error.remedy or "record a longer motion"
     return Issue(kind, "error", "the run", f"{error.what.rstrip('.')}.", sure, remedy)
+
+
+def _channels(
+    problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool
+) -> tuple[list[Issue], Fit | None]:
+    """What a run's channels mean: the net repair that makes them one arm's, and what is left.
+
+    Raises InputError for a run that is too short for any question."""
+    if len(run.t) < 10:
+        raise InputError("fewer than 10 usable rows", "record longer", run.names[0])
+    glance = Glance(run, problem.robot, settings.standstill)
+    if not glance.moving.any():
+        return list(channel_rules.idle(glance)), None
+    settings = settings.resolve(run)
+    told = [
+        *channel_rules.idle(glance),
+        *channel_rules.quantised(glance, settings),
+        *channel_rules.sample_rate(glance),
+    ]
+    if not run.torque_logged:  # rows, clock and positions are all there is
+        return [*told, *channel_rules.beside(glance)], None
+    first = [*channel_rules.dead(glance), *channel_rules.magnitude(glance)]
+    if any(i.kind == "torque magnitude" for i in first):  # nothing else can be asked of such torques
+        return first, None
+    data = RegressionData.of(problem, run, settings)
+    scene = Scene(problem, Likelihood(data))
+    search = Search(scene)
+    net = search.run()
+    score, (stated, certain) = scene.likelihood.score(net), _stated(search, net)
+    sizes = list(residual.size(scene, net))
+    parameters = int(data.independent.sum()) + scene.n * data.own.shape[2]
+    assert settings.torque_cutoff is not None
+    samples = 2.0 * settings.torque_cutoff * float(np.ptp(data.motion.t)) * len(scene.joints)
+    settled = samples > SPARE * parameters
+    issues = [*first, *stated, *told, *sizes, *residual.find(scene, net, score, settled)]
+    if any(i.kind == "torque channel kind" for i in sizes):
+        issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
+    bent = {i.figures["joints"][0] for i in stated if i.kind == "saturation"}
+    issues += [i for i in channel_rules.clipped(glance) if i.figures["joint"] not in bent]
+    if not any(i.kind in ("encoder offset", "positions in degrees") for i in stated):
+        issues += channel_rules.beside(glance)
+    if thorough:
+        for issue in sizes:
+            run = issue.repair(run) if issue.repair is not None else run
+        issues += residual.not_excited(problem.with_gravity(net.gravity), net.apply(run), settings)
+        issues += residual.hidden_errors(scene, net)
+    unexplained = float(score.left[scene.moving].sum() / score.whole[scene.moving].sum())
+    # A report holds the rows, not what was worked out of them.
+    return issues, Fit(Scene(problem, Likelihood(data)), net, certain, unexplained, settled)
+
+
+def _stated(search: Search, net: Repair) -> tuple[list[Issue], Repair]:
+    """An issue for each element of the net repair, with its interval and what it explains; the repair
+    without what is only likely."""
+    fits, certain, out = search.scene.likelihood, net, []
+    after = fits.score(net).shares
+    for e in search.elements(net):
+        before = fits.score(e.without).shares
+        gain, change = search.posterior(net) - search.posterior(e.without), np.log(before / after)
+        j, word = int(np.argmax(change)), "certain" if gain > LOUDEST else "likely"
+        text = (
+            f"{word}: what the arm's dynamics leave unexplained of joint {j + 1}'s torque falls from "
+            f"{100.0 * np.sqrt(before[j]):.3g} % to {100.0 * np.sqrt(after[j]):.3g} %"
+        )
+        if change[j] < 0.05:  # the fit is the same: physics alone tells
+            text = f"{word}: as recorded, friction would drive the motion, or inertia be negative"
+        figures = {"joints": [j + 1 for j in e.joints], **e.figures, "net": True, "log_odds": gain}
+        what = e.what
+        if e.number is not None:
+            reach = 2.0 * search.deviation(e.number)
+            low, high = e.number.value - reach, e.number.value + reach
+            figures["interval"] = [low, high]
+            what = f"{what.rstrip('.')} (95 %: {e.number.text(low)} to {e.number.text(high)})."
+        mend, gravity = net.apply if e.mends else None, None
+        if e.kind.startswith("gravity"):
+            share = net.weight[0] if len(set(net.weight)) == 1 else 1.0
+            gravity = tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
+        out.append(Issue(e.kind, e.severity, e.where, what, text, e.remedy, mend, figures, gravity))
+        if not out[-1].mends:
+            certain = next((x.without for x in search.elements(certain) if x.name == e.name), certain)
+    return out, certain

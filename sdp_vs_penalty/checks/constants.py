@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 # -- rows and columns that hypotheses are judged on ----------------------------------------------------
-#: Rows that hypotheses are tried on, and judged on (4 samples a parameter of a 7-axis arm).
-TRIED, JUDGED = 160, 480
+#: Rows that hypotheses are judged on.
+ROWS = 320
 #: Rows for each independent sample of the low-passed torque.
 DENSE = 1.2
 #: A joint slides at this share of its usual speed: slower, dry friction holds any torque between limits.
@@ -55,11 +55,10 @@ CALIBRATED, GROSS = (float(np.radians(x)) for x in (1.5, 10.0))
 CALIBRATED_GAIN = 0.06
 #: Drives and their drivers take as long [s].
 USUAL_DELAY = 0.01
-#: Other positions are asked for where more than this share of a torque's energy is left (3 % of it):
-#: a wrong sign, order or quarter turn leaves more, even of slow motion.
-UNEXPLAINED = 1e-3
 
 # -- what is left over
+#: Independent samples for each parameter, below which a good fit says nothing.
+SPARE = 1.5
 #: What an arm leaves of its torques (root mean square, all joints together): with joint torque sensors,
 #: and with torques from motor currents, whose friction is part of them. Twice as much is a warning, and
 #: so is quantisation that adds as much noise.

@@ -2,34 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import Movement, movement, moving_joints, spans
 
 
 @dataclass(frozen=True)
 class Glance:
-    """A run, the robot it is of, the share of its speed below which the robot stands still, and the
-    filters (resolved) that some rules pass it through."""
+    """A run, the robot it is of, and the share of its speed below which the robot stands still."""
 
     run: Measurements
     robot: Robot
     standstill: float
-    settings: Preprocessing = field(default_factory=Preprocessing)
-
-    @cached_property
-    def finite(self) -> NDArray[np.bool_]:
-        """(N,) rows of numbers that some robot may measure."""
-        parts = {"t": self.run.t[:, None], **self.run.groups}.items()  # nan compares false
-        return np.all([np.all(np.abs(x) <= LARGEST_VALUE[k], axis=1) for k, x in parts], axis=0)
 
     @cached_property
     def steps(self) -> Array:
@@ -52,9 +43,7 @@ class Glance:
 
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
-        """(N,) rows in which the arm moves, half a second off every start and stop: drives click
-        there.
-        """
+        """(N,) rows in which the arm moves, half a second off every start and stop."""
         m, t = self.movement, self.run.t
         return np.asarray(m.at(t - 0.5) & m.moves & m.at(t + 0.5))
 
@@ -93,11 +82,3 @@ def lattice_step(values: Array) -> float:
 def with_steps(run: Measurements, steps: Array) -> Measurements:
     """The same rows, so far apart (N - 1,)."""
     return replace(run, t=run.t[0] + np.concatenate([[0.0], np.cumsum(steps)]))
-
-
-def evened(run: Measurements, pause: float) -> Measurements:
-    """Evenly spread stamps between the steps that are longer than a pause."""
-    t = run.t.copy()
-    for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(t) > pause) + 1):
-        t[part] = np.linspace(t[part[0]], t[part[-1]], len(part))
-    return replace(run, t=t)

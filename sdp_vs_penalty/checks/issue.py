@@ -1,20 +1,13 @@
-"""What the data check says: one issue a problem; and rules, the rows of one table, that find them."""
+"""What the data check says: one issue a problem."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.glance import Glance
 from sdp_vs_penalty.data.measurements import Measurements
-
-#: Repairs one run; the issue's ``remedy`` says in words what it does.
-Repair = Callable[[Measurements], Measurements]
-#: What a rule finds: where, the repair, and the figures that its words hold.
-Finding = tuple[str, Repair | None, dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -24,7 +17,7 @@ class Issue:
     severity : "error" (identification would be meaningless), "warning" (it would be worse than it
         need be) or "note" (a fact worth knowing).
     what, remedy : one sentence each. certainty : "certain", "likely" or "possible", and why.
-    repair : where mending is safe, how; figures : the numbers behind it.
+    repair : where mending is safe, how (``remedy`` in words); figures : the numbers behind it.
     gravity : where gravity points instead [m/s^2], for an issue about it.
     """
 
@@ -34,7 +27,7 @@ class Issue:
     what: str
     certainty: str
     remedy: str
-    repair: Repair | None = None
+    repair: Callable[[Measurements], Measurements] | None = None
     figures: Mapping[str, Any] = field(default_factory=dict)
     gravity: tuple[float, ...] | None = None
 
@@ -48,33 +41,6 @@ class Issue:
         names = ("kind", "severity", "where", "what", "certainty", "remedy")
         plain = {name: getattr(self, name) for name in names}
         return {**plain, "can_fix": self.mends, "figures": dict(self.figures)}
-
-
-@dataclass(frozen=True)
-class Rule:
-    """One row of a table of rules: the kind of issue, how grave, its three sentences with the finding's
-    figures (and ``where``) in braces, and what finds it in a glance at a run, any number of times. A
-    figure "severity" is another one than usual.
-    """
-
-    kind: str
-    severity: str
-    what: str
-    sure: str
-    remedy: str
-    find: Callable[[Glance], Iterator[Finding]]
-
-    def __call__(self, g: Glance) -> Iterator[Issue]:
-        for where, repair, figures in self.find(g):
-            texts = (self.what, self.sure, self.remedy)
-            what, sure, remedy = (text.format(where=where, **figures) for text in texts)
-            severity = figures.pop("severity", self.severity)
-            yield Issue(self.kind, severity, where, what, sure, remedy, repair, figures)
-
-
-def rule(kind: str, severity: str, what: str, sure: str, remedy: str) -> Callable[..., Rule]:
-    """Makes a :class:`Rule` of the function that finds it."""
-    return partial(Rule, kind, severity, what, sure, remedy)
 
 
 def joints_text(joints: Any) -> str:

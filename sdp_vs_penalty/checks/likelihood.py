@@ -6,9 +6,9 @@ of its own, the Gaussian log-likelihood is, up to constants,
     L = -M/2 sum_j log(S_j / |tau_j|^2),
 
 M the number of independent samples. It is free of units and gains. Own columns (friction, rotor,
-offset) are projected out of each joint's rows once; what is left couples the joints, as normal equations
-that add: of parts of a log, and of several logs. Physics adds what L cannot know: the probability that
-inertia and masses are positive and that friction takes power,
+offset) are projected out of each joint's normal equations, which add: of parts of a log, and of several
+logs. Physics adds what L cannot know: the probability that inertia and masses are positive and that
+friction takes power,
 
     sum log Phi(z),   z = estimate / standard deviation,
 
@@ -18,28 +18,27 @@ which tells a sign from a reversed clock. Prior costs of a repair are the search
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, under_gravity
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import Event, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array, or_one
 
-T = TypeVar("T")
+_WEIGHTLESS = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Equations:
-    """Normal equations of n joints' rows: gram (n, s, s), cross (n, s), energy (n,) of the torque with
-    own columns projected out, whole (n,) before; own (n, k, s + 1) what these columns take of the shared
-    ones and of the torque."""
+    """Normal equations of n joints' rows for K torques: gram (n, s, s), cross (n, s, K), energy (n, K)
+    of the torque with own columns projected out, whole (n, K) before; own (n, k, s + K) what these
+    columns take of the shared ones and of the torque."""
 
     gram: Array
     cross: Array
@@ -48,47 +47,57 @@ class Equations:
     own: Array
 
     @classmethod
-    def of(cls, full: Array, k: int) -> Equations:
-        """full (n, w, w) : Gram matrices of k own columns, the shared ones and the torque."""
-        size = np.trace(full[:, :k, :k], axis1=1, axis2=2)[:, None, None] / max(k, 1)
+    def of(cls, gram: Array, cross: Array, whole: Array, k: int) -> Equations:
+        """gram (n, w, w) of k own columns and the shared ones, cross (n, w, K), whole (n, K)."""
+        size = np.trace(gram[:, :k, :k], axis1=1, axis2=2)[:, None, None] / max(k, 1)
         # A joint that rests in these rows has nothing of its own there.
-        mine = full[:, :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
-        own = np.linalg.solve(mine, full[:, :k, k:])
-        rest = full[:, k:, k:] - full[:, k:, :k] @ own
-        energy = np.maximum(rest[:, -1, -1], 0.0)
-        return cls(rest[:, :-1, :-1], rest[:, :-1, -1], energy, full[:, -1, -1], own)
+        mine = gram[:, :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
+        both = np.concatenate([gram[:, :k, k:], cross[:, :k]], axis=2)
+        own = np.linalg.solve(mine, both)
+        rest = np.concatenate([gram[:, k:, k:], cross[:, k:]], axis=2) - gram[:, k:, :k] @ own
+        s = gram.shape[1] - k
+        energy = np.maximum(whole - np.sum(cross[:, :k] * own[..., s:], axis=1), 0.0)
+        whole = np.maximum(whole, 1e-12 * whole.max(axis=0, initial=0.0) + 1e-280)
+        return cls(rest[..., :s], rest[..., s:], energy, whole, own)
 
-    def all_of(self, theta: Array) -> Array:
-        """(n, w) factors of own columns, shared ones and the torque, whose sum is the error."""
-        mine = self.own[:, :, :-1] @ theta - self.own[:, :, -1]
+    @classmethod
+    def of_part(cls, full: Array, k: int) -> Equations:
+        """full (n, w, w) : Gram matrices of k own columns, the shared ones and one torque."""
+        return cls.of(full[:, :-1, :-1], full[:, :-1, -1:], full[:, -1, -1:], k)
+
+    def left_of(self, full: Array, theta: Array) -> Array:
+        """(n,) squared residuals that parameters (s,), with the own ones they go with, leave of
+        rows with such Gram matrices (n, w, w)."""
+        mine = self.own[..., :-1] @ theta - self.own[..., -1]
         shared = np.broadcast_to(np.append(theta, -1.0), (len(mine), len(theta) + 1))
-        return np.hstack([-mine, shared])
+        v = np.hstack([-mine, shared])
+        return np.asarray(np.einsum("jw,jwx,jx->j", v, full, v))
 
     def solved(self, weights: Array) -> Array:
-        """(s,) parameters of weighted (n,) least squares."""
-        return solve(np.tensordot(weights, self.gram, 1), (weights @ self.cross)[:, None])[:, 0]
+        """(K, s) parameters of weighted (n, K) least squares."""
+        gram = np.tensordot(weights.T, self.gram, 1)
+        return solve(gram, np.einsum("jk,jsk->ks", weights, self.cross)[..., None])[..., 0]
 
-    def fitted(self, asked: Array) -> tuple[Array, Array]:
-        """(s,) parameters at the maximum of L and (n,) squared residuals there, at least FLOOR of the
-        whole; asked (n,) 0 for joints that are not."""
-        whole = np.maximum(self.whole, 1e-280)
-        theta, left = minimised(self.gram, self.cross[None], self.energy[None], whole[None], asked)
-        return theta[0], np.maximum(left[0], FLOOR * whole)
+    def fitted(self, asked: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """(K, s) parameters at the maximum of L, by reweighting each joint, and (n, K) squared residuals
+        there, at least FLOOR of the whole; asked (n,) : which joints move."""
+        left = self.whole
+        for _ in range(ROUNDS):
+            theta = self.solved(asked[:, None] / left)
+            bent = self.gram @ theta.T - 2.0 * self.cross
+            left = self.energy + np.einsum("jsk,ks->jk", bent, theta)
+            left = np.maximum(left, FLOOR * self.whole)
+        return theta, left
 
 
 @dataclass(frozen=True)
 class Rows:
-    """What a repair of the motion makes of the rows of n joints: basis (n, M, k) of own columns, raw and
-    columns (n, M, s) of shared parameters before and after these are projected out, gram (n, s, s); drag
-    (n, M), whose product with the torque less the links' is the mean power that friction takes [W], and
-    spin (n, M) likewise ddq^T J ddq of the rotor."""
+    """What a repair of the motion makes of the rows of n joints: basis (n, M, k) of own columns, raw
+    (n, M, s) columns of the shared parameters, gram (n, k + s, k + s) of both."""
 
     basis: Array
     raw: Array
-    columns: Array
     gram: Array
-    drag: Array
-    spin: Array
 
     def rest(self, y: Array) -> Array:
         """(n, M, K) torques or columns with own columns projected out."""
@@ -96,21 +105,13 @@ class Rows:
 
 
 class Likelihood:
-    """Of one log's rows: repairs are values that are asked for; what depends on the motion alone is kept
-    for repairs of the torque."""
+    """Of one log's rows; what depends on a part of a repair is kept for repairs of the rest."""
 
     def __init__(self, data: RegressionData) -> None:
         self.data = data
-        self._kept: dict[str, dict[object, Any]] = {}
-
-    def _once(self, kind: str, most: int, key: object, make: Callable[[], T]) -> T:
-        """What was made for a key, or is now; of a kind so many are remembered."""
-        kept = self._kept.setdefault(kind, {})
-        if key not in kept:
-            if len(kept) >= most:
-                del kept[next(iter(kept))]
-            kept[key] = make()
-        return cast(T, kept[key])
+        self._rows_of, self._columns_of = lru_cache(6)(self._rows), lru_cache(12)(self._columns)
+        self._basis_of, self._late = lru_cache(20)(self._basis), lru_cache(40)(self._torque)
+        self._pushed_of = lru_cache(6)(self._pushed)
 
     # -- what a repair makes of the rows ---------------------------------------------------------
 
@@ -118,22 +119,22 @@ class Likelihood:
         """(n, M) the torque as repaired, 0 where it is not asked for."""
         out = np.empty((self.data.n, self.data.count))
         for j, k in enumerate(repair.tau_order):
-            value, rate = self._at(k, repair.lead[j])
+            value, rate = (x[:, k] for x in self._late(repair.lead[j]))
             if repair.bend[j]:
                 limit = max(float(self.data.largest[k]) / repair.bend[j], 1e-300)  # a dead channel
                 value = limit * np.arctanh(np.clip(value / limit, -0.999, 0.999))
             out[j] = repair.gain[j] * (value + repair.lag[j] * rate)
-        return out * self._heard(repair)
+        return out * self.heard(repair)
 
-    def _heard(self, repair: Repair) -> Array:
+    def heard(self, repair: Repair) -> Array:
+        """(n, M) 1 where a joint's torque is asked for."""
         return self.data.heard.T[list(repair.order)]
 
-    def _at(self, k: int, lead: float) -> tuple[Array, Array]:
-        """Channel k and its rate, so much later [s]."""
-        torque, t = self.data.torque, self.data.motion.t + lead
-        late = np.clip(t, torque.x[0], torque.x[-1])
-        both = self._once("torque", 40, lead, lambda: (torque(late), torque(late, 1)))
-        return both[0][:, k], both[1][:, k]
+    def _torque(self, lead: float) -> tuple[Array, Array]:
+        """(M, n) all channels and their rates, so much later [s]."""
+        torque = self.data.torque
+        late = np.clip(self.data.motion.t + lead, torque.x[0], torque.x[-1])
+        return torque(late), torque(late, 1)
 
     def motion(self, repair: Repair) -> Motion:
         """States as repaired."""
@@ -142,31 +143,26 @@ class Likelihood:
         return Motion(m.t[0] + repair.rate * (m.t - m.t[0]), repair.positions(m.q), dq, ddq)
 
     def rows(self, repair: Repair) -> Rows:
-        """What depends on the motion alone, worked out once for repairs of the torque."""
+        """What depends on the motion alone."""
+        return self._rows_of(repair.of_motion)
 
-        def make() -> Rows:
-            basis, drag, spin = self._own(repair)
-            raw = self.raw(repair)
-            columns = raw - basis @ (np.swapaxes(basis, 1, 2) @ raw)
-            return Rows(basis, raw, columns, np.swapaxes(columns, 1, 2) @ columns, drag, spin)
-
-        return self._once("rows", 6, (repair.motion_key, repair.events, repair.reversed), make)
+    def _rows(self, repair: Repair) -> Rows:
+        basis, raw = self._basis_of(repair.order, repair.events), self.raw(repair)
+        both = np.concatenate([basis, raw], axis=2)
+        return Rows(basis, raw, np.swapaxes(both, 1, 2) @ both)
 
     def raw(self, repair: Repair) -> Array:
         """(n, M, s) the columns of the parameters that joints share, 0 where torque is not asked for."""
         weight = np.array(repair.weight)[:, None, None]
-        columns = self._under(repair, repair.gravity)
+        whole = replace(repair.of_motion, weight=(1.0,) * self.data.n, events=())
+        columns = self._columns_of(whole)
         if np.any(weight != 1.0):
-            columns = weight * columns + (1.0 - weight) * self._under(repair, (0.0, 0.0, 0.0))
-        return np.asarray(self._heard(repair)[:, :, None] * columns)
+            none = self._columns_of(replace(whole, gravity=_WEIGHTLESS))
+            columns = weight * columns + (1.0 - weight) * none
+        return np.asarray(self.heard(repair)[:, :, None] * columns)
 
-    def _under(self, repair: Repair, gravity: tuple[float, float, float]) -> Array:
-        """(n, M, s) the same of whole channels."""
-        keep = self.data.independent
-        return self._once(
-            "columns", 12, (repair.motion_key[:4], gravity),
-            lambda: self._shared(gravity, self.motion(repair))[:, :, keep],
-        )  # fmt: skip
+    def _columns(self, repair: Repair) -> Array:
+        return self._shared(repair.gravity, self.motion(repair))[:, :, self.data.independent]
 
     def _shared(self, gravity: Sequence[float], motion: Motion) -> Array:
         """(n, M, p) the columns of all parameters that joints share."""
@@ -179,7 +175,7 @@ class Likelihood:
         """(n, M, 10) the columns of the last link's parameters."""
         assert self.data.shared is not None
         columns = self._shared(repair.gravity, self.motion(repair))
-        return self._heard(repair)[:, :, None] * columns[:, :, self.data.shared.rigid_indices[-10:]]
+        return self.heard(repair)[:, :, None] * columns[:, :, self.data.shared.rigid_indices[-10:]]
 
     def nominal(self, repair: Repair, still: bool) -> Array:
         """(M, n) torque of a plausible arm on the repaired motion, or its weight in these poses."""
@@ -190,29 +186,16 @@ class Likelihood:
         states = (m.q, none, none) if still else (m.q, m.dq, m.ddq)
         return np.asarray(robot.regressor(*states) @ self.data.nominal)
 
-    def _own(self, repair: Repair) -> tuple[Array, Array, Array]:
-        """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others; (n, M) the
-        rows that read the power of friction and of the rotor."""
-
-        def make() -> tuple[Array, Array, Array]:
-            data, m, order = self.data, self.data.motion, list(repair.order)
-            shapes = [e.shape(m.t) * (np.arange(data.n) == e.joint)[:, None] for e in repair.events]
-            columns = np.concatenate([data.own[order], *(x[:, :, None] for x in shapes)], axis=2)
-            columns = columns * data.heard.T[order][:, :, None]
-            sizes = np.linalg.norm(columns, axis=1, keepdims=True)
-            columns = columns / or_one(sizes)
-            u, s, vt = np.linalg.svd(columns, full_matrices=False)
-            kept = s > 1e-6 * s.max(axis=1, keepdims=True)
-            u, back = u * kept[:, None], vt / np.where(kept, s, np.inf)[:, :, None]
-            power = np.swapaxes(columns, 1, 2) @ np.stack([m.dq.T[order], m.ddq.T[order]], axis=2)
-            # The rotor comes first; it, the offset and events are no friction.
-            power[:, [0, 1, *range(data.own.shape[2], columns.shape[2])], 0] = power[:, 1:, 1] = 0.0
-            drag, spin = np.moveaxis(u @ (back @ power) / data.count, 2, 0)
-            return u, drag, spin
-
-        basis, drag, spin = self._once("own", 20, (repair.order, repair.events), make)
-        sign = np.sign(repair.scale)[:, None]
-        return basis, drag * (-sign if repair.reversed else sign), spin * sign
+    def _basis(self, order: Order, events: tuple[Event, ...]) -> Array:
+        """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others."""
+        data = self.data
+        own = np.arange(data.n)[:, None]
+        shapes = [(e.shape(data.motion.t) * (own == e.joint))[:, :, None] for e in events]
+        columns = np.concatenate([data.own[list(order)], *shapes], axis=2)
+        columns = columns * data.heard.T[list(order)][:, :, None]
+        columns = columns / or_one(np.linalg.norm(columns, axis=1, keepdims=True))
+        u, s, _ = np.linalg.svd(columns, full_matrices=False)
+        return np.asarray(u * (s > 1e-6 * s.max(axis=1, keepdims=True))[:, None])
 
     def slope(self, at: Callable[[float], Repair], value: float, h: float, theta: Array) -> Array:
         """(n, M) d(y - Y theta)/dx of a number at a value, by a difference forward."""
@@ -233,21 +216,19 @@ class Likelihood:
 
     def scores(self, repairs: Sequence[Repair]) -> list[Score]:
         """One arm fitted to each; those of one motion side by side."""
-        groups: dict[object, list[int]] = {}
+        groups: dict[Repair, list[int]] = {}
         for i, r in enumerate(repairs):
-            groups.setdefault((r.motion_key, r.events, r.reversed), []).append(i)
+            groups.setdefault(r.of_motion, []).append(i)
         out: dict[int, Score] = {}
-        asked = np.where(self.data.moving, 1.0, 0.0)
-        for places in groups.values():
-            rows = self.rows(repairs[places[0]])
+        for of_motion, places in groups.items():
+            rows = self.rows(of_motion)
             y = np.stack([self.channels(repairs[i]) for i in places], axis=2)
-            rest = rows.rest(y)
-            whole = np.sum(y**2, axis=1).T
-            whole = np.maximum(whole, 1e-12 * whole.max(axis=1, keepdims=True) + 1e-280)
-            cross = np.moveaxis(np.swapaxes(rows.columns, 1, 2) @ rest, 2, 0)
-            theta, left = minimised(rows.gram, cross, np.sum(rest**2, axis=1).T, whole, asked)
-            for i, *found in zip(places, np.moveaxis(y, 2, 0), theta, left, whole, strict=True):
-                out[i] = Score(self, rows, *found)
+            cross = np.concatenate([np.swapaxes(x, 1, 2) @ y for x in (rows.basis, rows.raw)], axis=1)
+            fit = Equations.of(rows.gram, cross, np.sum(y**2, axis=1), rows.basis.shape[2])
+            theta, left = fit.fitted(self.data.moving)
+            for k, i in enumerate(places):
+                numbers = theta[k], left[:, k], fit.whole[:, k], fit.gram
+                out[i] = Score(self, rows, y[..., k], *numbers)
         return [out[i] for i in range(len(repairs))]
 
     def score(self, repair: Repair) -> Score:
@@ -256,11 +237,10 @@ class Likelihood:
 
     def left_out(self, repair: Repair) -> Array:
         """(PARTS, n) share of each part's energy that the arm of all other parts leaves of it."""
-        (parts, k), weights = self.parts(repair), self.score(repair).weights
-        rests = [Equations.of(parts.sum(axis=0) - part, k) for part in parts]
-        v = np.stack([rest.all_of(rest.solved(weights)) for rest in rests])
-        left = np.einsum("pjw,pjwx,pjx->pj", v, parts, v) / np.maximum(parts[..., -1, -1], 1e-280)
-        return np.maximum(left, FLOOR)
+        (parts, k), weights = self.parts(repair), self.score(repair).weights[:, None]
+        rests = [Equations.of_part(parts.sum(axis=0) - part, k) for part in parts]
+        left = [x.left_of(part, x.solved(weights)[0]) for x, part in zip(rests, parts, strict=True)]
+        return np.maximum(np.array(left) / np.maximum(parts[..., -1, -1], 1e-280), FLOOR)
 
     def change(self, at: Callable[[float], Repair], value: float, h: float) -> tuple[float, float]:
         """By how much a number has to change, to first order, and the standard deviation of that.
@@ -274,30 +254,30 @@ class Likelihood:
         if size == 0.0:
             return 0.0, np.inf
         parts, k = self.parts(repair, PARTS, -slope[:, :, None] / size)
-        logs = [parts.sum(axis=0), *(parts.sum(axis=0) - parts)]
-        best, *found = (float(Equations.of(x, k).solved(score.weights)[-1]) / size for x in logs)
+        logs = [Equations.of_part(x, k) for x in (parts.sum(axis=0), *(parts.sum(axis=0) - parts))]
+        best, *found = (float(x.solved(score.weights[:, None])[0, -1]) / size for x in logs)
         return best, float(np.sqrt((PARTS - 1) * np.var(found)))
 
     def pushed(self, repair: Repair) -> Array:
         """(2, s) what the mean of ddq^T M(q) ddq is of the shared parameters, and the weight's mean
         product with the weight of a plausible arm."""
+        return self._pushed_of(replace(repair.of_motion, events=()))
 
-        def make() -> Array:
-            m = self.motion(repair)
-            rest, loads = np.zeros_like(m.q), self.nominal(repair, still=True)
-            ways = (((0.0, 0.0, 0.0), m.ddq, m.ddq), (repair.gravity, rest, loads))
-            made = [
-                np.einsum("jms,mj->s", self._shared(gravity, Motion(m.t, m.q, rest, ddq)), along)
-                for gravity, ddq, along in ways
-            ]
-            return np.array(made)[:, self.data.independent] / self.data.count
-
-        return self._once("pushed", 6, repair.motion_key, make)
+    def _pushed(self, repair: Repair) -> Array:
+        m = self.motion(repair)
+        rest, loads = np.zeros_like(m.q), self.nominal(repair, still=True)
+        ways = ((_WEIGHTLESS, m.ddq, m.ddq), (repair.gravity, rest, loads))
+        made = [
+            np.einsum("jms,mj->s", self._shared(gravity, Motion(m.t, m.q, rest, ddq)), along)
+            for gravity, ddq, along in ways
+        ]
+        return np.array(made)[:, self.data.independent] / self.data.count
 
 
 @dataclass
 class Score:
-    """One arm fitted to one repaired log: channels (n, M), theta (s,), left and whole (n,) [(N m)^2]."""
+    """One arm fitted to one repaired log: channels (n, M), theta (s,), left and whole (n,) [(N m)^2],
+    gram (n, s, s) of the shared columns without what the own ones explain."""
 
     of: Likelihood
     rows: Rows
@@ -305,6 +285,7 @@ class Score:
     theta: Array
     left: Array
     whole: Array
+    gram: Array
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -313,49 +294,42 @@ class Score:
     @cached_property
     def shares(self) -> Array:
         """(n,) share of each channel's energy that is left over."""
-        return np.maximum(self.left / self.whole, FLOOR)
-
-    @cached_property
-    def misfit(self) -> float:
-        """sum_j log of what is left, of joints that move; without the floor, for the best number."""
-        return float(np.log(np.maximum(self.left / self.whole, 1e-9))[self.moving].sum())
+        return self.left / self.whole
 
     @cached_property
     def score(self) -> float:
+        """sum_j log of what is left, of joints that move."""
         return float(np.log(self.shares)[self.moving].sum())
 
     @cached_property
     def residual(self) -> Array:
         """(n, M) what the arm leaves of the channels."""
-        rest = self.rows.rest(self.channels[:, :, None])[:, :, 0]
-        return np.asarray(rest - self.rows.columns @ self.theta)
+        return self.rows.rest((self.channels - self.rows.raw @ self.theta)[:, :, None])[:, :, 0]
 
     @cached_property
     def weights(self) -> Array:
         """(n,) of each joint's rows, 0 where it does not move."""
-        return np.where(self.moving, 1.0 / np.maximum(self.left, FLOOR * self.whole), 0.0)
+        return np.where(self.moving, 1.0 / self.left, 0.0)
 
     def physics(self, repair: Repair, samples: float) -> float:
-        """log-probability that inertia and masses are positive and friction takes power."""
+        """log-probability that inertia and masses are positive and friction takes power: the mean of
+        dq_j times what the links leave of joint j's torque, of ddq^T times the inertial torque, and of
+        the weight times that of a plausible arm."""
         from scipy.special import log_ndtr
 
-        rows, away = self.rows, self.channels - self.rows.raw @ self.theta
-        slopes = self.of.pushed(repair)
-        noise = self.left / samples
-
-        def read(readers: Array) -> tuple[Array, Array, Array]:
-            """Of r_j^T (y_j - Y_j theta): value, minus its gradient, variance by noise, each joint."""
-            gradient = np.einsum("jm,jms->js", readers, rows.raw)
-            return np.sum(readers * away, axis=1), gradient, noise * np.sum(readers**2, axis=1)
-
-        power, drag, shaken = read(rows.drag)
-        turned, spin, spun = read(rows.spin)
-        values = np.append(power, slopes @ self.theta + [turned.sum(), 0.0])
-        gradients = np.vstack([-drag, slopes - [spin.sum(axis=0), 0.0 * spin[0]]])
-        normal = np.tensordot(self.weights * samples, rows.gram, 1)
-        spread = np.append(shaken, [spun.sum(), 0.0])
-        spread += np.sum(gradients.T * solve(normal, gradients.T), axis=0)
-        z = values / np.sqrt(np.maximum(spread, 1e-300))
+        m, slopes = self.of.motion(repair), self.of.pushed(repair)
+        states = np.stack([-m.dq.T if repair.reversed else m.dq.T, m.ddq.T]) / len(m.t)
+        states = states * self.of.heard(repair)
+        values = np.sum(states * (self.channels - self.rows.raw @ self.theta), axis=2)
+        gradients = -np.einsum("ajm,jms->ajs", states, self.rows.raw)
+        noise = self.left / samples * np.sum(states**2, axis=2)
+        turned = np.outer([1.0, 0.0], gradients[1].sum(axis=0))
+        value = np.append(values[0], slopes @ self.theta + [values[1].sum(), 0.0])
+        gradient = np.vstack([gradients[0], slopes + turned])
+        normal = np.tensordot(self.weights * samples, self.gram, 1)
+        spread = np.append(noise[0], [noise[1].sum(), 0.0])
+        spread += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
+        z = value / np.sqrt(np.maximum(spread, 1e-300))
         asked = np.append(self.moving, [True, True])
         return float(np.maximum(log_ndtr(z), -LOUDEST)[asked].sum())
 
@@ -364,9 +338,8 @@ def left_out_alone(score: Score, repair: Repair) -> Array:
     """(n,) share of each channel that its joint's own model leaves of parts it was not fitted to."""
     parts = score.of.parts(repair)[0]
     rests = parts.sum(axis=0) - parts
-    v = np.insert(
-        solve(rests[..., :-1, :-1], rests[..., :-1, -1:])[..., 0], parts.shape[-1] - 1, -1.0, -1
-    )
+    own = solve(rests[..., :-1, :-1], rests[..., :-1, -1:])[..., 0]
+    v = np.concatenate([own, -np.ones((*own.shape[:2], 1))], axis=2)
     return np.maximum(np.einsum("pjw,pjwx,pjx->j", v, parts, v) / score.whole, FLOOR)
 
 
@@ -391,21 +364,3 @@ def solve(gram: Array, right: Array) -> Array:
     unit = scale * gram * np.swapaxes(scale, -1, -2)
     np.einsum("...ii->...i", unit)[...] += np.where(seen, RIDGE, 1.0)
     return np.asarray(scale * np.linalg.solve(unit, scale * right))
-
-
-def minimised(
-    gram: Array, cross: Array, energy: Array, whole: Array, asked: Array
-) -> tuple[Array, Array]:
-    """theta (K, s) and squared residuals (K, n) at the maximum of L, by reweighting each joint.
-
-    gram (n, s, s) of all, cross (K, n, s), energy (K, n) with the own columns projected out, whole (K,
-    n) before; asked (n,) 0 for joints that are not.
-    """
-    theta, left, weights = np.zeros(0), energy, asked / whole
-    for _ in range(ROUNDS):
-        right = np.einsum("kj,kjs->ks", weights, cross)
-        theta = solve(np.tensordot(weights, gram, 1), right[..., None])[..., 0]
-        bent = np.einsum("jst,kt->kjs", gram, theta) - 2.0 * cross
-        left = np.maximum(energy + np.einsum("kjs,ks->kj", bent, theta), 0.0)
-        weights = asked / np.maximum(left, FLOOR * whole)
-    return theta, left

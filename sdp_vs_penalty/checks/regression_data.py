@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import BRISTLE_TRAVELS, COULOMB_WIDTHS, DENSE, SLIDES
+from sdp_vs_penalty.checks.constants import BRISTLE_TRAVELS, COULOMB_WIDTHS, DENSE, ROWS, SLIDES
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
@@ -61,20 +61,15 @@ class RegressionData:
     def count(self) -> int:
         return len(self.motion.t)
 
-    def part(self, rows: NDArray[np.intp]) -> RegressionData:
-        """The same at some of the instants."""
+    def few(self, step: int = 3) -> RegressionData:
+        """The same at every so many instants."""
         m = self.motion
-        motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
-        return replace(self, motion=motion, own=self.own[:, rows], heard=self.heard[rows])
-
-    def few(self, rows: int) -> RegressionData:
-        """At most so many of the instants, evenly spread."""
-        k = np.unique(np.linspace(0, self.count - 1, min(self.count, rows)).astype(np.intp))
-        return self.part(k)
+        motion = Motion(m.t[::step], m.q[::step], m.dq[::step], m.ddq[::step])
+        return replace(self, motion=motion, own=self.own[:, ::step], heard=self.heard[::step])
 
     @classmethod
     def of(
-        cls, problem: Problem, run: Measurements, settings: Preprocessing, rows: int
+        cls, problem: Problem, run: Measurements, settings: Preprocessing, rows: int = ROWS
     ) -> RegressionData:
         """At most so many instants; ``settings`` resolved. Raises InputError for a log that is shorter
         than the filters need."""
@@ -111,11 +106,11 @@ class RegressionData:
             raise InputError(
                 "no joint both moves and has a torque that changes", "record such a run", run.names[0]
             )
-        nominal, heard = np.asarray(problem.nominal_links.ravel(), float), slides.astype(float)
-        spline, largest = CubicSpline(times, torque), np.abs(torque).max(axis=0)
-        made = cls(shared, kept, Motion(t, q, dq, ddq), spline, own, heard, moving, nominal, largest)
+        nominal, spline = np.asarray(problem.nominal_links.ravel(), float), CubicSpline(times, torque)
         # Where all have stopped nothing is asked of any joint.
-        return made.part(asked)
+        motion, heard = Motion(t[asked], q[asked], dq[asked], ddq[asked]), slides[asked].astype(float)
+        largest = np.abs(torque).max(axis=0)
+        return cls(shared, kept, motion, spline, own[:, asked], heard, moving, nominal, largest)
 
 
 def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Model) -> tuple[Array, ...]:

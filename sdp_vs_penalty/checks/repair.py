@@ -93,9 +93,11 @@ class Repair:
         return [((j,), x) for j, x in enumerate(values) if x != usual]
 
     @property
-    def motion_key(self) -> tuple[Any, ...]:
-        """What the links' regressor depends on."""
-        return self.order, self.scale, self.zero, self.rate, self.gravity, self.weight
+    def of_motion(self) -> Repair:
+        """Without what is done to the torque's channels alone."""
+        none = Repair.none(self.n, self.gravity)
+        same = {k: getattr(none, k) for k in ("tau_order", "gain", "lead", "lag", "bend")}
+        return replace(self, **same)
 
     @property
     def leaves_log(self) -> bool:
@@ -109,6 +111,8 @@ class Repair:
 
     def apply(self, run: Measurements) -> Measurements:
         """The log repaired; gravity, weight and events are the model's matter and are left alone."""
+        if self.leaves_log:
+            return run
         t, q, tau = run.t, self.positions(run.q), run.tau[:, list(self.tau_order)]
         dq = None
         if run.dq is not None:

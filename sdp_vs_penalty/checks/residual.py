@@ -1,4 +1,5 @@
-"""What the repaired log leaves over: is it what such arms leave, everywhere and all the time?
+"""What the repaired log leaves over: is it what such arms leave, everywhere and all the time? Are the
+torques of a possible size, and what can this motion not show?
 
 Two witnesses for each joint: how much one arm leaves of its torque, and how much more that is than a
 model of this joint alone would leave. Friction, however odd, is in both.
@@ -6,8 +7,9 @@ model of this joint alone would leave. Friction, however odd, is in both.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +21,11 @@ from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Scene
 from sdp_vs_penalty.checks.transformations.torque import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: A one-off event lasts at most so long [s].
 _WIDTH = 1.0
@@ -75,7 +80,7 @@ def _unexplained(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
 
 def _event(scene: Scene, score: Score) -> Iterator[Issue]:
     """A moment at which the error is far larger than at any other: contact, a push."""
-    t = scene.judged.data.motion.t
+    t = scene.likelihood.data.motion.t
     for j in scene.joints:
         error = np.abs(score.residual[j])
         k = int(np.argmax(error))
@@ -90,13 +95,13 @@ def _event(scene: Scene, score: Score) -> Iterator[Issue]:
                 f"there is {error[k]:.3g} {unit} in joint {j + 1}, over {c.TIMES:g} times that at "
                 f"any other moment.",
                 "likely: an effect of the arm itself would recur", f"exclude {_WIDTH:g} s around it",
-                _without(at), {"t": at, "joints": [j + 1]},
+                partial(_without, at), {"t": at, "joints": [j + 1]},
             )  # fmt: skip
             return
 
 
-def _without(at: float) -> Callable[[Measurements], Measurements]:
-    return lambda run: run.rows(np.abs(run.t - at) > 0.5 * _WIDTH)
+def _without(at: float, run: Measurements) -> Measurements:
+    return run.rows(np.abs(run.t - at) > 0.5 * _WIDTH)
 
 
 def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
@@ -104,12 +109,13 @@ def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
 
     Two arms in stripes that take turns have as many parameters, and no reason to explain it better.
     """
-    parts, k = scene.judged.parts(repair, 2 * c.PARTS)
+    parts, k = scene.likelihood.parts(repair, 2 * c.PARTS)
 
     def two(first: NDArray[np.bool_]) -> Array:
         """(n,) what two arms leave of these parts and of the others."""
         logs = (parts[first].sum(axis=0), parts[~first].sum(axis=0))
-        return np.sum([Equations.of(x, k).fitted(scene.moving.astype(float))[1] for x in logs], axis=0)
+        left = [Equations.of_part(x, k).fitted(scene.moving)[1][:, 0] for x in logs]
+        return np.asarray(left[0] + left[1])
 
     number = np.arange(len(parts))
     stripes, cuts = two(number % 2 == 0), number[3:-2]  # neither may be short
@@ -118,7 +124,7 @@ def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
     best = int(np.argmax(gains))
     if gains[best] < c.TWO_ARMS or best in (0, len(gains) - 1) or repair.events:
         return
-    t = float(np.quantile(scene.judged.data.motion.t, cuts[best] / len(parts)))
+    t = float(np.quantile(scene.likelihood.data.motion.t, cuts[best] / len(parts)))
     one, apart = (100.0 * np.sqrt(np.mean(x / score.whole)) for x in (score.left, halves[best]))
     yield Issue(
         "two arms", "error" if one > 3.0 * apart else "warning", f"t = {t:.4g} s",
@@ -129,74 +135,108 @@ def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
     )  # fmt: skip
 
 
-# -- torques of an impossible size: another unit, motor currents, the motor's side of the gear ---------
-# What joints share tells the channels' ratios, never their common size. Two witnesses do: the joints'
-# effort limits, and what an arm of the problem's masses needs on the same motion, where they are known.
-
-_BY_SIZE = "likely: judged by size alone"
-_RIGHT = "if the torques are right, correct the problem's masses"
-_CONVERT = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
-
-
-def _possible(problem: Problem) -> tuple[float, float] | None:
-    """Least and largest ratio of measured to nominal torque; None where no masses are known."""
-    masses = float(problem.nominal_links[:, 0].sum())
-    low, high = problem.total_mass
-    if np.all(problem.guessed_links) or masses <= 0.0:
-        return None
-    if not np.isfinite(high):
-        low, high = 0.5 * masses, 2.0 * masses
-    return max(low, 0.1 * high) / masses / c.EFFORT[1], high / masses * c.EFFORT[1]
-
-
 def size(scene: Scene, repair: Repair) -> Iterator[Issue]:
-    """Issues of the channels as repaired, so that no two judge each other's."""
-    problem, scale = scene.problem, _possible(scene.problem)
-    channels, heard = scene.judged.channels(repair).T, scene.judged.data.heard[:, list(repair.order)]
-    needed = float(np.linalg.norm(heard * scene.judged.nominal(repair, still=False)))
+    """Torques of an impossible size: another unit, motor currents, the motor's side of the gear.
+
+    What joints share tells the channels' ratios, never their common size. Two witnesses do: the joints'
+    effort limits, and what an arm of the problem's masses needs on the same motion.
+    """
+    problem, fits = scene.problem, scene.likelihood
+    channels, heard = fits.channels(repair).T, fits.heard(repair).T
+    needed = float(np.linalg.norm(heard * fits.nominal(repair, still=False)))
+    ratio = max(float(np.linalg.norm(channels)), 1e-300) / max(needed, 1e-300)  # of 1e-300 squares are 0
     effort = np.array([j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints])
     each = np.abs(channels).max(axis=0) / effort
+    over = float(np.nanmax(each)) if np.isfinite(effort).any() else np.nan
+    masses, (low, high) = float(problem.nominal_links[:, 0].sum()), problem.total_mass
+    known, weighs = masses > 0.0 and not np.all(problem.guessed_links), f"{low:g} to {high:g}"
+    if not np.isfinite(high):
+        low, high, weighs = 0.5 * masses, 2.0 * masses, f"{masses:.3g}"
     odd = np.flatnonzero(each > c.EFFORT[1])
-    if 0 < len(odd) <= 0.3 * scene.n and scale is not None:
+    by_size = "likely: judged by size alone"
+    convert = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
+    if known and 0 < len(odd) <= 0.3 * scene.n:
         for j in odd.tolist():
             yield Issue(
                 "torque unit", "error", joints_text([j]),
                 f"the torque of joint {j + 1} is too large, {each[j]:.3g} times what the joint is made "
-                "for: its unit is not that of the others.", _BY_SIZE, _CONVERT, None,
+                "for: its unit is not that of the others.", by_size, convert, None,
                 {"joints": [j + 1], "times_effort_limit": float(each[j])},
             )  # fmt: skip
         return
-    over = float(np.nanmax(each)) if np.isfinite(effort).any() else np.nan
-    ratio = max(float(np.linalg.norm(channels)), 1e-300) / max(needed, 1e-300)  # of 1e-300 squares are 0
-    figures = {"times_effort_limit": over, "times_nominal": ratio if scale else None}
-    large, small = (False, False) if scale is None else (ratio > scale[1], ratio < scale[0])
-    low, high = problem.total_mass
-    masses = f"{low:g} to {high:g}" if high < np.inf else f"{problem.nominal_links[:, 0].sum():.3g}"
+    # Least and largest ratio of measured to nominal torque.
+    least, most = 1e-2, 1.0
+    if known:
+        least, most = max(low, 0.1 * high) / masses / c.EFFORT[1], high / masses * c.EFFORT[1]
+    large, small, far = known and ratio > most, known and ratio < least, over > c.EFFORT[1]
     times = f"{ratio:.3g} times what" if large else f"{1.0 / ratio:.3g} times less than"
-    size, far = f"{times} an arm of {masses} kg needs", over > c.EFFORT[1]
+    told, right = (
+        f"{times} an arm of {weighs} kg needs",
+        "if they are right, correct the problem's masses",
+    )
+    figures = {"times_effort_limit": over, "times_nominal": ratio if known else None}
     if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
         yield Issue(
             "masses of the problem", "error", "the problem",
-            f"the torques are {size}, yet they reach {100.0 * over:.0f} % of the joints' effort "
-            f"limits, as torques do: the problem's masses are wrong.", _BY_SIZE,
+            f"the torques are {told}, yet they reach {100.0 * over:.0f} % of the joints' effort "
+            f"limits, as torques do: the problem's masses are wrong.", by_size,
             "correct total_mass in problem.toml (the inertials of a URDF)", None, figures,
         )  # fmt: skip
-    elif large or (far and scale is None):
-        within, measured = (scale, ratio) if scale is not None else ((1e-2, 1.0), over)
-        fits = [u for u in UNITS if far and u < 0.1 and within[0] <= measured * u <= within[1]]
-        factor = fits[0] if fits else None
-        told = f"{over:.3g} times what the joints are made for" if far else size
+    elif large or (far and not known):
+        measured = ratio if known else over
+        factor = next((u for u in UNITS if far and u < 0.1 and least <= measured * u <= most), None)
+        told = f"{over:.3g} times what the joints are made for" if far else told
         how = f"they are in {UNITS[factor]}" if factor else "their unit is not N m"
         yield Issue(
             "torque unit", "error", "all torque channels", f"the torques are too large, {told}: {how}.",
-            _BY_SIZE, f"multiply by {factor:g}" if factor else f"{_CONVERT}; {_RIGHT}",
+            by_size, f"multiply by {factor:g}" if factor else f"{convert}; {right}",
             None if factor is None else lambda r: replace(r, tau=r.tau * factor), figures,
         )  # fmt: skip
     elif small:
         yield Issue(
             "torque channel kind", "warning", "all torque channels",
-            f"the torques are {size}: they are motor currents, or torques on the motor side of the "
-            "gear. A model of them is unscaled: its ratios are right, its kilograms are not.", _BY_SIZE,
-            f"multiply each channel by its drive gain (N m per A, gear ratio included); {_RIGHT}",
+            f"the torques are {told}: they are motor currents, or torques on the motor side of the "
+            "gear. A model of them is unscaled: its ratios are right, its kilograms are not.", by_size,
+            f"multiply each channel by its drive gain (N m per A, gear ratio included); {right}",
             None, figures,
+        )  # fmt: skip
+
+
+def not_excited(problem: Problem, run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
+    """Base parameters that the data do not determine; those of idle joints are named elsewhere."""
+    model = problem.model()
+    known = of_regression(problem, model, compress(run, model, settings), white=True)
+    dark = [i.name.split(" ")[0] for i in known.base if i.verdict == NOT_SEEN]
+    if not dark:
+        return
+    total, joint_of = len(known.base), {p.name: p.joint for p in model.parameters}
+    joints = sorted({joint_of[name] - 1 for name in dark if joint_of[name]})
+    yield Issue(
+        "poor excitation", "warning" if len(dark) > c.UNRELATED * total else "note",
+        joints_text(joints) if joints else "the robot",
+        f"{len(dark)} of {total} base parameters are not identifiable from this motion: "
+        f"{', '.join(dark)}.", "likely: by least squares, were its error white noise",
+        "move these joints farther, faster and independently of each other, or add runs that do",
+        None, {"base_parameters": total, **counts(known.base), "names": dark},
+    )  # fmt: skip
+
+
+def hidden_errors(scene: Scene, repair: Repair) -> Iterator[Issue]:
+    """One note: from which size on the zero of a joint would be named."""
+    zeros = {}
+    for j in scene.revolute:
+        at = partial(repair.with_entries, "zero", (j,))
+        zeros[j + 1] = 3.0 * scene.screen.change(at, repair.zero[j], 0.3 * c.CALIBRATED)[1]
+    hidden = [
+        f"joint {j}{'' if not x < np.pi else f' below {np.degrees(x):.2g} degrees'}"
+        for j, x in zeros.items()
+        if not x < c.CALIBRATED
+    ]
+    if hidden:
+        yield Issue(
+            "not visible", "note", "the motion",
+            f"errors of these joints' zeros could not be seen in this motion: {', '.join(hidden)}.",
+            "likely: to first order, from what the arm leaves unexplained",
+            "move these joints farther, and in other poses of the joints before them", None,
+            {"zeros": zeros},
         )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -12,9 +12,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import LONG, RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
-from sdp_vs_penalty.checks.glance import Glance, constant_parts, evened, lattice_step, with_steps
-from sdp_vs_penalty.checks.issue import Finding, Issue, Rule, joints_text, rows_text, rule
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.checks.glance import Glance, constant_parts, lattice_step, with_steps
+from sdp_vs_penalty.checks.issue import Issue, joints_text, rows_text
+from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.runs import spans
@@ -28,7 +28,7 @@ _STEPS = (2e-5, 0.5)
 _FEW = 1 / RUN
 #: The samples of the median that a spike is measured from.
 _WIDTH = 7
-_READ = "certain: read from the file"
+_READ, _DELETE = "certain: read from the file", "delete these rows"
 
 
 def _listed(rows: NDArray[np.intp]) -> dict[str, Any]:
@@ -43,8 +43,12 @@ def _mask(count: int, parts: Any) -> Rows:
     return out
 
 
-def _deleted(g: Glance, bad: Mapping[str, Rows], **figures: Any) -> Iterator[Finding]:
-    """Rows that are no measurements of these channels ("": of any): they go."""
+def _deleted(
+    g: Glance, bad: Mapping[str, Rows], kind: str, what: str, sure: str = _READ, remedy: str = _DELETE,
+    brief: float = 0.0, **figures: Any,
+) -> Iterator[Issue]:  # fmt: skip
+    """Rows that are no measurements of these channels ("": of any): they go. A warning where the longest
+    lasts less than ``brief`` [s]."""
     bad = {name: rows for name, rows in bad.items() if rows.any()}
     if not bad:
         return
@@ -54,26 +58,21 @@ def _deleted(g: Glance, bad: Mapping[str, Rows], **figures: Any) -> Iterator[Fin
     figures |= {"seconds": seconds, "parts": len(places), "rows": int(gone.sum()), "named": named}
     figures |= {"joints": sorted({int(name.lstrip("qtau")) for name in bad if name})}
     where = ", ".join(filter(None, (named, rows_text(np.flatnonzero(gone) + 2))))
-    yield where, lambda r: r.rows(~gone), figures
+    severity, what = "warning" if seconds < brief else "error", what.format(**figures)
+    yield Issue(kind, severity, where, what, sure, remedy, lambda r: r.rows(~gone), figures)
 
 
 # -- the clock --------------------------------------------------------------------------------------
 
 
-@rule(
-    "missing numbers", "error", "{rows} rows with values that are not finite numbers, or that no robot "
-    "measures.", _READ, "delete those rows",
-)  # fmt: skip
-def missing(g: Glance) -> Iterator[Finding]:
-    yield from _deleted(g, {"": ~g.finite})
+def missing(g: Glance) -> Iterator[Issue]:
+    parts = {"t": g.run.t[:, None], **g.run.groups}.items()  # nan compares false
+    finite = np.all([np.all(np.abs(x) <= LARGEST_VALUE[k], axis=1) for k, x in parts], axis=0)
+    what = "{rows} rows with values that are not finite numbers, or that no robot measures."
+    yield from _deleted(g, {"": ~finite}, "missing numbers", what, remedy="delete those rows")
 
 
-@rule(
-    "time unit", "error", "time is in {unit}, not in seconds (it advances by {step:.4g} from row to "
-    "row).", "likely: in seconds it were one row in {step:.3g} s of a motion at {speed:.2g} rad/s",
-    "multiply t by {factor:g}",
-)  # fmt: skip
-def time_unit(g: Glance) -> Iterator[Finding]:
+def time_unit(g: Glance) -> Iterator[Issue]:
     """A clock that does not count seconds, and in another unit is that of a robot's motion."""
     q = g.run.q[:, g.moving]
     if g.step <= 0.0 or not q.size or len(q) <= RUN:
@@ -81,16 +80,17 @@ def time_unit(g: Glance) -> Iterator[Finding]:
     speed = float(np.median(np.quantile(np.abs(q[10:] - q[:-10]), 0.9, axis=0))) / (10.0 * g.step)
     fits = {name: u for name, u in _UNITS.items() if _STEPS[0] <= g.step * u <= _STEPS[1]}
     if fits and "seconds" not in fits:
-        name, factor = min(fits.items(), key=lambda fit: abs(np.log(speed / fit[1])))
-        figures = {"unit": name, "factor": factor, "step": g.step, "speed": speed}
-        yield "column t", lambda r: replace(r, t=r.t * factor), figures
+        unit, factor = min(fits.items(), key=lambda fit: abs(np.log(speed / fit[1])))
+        yield Issue(
+            "time unit", "error", "column t",
+            f"time is in {unit}, not in seconds (it advances by {g.step:.4g} from row to row).",
+            f"likely: in seconds it were one row in {g.step:.3g} s of a motion at {speed:.2g} rad/s",
+            f"multiply t by {factor:g}", lambda r: replace(r, t=r.t * factor),
+            {"unit": unit, "factor": factor, "step": g.step, "speed": speed},
+        )  # fmt: skip
 
 
-@rule(
-    "time runs backwards", "error", "the clock is set back {count} times, by up to {seconds:.3g} s: "
-    "{how}.", _READ, "{remedy}",
-)  # fmt: skip
-def backwards(g: Glance) -> Iterator[Finding]:
+def backwards(g: Glance) -> Iterator[Issue]:
     """Rows whose time lies before that of an earlier row."""
     bad = np.flatnonzero(g.steps < 0.0)
     if not len(bad):
@@ -111,28 +111,23 @@ def backwards(g: Glance) -> Iterator[Finding]:
             return r.rows(np.concatenate([[True], r.t[1:] > np.maximum.accumulate(r.t)[:-1]]))
         return with_steps(r, np.where(np.diff(r.t) < 0.0, step, np.diff(r.t)))
 
-    figures = {"seconds": float(-g.steps[bad].min()), "how": how, "remedy": remedy}
-    yield rows_text(bad + 3), repair, _listed(bad + 3) | figures
+    seconds = float(-g.steps[bad].min())
+    yield Issue(
+        "time runs backwards", "error", rows_text(bad + 3),
+        f"the clock is set back {len(bad)} times, by up to {seconds:.3g} s: {how}.", _READ, remedy,
+        repair, _listed(bad + 3) | {"seconds": seconds},
+    )  # fmt: skip
 
 
-@rule(
-    "repeated time", "error", "{rows} rows with a repeated time; the values {how}.", _READ,
-    "keep the first of each",
-)  # fmt: skip
-def repeated_time(g: Glance) -> Iterator[Finding]:
+def repeated_time(g: Glance) -> Iterator[Issue]:
     bad = np.concatenate([[False], g.steps == 0.0])
     same = bool(np.all(np.diff(g.run.q, axis=0)[bad[1:]] == 0.0))
     how = "are copies of the row before" if same else "differ from the row before"
-    yield from _deleted(g, {"": bad}, how=how)
+    what = f"{{rows}} rows with a repeated time; the values {how}."
+    yield from _deleted(g, {"": bad}, "repeated time", what, remedy="keep the first of each")
 
 
-@rule(
-    "jittered time stamps", "warning", "the time steps vary by {percent:.0f} %, but the positions are "
-    "{ratio:.0f} times smoother over the row number than over these times: the samples are evenly "
-    "spaced, the time stamps are not.", "likely: if the sampling itself jittered, the motion would be "
-    "smoother over the recorded times", "space the time stamps evenly (and log the samples' own time)",
-)  # fmt: skip
-def uneven(g: Glance) -> Iterator[Finding]:
+def uneven(g: Glance) -> Iterator[Issue]:
     """Stamps that jitter, or come in bursts, although the samples were taken evenly: q is smoother over
     the row number."""
     steps, q = g.steps, g.run.q[:, g.moving]
@@ -149,79 +144,79 @@ def uneven(g: Glance) -> Iterator[Finding]:
         for s in (share, 0.5)
     )
     ratio = float(np.median(rough_time / np.maximum(rough_rows, 1e-300)))
+
+    def evened(r: Measurements) -> Measurements:
+        t = r.t.copy()
+        for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(t) > pause) + 1):
+            t[part] = np.linspace(t[part[0]], t[part[-1]], len(part))
+        return replace(r, t=t)
+
     if ratio >= TIMES:
-        grave = {"severity": "error"} if spread > 1.0 else {}
-        yield (
-            "column t",
-            lambda r: evened(r, pause),
-            {"percent": 100.0 * spread, "ratio": ratio, **grave},
-        )
+        yield Issue(
+            "jittered time stamps", "error" if spread > 1.0 else "warning", "column t",
+            f"the time steps vary by {100.0 * spread:.0f} %, but the positions are {ratio:.0f} times "
+            "smoother over the row number than over these times: the samples are evenly spaced, the "
+            "time stamps are not.",
+            "likely: if the sampling itself jittered, q would be smoother over the recorded times",
+            "space the time stamps evenly (and log the samples' own time)",
+            evened, {"percent": 100.0 * spread, "ratio": ratio},
+        )  # fmt: skip
 
 
-def _long_steps(g: Glance) -> tuple[NDArray[np.intp], Rows]:
-    """Steps that are no jitter, and at which of them the moving arm came no farther than in one row."""
-    long = np.flatnonzero(g.steps > max(LONG * g.step, 0.02))
-    travel = np.linalg.norm(
-        np.diff(g.run.q / np.maximum(np.ptp(g.run.q, axis=0), 1e-12), axis=0), axis=1
-    )
+def jumps(g: Glance) -> Iterator[Issue]:
+    """Steps that are no jitter: of a clock that was set where the moving arm came no farther than in one
+    row, otherwise gaps."""
+    long, q = np.flatnonzero(g.steps > max(LONG * g.step, 0.02)), g.run.q
+    travel = np.linalg.norm(np.diff(q / np.maximum(np.ptp(q, axis=0), 1e-12), axis=0), axis=1)
     near = [slice(max(k - 10, 0), k + 11) for k in long]
     usual = np.array([np.median(travel[part]) for part in near])
     moves = np.array([g.movement.moves[part].all() for part in near], bool)
-    return long, moves & (g.steps[long] > 2.0 * LONG * g.step) & (travel[long] < 3.0 * usual)
-
-
-@rule(
-    "clock step", "warning", "the clock jumps ahead by up to {seconds:.3g} s while the moving arm does "
-    "not: the clock was set, and no sample is missing.", "likely: the distance travelled is that of one "
-    "usual step", "continue the time at the usual step there",
-)  # fmt: skip
-def clock_step(g: Glance) -> Iterator[Finding]:
-    long, stays = _long_steps(g)
-    if len(jumps := long[stays]):
-        wrong = np.isin(np.arange(len(g.steps)), jumps)
-        repair = lambda r: with_steps(r, np.where(wrong, g.step, np.diff(r.t)))  # noqa: E731
-        where = f"t = {g.run.t[jumps[0]]:.4g} s, {rows_text(jumps + 3)}"
-        yield where, repair, _listed(jumps + 3) | {"seconds": float(g.steps[jumps].max())}
-
-
-@rule(
-    "gap in time", "warning", "{count} gaps of up to {seconds:.3g} s (the usual step is {step:.3g} s); "
-    "in all {total:.3g} s are missing.", _READ, "no action needed: the run is split there, and the "
-    "filters lose a second on either side",
-)  # fmt: skip
-def gap(g: Glance) -> Iterator[Finding]:
-    long, _ = _long_steps(g)
-    if len(long):
-        steps = g.steps[long]
-        sizes = {"seconds": float(steps.max()), "step": g.step, "total": float(steps.sum())}
-        where = f"t = {g.run.t[long[0]]:.4g} s, {rows_text(long + 3)}"
-        yield where, None, _listed(long + 3) | sizes
+    stays = moves & (g.steps[long] > 2.0 * LONG * g.step) & (travel[long] < 3.0 * usual)
+    wrong = np.isin(np.arange(len(g.steps)), long[stays])
+    for rows, is_set in ((long[stays], True), (long[~stays], False)):
+        if not len(rows):
+            continue
+        steps = g.steps[rows]
+        seconds, where = float(steps.max()), f"t = {g.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
+        figures = _listed(rows + 3) | {"seconds": seconds}
+        if is_set:
+            yield Issue(
+                "clock step", "warning", where,
+                f"the clock jumps ahead by up to {seconds:.3g} s while the moving arm does not: the "
+                "clock was set, and no sample is missing.",
+                "likely: the distance travelled is that of one usual step",
+                "continue the time at the usual step there",
+                lambda r: with_steps(r, np.where(wrong, g.step, np.diff(r.t))), figures,
+            )  # fmt: skip
+        else:
+            yield Issue(
+                "gap in time", "warning", where,
+                f"{len(rows)} gaps of up to {seconds:.3g} s (the usual step is {g.step:.3g} s); in all "
+                f"{steps.sum():.3g} s are missing.", _READ,
+                "no action needed: the run is split there, and the filters lose a second on either side",
+                None, figures | {"step": g.step, "total": float(steps.sum())},
+            )  # fmt: skip
 
 
 # -- rows and channels of a motion --------------------------------------------------------------------
 
 
-@rule(
-    "wrapped angle", "error", "the position of {where} jumps by a full turn between two rows: the angle "
-    "is wrapped.", _READ, "unwrap the angle",
-)  # fmt: skip
-def wrapped(g: Glance) -> Iterator[Finding]:
+def wrapped(g: Glance) -> Iterator[Issue]:
     """A revolute position that jumps by a turn from one row to the next."""
     steps = np.abs(np.diff(g.run.q, axis=0))
     turns = np.any(np.abs(steps - 2.0 * np.pi) < 0.3, axis=0) & (np.median(steps, axis=0) < 0.3)
-    joints = [j for j in np.flatnonzero(turns).tolist() if g.robot.joints[j].kind == "revolute"]
-    whole = lambda r: np.where(np.isin(np.arange(r.n), joints), np.unwrap(r.q, axis=0), r.q)  # noqa: E731
-    if joints:
-        repair = lambda r: replace(r, q=whole(r))  # noqa: E731
-        yield joints_text(joints), repair, {"joints": [j + 1 for j in joints]}
+    turns &= [joint.kind == "revolute" for joint in g.robot.joints]
+    if len(joints := np.flatnonzero(turns)):
+        yield Issue(
+            "wrapped angle", "error", joints_text(joints),
+            f"the position of {joints_text(joints)} jumps by a full turn between two rows: the angle is "
+            "wrapped.", _READ, "unwrap the angle",
+            lambda r: replace(r, q=np.where(turns, np.unwrap(r.q, axis=0), r.q)),
+            {"joints": (joints + 1).tolist()},
+        )  # fmt: skip
 
 
-@rule(
-    "repeated run", "error", "{rows} rows are copies, bit by bit, of rows {lag} earlier: a part of the "
-    "run is in the file twice, and would count as a repetition without noise.", _READ,
-    "delete the copies",
-)  # fmt: skip
-def repeated_run(g: Glance) -> Iterator[Finding]:
+def repeated_run(g: Glance) -> Iterator[Issue]:
     """Rows that come a second time, all at the same distance and one after the other.
 
     Where a motion repeats and its columns are coarse, single rows are equal by chance.
@@ -236,14 +231,14 @@ def repeated_run(g: Glance) -> Iterator[Finding]:
     again = _mask(len(same), [p for p in spans(same) if p[1] - p[0] >= RUN])
     # One pose, held by a simulator without noise, is no copy.
     if again.any() and np.ptp(g.run.q[again], axis=0).max() >= 0.05 * np.ptp(g.run.q, axis=0).max():
-        yield from _deleted(g, {"": again}, lag=most)
+        what = (
+            "{rows} rows are copies, bit by bit, of rows {lag} earlier: a part of the run is in the "
+            "file twice, and would count as a repetition without noise."
+        )
+        yield from _deleted(g, {"": again}, "repeated run", what, remedy="delete the copies", lag=most)
 
 
-@rule(
-    "frozen packets", "error", "all channels repeat one row for up to {seconds:.3g} s, {parts} times, "
-    "while the arm moves on: no packets came.", _READ, "delete these rows",
-)  # fmt: skip
-def frozen_packets(g: Glance) -> Iterator[Finding]:
+def frozen_packets(g: Glance) -> Iterator[Issue]:
     """Stretches in which every channel repeats one row, and a joint has then come farther than in its
     usual step and by more than its encoder's."""
     parts = spans(g.held)
@@ -252,16 +247,15 @@ def frozen_packets(g: Glance) -> Iterator[Finding]:
     steps = np.abs(np.diff(g.run.q, axis=0))
     least = np.maximum(4.0 * np.median(steps, axis=0), [2.5 * lattice_step(x) for x in g.run.q.T])
     long = parts[lengths >= max(STUCK, TIMES * usual)]
-    jumps = [p for p in long if p[1] < len(g.run.t) and np.any(steps[p[1] - 1] > least)]
-    for where, repair, figures in _deleted(g, {"": _mask(len(g.run.t), jumps)}):
-        short = {"severity": "warning"} if figures["seconds"] < STUCK_SECONDS else {}
-        yield where, repair, figures | short
+    found = [p for p in long if p[1] < len(g.run.t) and np.any(steps[p[1] - 1] > least)]
+    what = (
+        "all channels repeat one row for up to {seconds:.3g} s, {parts} times, while the arm moves on: "
+    )
+    bad = {"": _mask(len(g.run.t), found)}
+    yield from _deleted(g, bad, "frozen packets", what + "no packets came.", brief=STUCK_SECONDS)
 
 
-@rule(
-    "doubled rows", "error", "{rows} rows are copies of the row before, {how}.", _READ, "{remedy}"
-)  # fmt: skip
-def doubled(g: Glance) -> Iterator[Finding]:
+def doubled(g: Glance) -> Iterator[Issue]:
     """Rows that are copies of the one before while the arm moves, under an even clock: with the motion
     going on behind them, or skipping ahead."""
     if not g.step or np.ptp(g.steps) > 1e-3 * g.step:
@@ -275,21 +269,20 @@ def doubled(g: Glance) -> Iterator[Finding]:
     skips = bool(np.median(near / np.maximum(far, 1e-300)) > 0.75)
     if skips and not _FEW < same.mean() < 0.5:  # from half of the rows on the source is slower
         return
+    severity, remedy = "error", "delete the copies and their time"
     how = "and the motion does not skip ahead after them: rows were doubled and the clock was made again"
-    figures = {"rows": int(same.sum()), "how": how, "remedy": "delete the copies and their time"}
     if skips:
+        severity, remedy = "warning", "delete the copies"
         how = "and the motion skips ahead after them: packets were lost, the last one was written again"
-        figures |= {"how": how, "remedy": "delete the copies", "severity": "warning"}
-    yield rows_text(np.flatnonzero(same) + 2), lambda r: (
-        r if skips else with_steps(r, np.where(same[1:], 0.0, np.diff(r.t)))
-    ).rows(~same), figures  # fmt: skip
+    yield Issue(
+        "doubled rows", severity, rows_text(np.flatnonzero(same) + 2),
+        f"{same.sum()} rows are copies of the row before, {how}.", _READ, remedy,
+        lambda r: (r if skips else with_steps(r, np.where(same[1:], 0.0, np.diff(r.t)))).rows(~same),
+        {"rows": int(same.sum())},
+    )  # fmt: skip
 
 
-@rule(
-    "interpolated rows", "error", "{rows} rows lie on straight lines in every channel: a gap was filled "
-    "by interpolation.", _READ, "delete these rows; the run is split there",
-)  # fmt: skip
-def interpolated_rows(g: Glance) -> Iterator[Finding]:
+def interpolated_rows(g: Glance) -> Iterator[Issue]:
     """Rows that lie on straight lines in every channel: a gap that was filled in."""
     if not g.run.torque_logged:
         return  # coarse positions alone lie on straight lines by themselves
@@ -303,18 +296,20 @@ def interpolated_rows(g: Glance) -> Iterator[Finding]:
     # A converter that interpolates every row makes lines everywhere; a gap is far longer than those.
     least = max(STUCK, LONG * float(np.median(np.diff(edges))) if inside.mean() > 0.3 else 0.0)
     parts = [p for p in edges if p[1] - p[0] >= least and moves[p[0] : p[1]].mean() > 0.5]
-    yield from _deleted(g, {"": _mask(len(inside), parts)})
+    what = "{rows} rows lie on straight lines in every channel: a gap was filled by interpolation."
+    remedy = f"{_DELETE}; the run is split there"
+    bad = {"": _mask(len(inside), parts)}
+    yield from _deleted(g, bad, "interpolated rows", what, remedy=remedy)
 
 
-@rule(
-    "zeros", "error", "{rows} rows of {named} are exactly zero, and jump there and back: nothing was "
-    "measured.", "certain: the channel hardly ever takes any other value near zero", "delete these rows",
-)  # fmt: skip
-def zeros(g: Glance) -> Iterator[Finding]:
+def zeros(g: Glance) -> Iterator[Issue]:
     """Exact zeros in channels of fine steps: rows that a logger filled in because it had no sample."""
     bad = {name: _filled(x) & g.inside for name, j, x in g.channels if g.moving[j]}
     # One torque at zero is an outlier as any other, and harms no fit; one position does.
-    yield from _deleted(g, {name: x for name, x in bad.items() if x.sum() > (name[0] == "t")})
+    bad = {name: x for name, x in bad.items() if x.sum() > (name[0] == "t")}
+    what = "{rows} rows of {named} are exactly zero, and jump there and back: nothing was measured."
+    sure = "certain: the channel hardly ever takes any other value near zero"
+    yield from _deleted(g, bad, "zeros", what, sure)
 
 
 def _filled(x: Array) -> Rows:
@@ -335,32 +330,22 @@ def _filled(x: Array) -> Rows:
     return bad
 
 
-@rule(
-    "spikes", "error", "{rows} samples of {named} lie far from the samples on both sides.",
-    "certain: no joint moves like that", "delete these rows",
-)  # fmt: skip
-def spikes(g: Glance) -> Iterator[Finding]:
+def spikes(g: Glance) -> Iterator[Issue]:
     """Single samples far from the median around them: bits turned, packets torn."""
-    found = {}
+    found, half = {}, _WIDTH // 2
     for name, j, x in g.channels:
         least = SPIKE[1] * float(np.ptp(np.quantile(x, [_FEW, 1.0 - _FEW]))) + 1e-9
-        if g.moving[j] and np.abs(np.diff(x)).max() > least / (
-            _WIDTH // 2
-        ):  # else the median cannot be that far
-            off = np.abs(
-                x - np.median(sliding_window_view(np.pad(x, _WIDTH // 2, "edge"), _WIDTH), axis=1)
-            )
+        # Without such a step no sample can be that far from the median.
+        if g.moving[j] and np.abs(np.diff(x)).max() > least / half:
+            around = sliding_window_view(np.pad(x, half, "edge"), _WIDTH)
+            off = np.abs(x - np.median(around, axis=1))
             bad = (off > max(SPIKE[0] * np.quantile(off, 0.9), least)) & g.inside
             found[name] = bad & (bad.mean() <= _FEW)
-    yield from _deleted(g, found)
+    what = "{rows} samples of {named} lie far from the samples on both sides."
+    yield from _deleted(g, found, "spikes", what, "certain: no joint moves like that")
 
 
-@rule(
-    "lost rows", "error", "at {count} places every joint skips ahead within one time step: about "
-    "{lost:.0f} rows are missing and the clock was made again.", "certain: all joints skip by the same "
-    "time", "put the missing time back",
-)  # fmt: skip
-def lost_rows(g: Glance) -> Iterator[Finding]:
+def lost_rows(g: Glance) -> Iterator[Issue]:
     """All joints skip ahead within one step of an even clock: rows are missing that it does not show.
 
     A position that comes again is a packet repeated, and makes up for the skip behind it: each counts
@@ -385,15 +370,24 @@ def lost_rows(g: Glance) -> Iterator[Finding]:
         lost = np.round(np.nanmedian(ratio[rows], axis=1) - 1.0)
         added, rows = np.zeros(len(g.steps)), fresh[rows + 1] - 1
         added[rows] = lost * np.median(steps)
-        figures = {"lost": lost.sum(), "missing": lost.tolist()[:100], **_listed(rows + 3)}
-        yield rows_text(rows + 3), lambda r: with_steps(r, np.diff(r.t) + added), figures
+        yield Issue(
+            "lost rows", "error", rows_text(rows + 3),
+            f"at {len(rows)} places every joint skips ahead within one time step: about "
+            f"{lost.sum():.0f} rows are missing and the clock was made again.",
+            "certain: all joints skip by the same time", "put the missing time back",
+            lambda r: with_steps(r, np.diff(r.t) + added),
+            _listed(rows + 3) | {"lost": lost.sum(), "missing": lost.tolist()[:100]},
+        )  # fmt: skip
 
 
-def _frozen(g: Glance, letter: str) -> Iterator[Finding]:
+def _frozen(g: Glance, word: str) -> Iterator[Issue]:
     """Channels that repeat a value bit by bit while the arm moves, and did not slow down before."""
-    asked = [(name, j, x) for name, j, x in g.channels if name[0] == letter and np.ptp(x) > 0.0]
-    found = {n: _stuck(g, j, x, letter == "q") for n, j, x in asked if g.moving[j] or letter == "t"}
-    yield from _deleted(g, {n: _mask(len(g.run.t), parts) for n, parts in found.items()})
+    asked = [x for x in g.channels if x[0][0] == word[0].replace("p", "q") and np.ptp(x[2]) > 0.0]
+    found = {n: _stuck(g, j, x, n[0] == "q") for n, j, x in asked if g.moving[j] or n[0] == "t"}
+    bad = {n: _mask(len(g.run.t), parts) for n, parts in found.items()}
+    what = "{named} repeats one value for {seconds:.3g} s, {parts} times, while the arm moves: "
+    sure = "certain: elsewhere it never repeats for nearly as long"
+    yield from _deleted(g, bad, f"frozen {word}", what + "the channel was frozen.", sure)
 
 
 def _stuck(g: Glance, j: int, x: Array, position: bool) -> list[tuple[int, int]]:
@@ -421,20 +415,18 @@ def _stuck(g: Glance, j: int, x: Array, position: bool) -> list[tuple[int, int]]
     return bad
 
 
-frozen_position, frozen_torque = (
-    Rule(
-        f"frozen {word}", "error", "{named} repeats one value for {seconds:.3g} s, {parts} times, while "
-        "the arm moves: the channel was frozen.", "certain: elsewhere it never repeats for nearly as "
-        "long", "delete these rows", partial(_frozen, letter=letter),
-    )
-    for word, letter in (("position", "q"), ("torque", "t"))
-)  # fmt: skip
-
 #: In the order of mending; those of MOTION are about a motion.
-CLOCK = (missing, time_unit, backwards, repeated_time, uneven, clock_step, gap)
-MOTION = (
+CLOCK: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
+    missing,
+    time_unit,
+    backwards,
+    repeated_time,
+    uneven,
+    jumps,
+)
+MOTION: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
     wrapped, repeated_run, frozen_packets, doubled, interpolated_rows, zeros, spikes, lost_rows,
-    frozen_position, frozen_torque,
+    partial(_frozen, word="position"), partial(_frozen, word="torque"),
 )  # fmt: skip
 
 

@@ -36,7 +36,7 @@ class Search:
 
     def posterior(self, repair: Repair) -> float:
         if repair not in self._posteriors:
-            score = self.scene.tried.score(repair)
+            score = self.scene.likelihood.score(repair)
             value = self.likelihood(score, repair) + score.physics(repair, self.samples)
             self._posteriors[repair] = value
         return self._posteriors[repair]
@@ -53,11 +53,11 @@ class Search:
 
     def proposals(self, now: Repair) -> list[Repair]:
         """One more thing, the best first; those that only physics can tell are always looked at."""
-        score = self.scene.tried.score(now)
+        score, screen = self.scene.likelihood.score(now), self.scene.screen
         made = (t.proposals(self.scene, now, score) for t in TRANSFORMATIONS)
         asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
-        scores = self.scene.tried.scores(asked)
-        level = self.likelihood(score, now)
+        scores = screen.scores(asked)
+        level = self.likelihood(screen.score(now), now)
         # Costs are positive: most need not be asked for.
         far = level - c.LOUDEST
         near = [i for i, s in enumerate(scores) if -0.5 * self.samples * s.score > far]
@@ -84,28 +84,27 @@ class Search:
     def believed(self, repair: Repair, now: Repair) -> bool:
         """Whether it predicts what the arm was not fitted to, and its numbers are beyond what is
         usual."""
-        judged, known = self.scene.judged, {e.name for e in self.elements(now)}
+        fits, known = self.scene.likelihood, {e.name for e in self.elements(now)}
         numbers = [e.number for e in self.elements(repair) if e.name not in known and e.number]
         if not all(map(self._determined, numbers)):
             return False
-        change = np.log(judged.left_out(now) / judged.left_out(repair))[:, self.scene.moving].sum(axis=1)
+        change = np.log(fits.left_out(now) / fits.left_out(repair))[:, self.scene.moving].sum(axis=1)
         error = float(np.std(change)) / np.sqrt(c.PARTS)
         if _same_fit(repair, now):  # physics alone may tell
-            return not self.scene.coarse and bool(np.mean(change) >= -c.SIGNIFICANT * error)
+            return bool(np.mean(change) >= -c.SIGNIFICANT * error)
         return bool(np.mean(change) > c.SIGNIFICANT * error)
 
     def _determined(self, number: Number) -> bool:
         """Beyond what is usual, and its interval is closed: far to either side it explains less."""
-        far = number.apart if number.value in number.snaps else number.reach
-        values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
-        here, *sides = self.scene.judged.scores([number.at(x) for x in values])
-        if 0.5 * self.samples * (min(s.misfit for s in sides) - here.misfit) < 0.5 * c.SIGNIFICANT**2:
+        values = [number.value + d * number.reach for d in (0.0, -1.0, 1.0)]
+        here, *sides = self.scene.likelihood.scores([number.at(x) for x in values])
+        if 0.5 * self.samples * (min(s.score for s in sides) - here.score) < 0.5 * c.SIGNIFICANT**2:
             return False
         return abs(number.value) > number.tolerance + c.SIGMAS * self.deviation(number)
 
     def deviation(self, number: Number) -> float:
         """A number's standard deviation."""
-        return self.scene.judged.change(number.at, number.value, 0.3 * number.tolerance)[1]
+        return self.scene.likelihood.change(number.at, number.value, 0.3 * number.tolerance)[1]
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
         """With the best values of the numbers that ``now`` does not have; round ones where as likely."""
@@ -117,7 +116,7 @@ class Search:
             assert number is not None
             ends = number.value - number.reach, number.value + number.reach
             best = float(minimize_scalar(
-                lambda x, at=number.at: self.scene.tried.score(at(float(x))).misfit,
+                lambda x, at=number.at: self.scene.likelihood.score(at(float(x))).score,
                 bounds=ends, method="bounded", options={"xatol": 0.05 * number.tolerance, "maxiter": 14},
             ).x)  # fmt: skip
             near = [x for x in number.snaps if abs(x - best) < number.tolerance]

@@ -13,9 +13,9 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import ODDS, SLOW_ODDS
-from sdp_vs_penalty.checks.content import Content
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations
 from sdp_vs_penalty.checks.repair import Repair
@@ -43,40 +43,38 @@ _WORDS = {
 }  # fmt: skip
 
 
-def compare(contents: Sequence[Content], names: Sequence[str]) -> Iterator[tuple[int, Issue]]:
-    """(run, issue) where a run's arm is not that of the others; none for a single run."""
-    scenes, repairs = [x.scene for x in contents if x.scene], [x.repair for x in contents]
-    if len(scenes) < 2:
+def compare(logs: Sequence[tuple[Scene, Repair, str]]) -> Iterator[tuple[int, Issue]]:
+    """(number, issue) where the arm of a log is not that of the others; none for a single one.
+
+    logs : rows, net repair and name of each."""
+    if len(logs) < 2:
         return
+    scenes, repairs, names = zip(*logs, strict=True)
     samples = float(np.mean([s.samples for s in scenes]))
     runs = [_equations(s, r) for s, r in zip(scenes, repairs, strict=True)]
-    asked = np.stack([s.moving * 1.0 for s in scenes])
+    asked = np.stack([s.moving for s in scenes])
+    alone = np.stack([x.fitted(a)[1][:, 0] for x, a in zip(runs, asked, strict=True)])
+    theta, one = _one_arm(runs, asked)
 
-    def gain(before: Array, after: Array) -> float:
-        return 0.5 * samples * float(np.log(before / after)[asked > 0.0].sum())
+    def gain(left: Array) -> float:
+        return 0.5 * samples * float(np.log(one / left)[asked].sum())
 
-    alone = np.stack([x.fitted(a)[1] for x, a in zip(runs, asked, strict=True)])
-    one = _fitted(runs, asked)[1]
-    apart = gain(one, alone)
-    least = ODDS + SLOW_ODDS  # friction, which is a run's own, is never quite the same again
+    apart, least = gain(alone), ODDS + SLOW_ODDS  # friction is never quite the same again
     if apart < least:
         return
     odd = int(np.argmax(np.log(one / alone).sum(axis=1)))
-    if len(runs) > 2:  # the run without which the others agree best
-        kept = [np.delete(np.arange(len(runs)), out) for out in range(len(runs))]
-        rest = [np.log(_fitted([runs[k] for k in ks], asked[ks])[1] / alone[ks]).mean() for ks in kept]
-        odd = int(np.argmin(rest))
-    causes = []
-    for kind, j, more in _changes(scenes[odd], repairs[odd], runs, asked, odd):
-        wide, count = _equations(scenes[odd], repairs[odd], more), more.shape[2]
-        some = [wide if k == odd else _widened(r, count) for k, r in enumerate(runs)]
-        cost = choices(1 if count > 1 else scenes[odd].n) + 0.5 * count * np.log(samples)
-        theta, left = _fitted(some, asked)
-        causes.append((gain(one, left) - cost, kind, j, float(theta[-1])))
+    scene, causes = scenes[odd], []
+    for kind, j, more in _changes(scene, repairs[odd], theta):
+        count = more.shape[2]
+        some = [_widened(r, count) for r in runs]
+        some[odd] = _equations(scene, repairs[odd], more)
+        cost = choices(1 if count > 1 else scene.n) + 0.5 * count * np.log(samples)
+        found, left = _one_arm(some, asked)
+        causes.append((gain(left) - cost, kind, j, float(found[-1])))
     value, kind, j, x = max(causes)
     # An arm of its own for each run costs as many parameters.
-    own = apart - 0.5 * runs[0].gram.shape[1] * np.log(samples * len(runs))
-    if value < max(0.5 * own, least) and own < least:
+    own = apart - 0.5 * len(theta) * np.log(samples * len(runs))
+    if max(value, own) < least:
         return
     kind = "another arm" if value < 0.5 * own else kind
     number = 1.0 + x if kind == "torque gain" else x
@@ -91,36 +89,35 @@ def compare(contents: Sequence[Content], names: Sequence[str]) -> Iterator[tuple
     )  # fmt: skip
 
 
-def _changes(
-    scene: Scene, repair: Repair, runs: list[Equations], asked: Array, odd: int
-) -> Iterator[tuple[str, int, Array]]:
-    """Kind, joint and columns (n, M, r) of what may be different in the odd run."""
-    others = np.delete(np.arange(len(runs)), odd)
-    theta = _fitted([runs[k] for k in others], asked[others])[0]
-    torque = scene.judged.rows(repair).columns @ theta
+def _changes(scene: Scene, repair: Repair, theta: Array) -> Iterator[tuple[str, int, Array]]:
+    """Kind, joint and columns (n, M, r) of what may be different in a run, beside an arm's torque."""
+    torque = scene.likelihood.raw(repair) @ theta
     for j in scene.joints:
         yield "torque gain", j, (torque * np.eye(scene.n)[j][:, None])[:, :, None]
         if j in scene.revolute:
             at = partial(repair.with_entries, "zero", (j,))
-            yield "encoder offset", j, -scene.judged.slope(at, repair.zero[j], 0.01, theta)[:, :, None]
-    yield "another load", scene.n - 1, scene.judged.last_link(repair)
+            yield (
+                "encoder offset",
+                j,
+                -scene.likelihood.slope(at, repair.zero[j], 0.01, theta)[:, :, None],
+            )
+    yield "another load", scene.n - 1, scene.likelihood.last_link(repair)
 
 
 def _equations(scene: Scene, repair: Repair, more: Array | None = None) -> Equations:
-    parts, k = scene.judged.parts(repair, 1, more)
-    return Equations.of(parts[0], k)
+    parts, k = scene.likelihood.parts(repair, 1, more)
+    return Equations.of_part(parts[0], k)
 
 
 def _widened(run: Equations, count: int) -> Equations:
     """With further parameters that this run knows nothing of."""
     gram = np.pad(run.gram, ((0, 0), (0, count), (0, count)))
-    return replace(run, gram=gram, cross=np.pad(run.cross, ((0, 0), (0, count))))
+    return replace(run, gram=gram, cross=np.pad(run.cross, ((0, 0), (0, count), (0, 0))))
 
 
-def _fitted(runs: Sequence[Equations], asked: Array) -> tuple[Array, Array]:
+def _one_arm(runs: Sequence[Equations], asked: NDArray[np.bool_]) -> tuple[Array, Array]:
     """(s,) one arm of all runs, whose joints stand side by side; (runs, n) what it leaves of each."""
-    gram, cross, energy, whole = (
-        np.concatenate([getattr(r, name) for r in runs]) for name in ("gram", "cross", "energy", "whole")
-    )
-    theta, left = Equations(gram, cross, energy, whole, runs[0].own).fitted(asked.ravel())
-    return theta, left.reshape(asked.shape)
+    names = ("gram", "cross", "energy", "whole")
+    both = {name: np.concatenate([getattr(r, name) for r in runs]) for name in names}
+    theta, left = replace(runs[0], **both).fitted(asked.ravel())
+    return theta[0], left.reshape(asked.shape)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import ODD_NUMBER, ODDS, UNEXPLAINED
+from sdp_vs_penalty.checks.constants import CONTRADICTS, ODD_NUMBER, ODDS
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score, independent_samples
 from sdp_vs_penalty.checks.repair import Repair
@@ -24,8 +24,6 @@ class Number:
     """One number of a repair, 0 where the log is right; ``at`` gives the repair with another one.
 
     tolerance : what arms and loggers differ by themselves, in the number's own unit; text : with unit;
-    reach : how far to either side the best value is looked for; snaps : round values, tried beside it,
-    so far from the next.
     """
 
     value: float
@@ -34,7 +32,6 @@ class Number:
     reach: float
     text: Callable[[float], str]
     snaps: tuple[float, ...] = ()
-    apart: float = 1.0
 
     @property
     def odd(self) -> bool:
@@ -49,7 +46,7 @@ class Number:
         """The natural logarithm of a factor x, which ``at`` and snaps count in."""
         logs = tuple(float(np.log(s)) for s in snaps)
         text = lambda v: f"a factor of {np.exp(v):.3g}"  # noqa: E731
-        return cls(float(np.log(x)), lambda v: at(float(np.exp(v))), tolerance, reach, text, logs, 2.3)
+        return cls(float(np.log(x)), lambda v: at(float(np.exp(v))), tolerance, reach, text, logs)
 
 
 @dataclass(frozen=True)
@@ -95,23 +92,25 @@ class Element:
 
 @dataclass(frozen=True)
 class Scene:
-    """What hypotheses are made for: the problem, the rows that they are tried on, and the ones that they
-    are judged on; coarse : sampled too seldom for the power of friction to be told."""
+    """What hypotheses are made for: the problem, and the likelihood of the log's rows."""
 
     problem: Problem
-    tried: Likelihood
-    judged: Likelihood
-    coarse: bool = False
+    likelihood: Likelihood
+
+    @cached_property
+    def screen(self) -> Likelihood:
+        """Of fewer rows: enough to see which hypotheses are worth a closer look."""
+        return Likelihood(self.likelihood.data.few())
 
     @property
     def n(self) -> int:
         """How many joints."""
-        return self.tried.data.n
+        return self.likelihood.data.n
 
     @property
     def moving(self) -> NDArray[np.bool_]:
         """(n,) joints that move."""
-        return self.tried.data.moving
+        return self.likelihood.data.moving
 
     @cached_property
     def joints(self) -> list[int]:
@@ -124,28 +123,22 @@ class Scene:
         return [j for j in self.joints if self.problem.robot.joints[j].kind == "revolute"]
 
     @cached_property
-    def length(self) -> float:
-        """Of the arm [m]."""
-        return float(self.problem.robot.link_reach().sum())
-
-    @cached_property
     def none(self) -> Repair:
         """The repair that changes nothing."""
         return Repair.none(self.n, self.problem.robot.gravity)
 
     @cached_property
     def samples(self) -> float:
-        """Independent samples of the rows that hypotheses are tried on."""
-        return independent_samples(self.tried.score(self.none).residual, self.moving)
+        """Independent samples of the rows."""
+        return independent_samples(self.likelihood.score(self.none).residual, self.moving)
 
     def poor(self, score: Score) -> NDArray[np.bool_]:
         """(n,) joints of whose torque so much is unexplained that their motion may be another one."""
-        return np.asarray(self.moving & (score.shares > UNEXPLAINED))
+        return np.asarray(self.moving & (score.shares > CONTRADICTS[1]))
 
     def reach(self, repair: Repair) -> Array:
-        """(2, n) positions between which each joint moves, in no order."""
-        q = self.judged.data.motion.q
-        return repair.positions(np.array([q.min(axis=0), q.max(axis=0)]))
+        """(n,) largest position of each joint, whatever its sign."""
+        return np.abs(repair.positions(self.likelihood.data.motion.q)).max(axis=0)
 
 
 class Transformation(ABC):

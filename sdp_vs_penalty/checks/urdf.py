@@ -29,10 +29,9 @@ class LinkCheck:
     triangle_margin : smallest of D1 + D2 - D3 over the principal moments about the centre of mass
         [kg m^2], >= 0 for a possible body; pseudo_inertia_margin : smallest eigenvalue of the 4x4
         pseudo-inertia about the link's origin (kg, kg m, kg m^2 mixed: its sign is what counts);
-    nearest : consistent Inertial nearest to that of the link, None where it is consistent already or
-        has no positive mass; distance : |I - I_nearest| in the Frobenius norm [kg m^2]; gyration :
-        sqrt(tr I / (2 m)) about the centre of mass [m]: how far out the mass lies, in the mean; reach :
-        how far its body does [m], from its geometry or the joints around it (3: nothing moves it).
+    nearest : the nearest consistent Inertial of an inconsistent link with mass; distance :
+        |I - I_nearest| in the Frobenius norm [kg m^2]; gyration : sqrt(tr I / (2 m)) about the centre of
+        mass [m]; reach : of its body [m], from geometry or the joints around it (3: nothing moves it).
     """
 
     link: str
@@ -121,13 +120,11 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
 def massless_links(path: str | Path) -> list[str]:
     """Names of the links that a joint moves and that have no inertial, nor anything fixed to them has.
 
-    Simulators refuse them or drop them. Raises InputError as :func:`check_urdf` does.
+    Raises InputError as :func:`check_urdf` does.
     """
     robot, nominal = load_urdf(path)
-    child = {
-        joint.get("name"): str(joint.find("child").get("link"))
-        for joint in Document.read(path).root.findall("joint")
-    }
+    joints = Document.read(path).root.findall("joint")
+    child = {joint.get("name"): str(joint.find("child").get("link")) for joint in joints}
     carriers = [robot.tree[k].name for k in robot.link_joints]
     return [child[j] for j, theta in zip(carriers, nominal, strict=True) if not theta.any()]
 
@@ -137,9 +134,8 @@ def _check(name: str, theta: Array) -> LinkCheck:
     if given.mass <= 0.0:
         empty = given.mass == 0.0 and not theta.any()
         verdict = "moment of inertia without mass" if given.mass == 0.0 else "negative mass"
-        return LinkCheck(
-            name, given.mass, 0.0 if empty else np.nan, margin, "consistent" if empty else verdict
-        )
+        told = (0.0, margin, "consistent") if empty else (np.nan, margin, verdict)
+        return LinkCheck(name, given.mass, *told)
     triangle, least = float(inertia.triangle_margin(theta)), np.linalg.eigvalsh(given.about_com)[0]
     trace = float(np.trace(given.about_com))
     # What rounding leaves of a moment is relative to the moments about the link's origin.
@@ -156,14 +152,13 @@ def _check(name: str, theta: Array) -> LinkCheck:
 def nearest_inertia(about_com: Array) -> Array:
     """The consistent inertia (3, 3) nearest to a symmetric one, in the Frobenius norm.
 
-    Mass and centre of mass stay. The consistent ones, I = tr(S) 1 - S with S >= 0 the second moment
-    of the mass, are invariant to rotation, so that the projection keeps the principal axes and acts
-    on the principal moments: D = (s2 + s3, s1 + s3, s1 + s2) with s >= 0, a least-squares problem in
-    three non-negative unknowns (Lewis, SIAM J. Optimization 1996, for spectral sets in general).
+    The consistent ones, I = tr(S) 1 - S with S >= 0 the second moment of the mass, are invariant to
+    rotation: the projection keeps the principal axes and acts on the principal moments, D = (s2 + s3,
+    s1 + s3, s1 + s2) with s >= 0 (Lewis, SIAM J. Optimization 1996, for spectral sets in general).
     """
-    moments, axes = np.linalg.eigh(0.5 * (about_com + about_com.T))
     from scipy.optimize import nnls
 
+    moments, axes = np.linalg.eigh(0.5 * (about_com + about_com.T))
     second, _ = nnls(1.0 - np.eye(3), moments)
     # As far inside as it takes to survive being written as text and read again.
     second = second + 4.0 * ROUNDING * second.sum()
@@ -181,9 +176,6 @@ def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) ->
         if check.nearest is not None:
             write_inertial(document, links[check.link], check.nearest)
         elif not check.consistent:
-            raise InputError(
-                f"link {check.link!r} has a mass of {check.mass:g} kg ({check.verdict})",
-                "correct it in the file, because no inertia is nearest to it",
-                path,
-            )
+            what = f"link {check.link!r} has a mass of {check.mass:g} kg ({check.verdict})"
+            raise InputError(what, "correct it in the file, because no inertia is nearest to it", path)
     write_bytes(out, document.edited())

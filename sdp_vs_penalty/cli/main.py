@@ -20,8 +20,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from sdp_vs_penalty.cli.conversion import lightened
-from sdp_vs_penalty.cli.options import declared
+from sdp_vs_penalty.cli.options import declared, lightened
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.files.inputs import opened
@@ -29,9 +28,7 @@ from sdp_vs_penalty.version import __version__
 
 #: Every file of verbs/ with the line that the program's --help shows, by what it is for.
 VERBS = {
-    "First": {
-        "demo": "The main job in small: a simulated arm, from its log to a better model.",
-    },
+    "First": {"demo": "The main job in small: a simulated arm, from its log to a better model."},
     "Measurements": {
         "fetch": "Download public measurements as RUN.csv files.",
         "convert": "Convert MATLAB, Parquet, ROS bags and MCAP files to RUN.csv.",
@@ -73,7 +70,7 @@ class VerbCommand(TyperCommand):
 
     def get_params(self, ctx: Any) -> Any:
         """The parameters, plain values of which need no pydantic."""
-        return [lightened(param) for param in super().get_params(ctx)]
+        return list(map(lightened, super().get_params(ctx)))
 
     def invoke(self, ctx: Any) -> Any:
         for name, value in ctx.params.items():
@@ -142,7 +139,7 @@ class VerbGroup(TyperGroup):
 
     def get_params(self, ctx: Any) -> Any:
         """Its own options, likewise."""
-        return [lightened(param) for param in super().get_params(ctx)]
+        return list(map(lightened, super().get_params(ctx)))
 
     def list_commands(self, ctx: Any) -> list[str]:
         """The names, in the order of the help."""

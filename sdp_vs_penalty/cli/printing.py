@@ -11,15 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.cli.console import (
-    aligned,
-    details,
-    explain,
-    listing,
-    next_step,
-    say,
-    table,
-)
+from sdp_vs_penalty.cli.console import aligned, details, explain, listing, next_step, say, table
 from sdp_vs_penalty.diagnosis.sentences import event_lines
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
@@ -123,50 +115,38 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
     base = result.details.get("base_parameters")
     if base is None:
         return []
-    prior = [b["name"] for b in base if b["source"] not in ("data", "given")]
-    own = sum(source == "data" for source in result.sources)
-    text = (
-        f"{len(base) - len(prior)} of {len(base)} base parameters, {own} of {len(result.theta)} standard"
-    )
-    std = {b.name: b.std for b in result.uncertainty.base}
+    prior = {b["name"]: b["source"] for b in base if b["source"] not in ("data", "given")}
+    own, std = result.sources.count("data"), {b.name: b.std for b in result.uncertainty.base}
     blind = sum(b["source"] == "data" and np.isnan(std.get(b["name"], 0.0)) for b in base)
     if blind:
         text = f"nothing is known of the intervals: {blind} of {len(base)} base parameters have none"
         return [("determined by the data", text)]
+    text = (
+        f"{len(base) - len(prior)} of {len(base)} base parameters, {own} of {len(result.theta)} standard"
+    )
     lines = [("determined by the data", text)]
     if prior:
         more = f" and {len(prior) - _LISTED} more" if len(prior) > _LISTED else ""
-        rest = next(b["source"] for b in base if b["name"] == prior[0])
-        lines.append(
-            (f"from the {rest}", f"{', '.join(prior[:_LISTED])}{more}; see `source` in the file")
-        )
+        named = ", ".join(list(prior)[:_LISTED])
+        first = next(iter(prior.values()))
+        lines.append((f"from the {first}", f"{named}{more}; see `source` in the file"))
     return lines
 
 
 def links(result: Estimate) -> None:
     """Mass and radius of gyration of each link, against the nominal robot."""
-    k = result.model.rigid_indices[::10]
-    theta, nominal = result.links, result.nominal[result.model.rigid_indices].reshape(-1, 10)
+    at, bodies = result.model.rigid_indices, result.problem.link_bodies
+    both = result.links, result.nominal[at].reshape(-1, 10)
+    masses, spans = zip(*((links[:, 0], inertia.gyration(links)) for links in both), strict=True)
     rows = [
         (
-            str(i + 1),
-            number(m, 4),
-            number(m0, 4),
-            result.sources[k[i]],
-            number(g),
-            number(g0),
+            str(k + 1),
+            *(number(m[k], 4) for m in masses),
+            result.sources[at[10 * k]],
+            *(number(g[k]) for g in spans),
             body.source,
         )
-        for i, (m, m0, g, g0, body) in enumerate(
-            zip(
-                theta[:, 0],
-                nominal[:, 0],
-                inertia.gyration(theta),
-                inertia.gyration(nominal),
-                result.problem.link_bodies,
-                strict=True,
-            )
-        )
+        for k, body in enumerate(bodies)
     ]
     heads = ("link", "mass", "nominal", "from", "gyration", "nominal", "body from")
     table("Links: mass [kg] and radius of gyration [m], identified and nominal", heads, rows)
@@ -198,9 +178,8 @@ def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model
     rows = []
     for f in failures:
         depends = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in dependences(f))
-        lift = f"{f.reversal_lift:.2g}" if np.isfinite(f.reversal_lift) else "-"
         waves = ", ".join(f"{k} ({a:.2g} {plain_unit(units[f.joint - 1])})" for k, a, _ in f.orders[:2])
-        rows.append((str(f.joint), depends or "-", lift, waves or "-"))
+        rows.append((str(f.joint), depends or "-", number(f.reversal_lift, 2), waves or "-"))
     heads = ("joint", "depends on", "RMS ratio at reversals", "waves per turn")
     listing(heads, rows)
 
@@ -213,16 +192,11 @@ def failure_tables(failures: Sequence[JointFailure]) -> None:
     names = failures[0].held_out_shares
     shares = [(name, *(f"{100 * f.held_out_shares[name]:.0f}" for f in failures)) for name in names]
     table("Residual variance explained by a smooth function of ..., held out [%]", joints, shares)
+    repeats = (f.explainable_share for f in failures)
     rows = [
         ("RMSE", *aligned([[f.rmse for f in failures]])[0]),
         ("noise floor", *(number(f.noise_floor, 2) for f in failures)),
-        (
-            "repeatable [%]",
-            *(
-                "-" if f.explainable_share is None else f"{100 * f.explainable_share:.0f}"
-                for f in failures
-            ),
-        ),
+        ("repeatable [%]", *("-" if share is None else f"{100 * share:.0f}" for share in repeats)),
         ("RMS ratio at reversals", *(_short(f.reversal_lift) for f in failures)),
         ("reversal asymmetry", *(_short(f.reversal_asymmetry) for f in failures)),
     ]

@@ -22,6 +22,6 @@ class Backlash(LinkDeviation):
     lower = 0.0
     forward = "left out"  # a link that moves by itself within the play
 
-    def torques(self, motion: Motion, joint: int) -> Array:
+    def deviated(self, motion: Motion, joint: int) -> Array:
         by_q, _, _ = motion.derivatives
         return -by_q[:, :, joint] * np.sign(motion.link_torque[:, joint, None])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, Effect, Motion
 
 
 class BaseTilt(Effect):
@@ -32,22 +33,18 @@ class BaseTilt(Effect):
         u, _, vt = np.linalg.svd(flat, full_matrices=False)
         return np.asarray(u @ vt)  # the orthonormal pair nearest to the projected axes
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
         straight = np.count_nonzero(self.robot.gravity) < 2
         names = ["xyz"[int(np.argmax(np.abs(a)))] for a in self.across] if straight else ["1", "2"]
-        return tuple(Parameter(f"g_{name}", "m/s^2", self.name, 0) for name in names)
+        return [(f"g_{name}", "m/s^2") for name in names]
 
-    def blocks(self, motion: Motion) -> list[Block]:
+    def torques(self, motion: Motion) -> Array:
         rest = np.zeros_like(motion.q)
         columns = []
         for gravity in self.across:
             robot = replace(self.robot, gravity=(gravity[0], gravity[1], gravity[2]))
             columns.append(robot.inverse_dynamics(motion.model_links, motion.q, rest, rest))
-        return [
-            Block(j, np.arange(2), np.column_stack([c[:, j] for c in columns]))
-            for j in range(self.robot.n)
-        ]
+        return np.stack(columns, axis=2)
 
     def remark(self, size: float) -> str:
         return f"Here: {np.degrees(size / 9.81):.2g} degrees."

@@ -9,7 +9,7 @@ A file in this folder that defines a subclass of :class:`Effect` is its registra
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -70,8 +70,9 @@ class Effect(ABC):
     """One effect on the joints it is given (from 0), with its shape constants fixed.
 
     Subclasses set the class attributes, which the command line and the README show, and define
-    :attr:`parameters` and :meth:`blocks`. Everything that anyone asks of an effect is declared here:
-    nothing outside this folder knows an effect or a shape constant by its name.
+    :meth:`named` and :meth:`torques`, or :attr:`parameters` and :meth:`blocks`. Everything that anyone
+    asks of an effect is declared here: nothing outside this folder knows an effect or a shape constant
+    by its name.
     """
 
     name: ClassVar[str]
@@ -169,14 +170,31 @@ class Effect(ABC):
         """The same effect with these shape constants, the others as they are."""
         return type(self)(self.robot, self.asked_joints, **{**self.shape, **shape})
 
-    @property
-    @abstractmethod
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The effect's own part of theta."""
+    #: Lower bound of the parameters: 0 where physics fixes the sign.
+    lower: ClassVar[float] = -np.inf
 
-    @abstractmethod
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        """Name and unit of each parameter of a joint (from 0); joint -1: of the whole robot."""
+        raise NotImplementedError
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The effect's own part of theta: joint by joint, or of the whole robot."""
+        joints = (-1,) if self.whole_robot else self.joints
+        return tuple(
+            Parameter(name, unit, self.name, j + 1, self.lower)
+            for j in joints
+            for name, unit in self.named(j)
+        )
+
+    def torques(self, motion: Motion) -> Array:
+        """(N, n, k) torque on every joint from one unit of each of k parameters."""
+        raise NotImplementedError
+
     def blocks(self, motion: Motion) -> list[Block]:
         """The columns, joint by joint; joints without torque from this effect may be left out."""
+        own, torques = np.arange(len(self.parameters)), self.torques(motion)
+        return [Block(j, own, torques[:, j]) for j in range(self.robot.n)]
 
     def same_columns(self, other: Effect) -> bool:
         """Whether both have the same columns on every motion, as far as that shows: effects made of more
@@ -346,22 +364,9 @@ class OneAJoint(Effect):
     symbol: ClassVar[str]
     #: The unit for a revolute and for a prismatic joint.
     units: ClassVar[tuple[str, str]] = ("N*m", "N")
-    #: Lower bound of the parameter: 0 where physics fixes the sign.
-    lower: ClassVar[float] = -np.inf
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """One a joint, in the order of the joints."""
-        return tuple(
-            Parameter(
-                self.parameter_name(j),
-                self.unit_on(j),
-                self.name,
-                j + 1,
-                self.lower,
-            )
-            for j in self.joints
-        )
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        return [(self.parameter_name(joint), self.unit_on(joint))]
 
     def parameter_name(self, joint: int) -> str:
         """The name of the parameter on a joint (from 0)."""
@@ -373,13 +378,17 @@ class OneAJoint(Effect):
 
 
 class JointEffect(OneAJoint):
-    """An effect with one column a joint, on that joint's own torque."""
+    """An effect with one column a joint, or several, on that joint's own torque."""
 
-    @abstractmethod
     def column(self, motion: Motion, joint: int) -> Array:
-        """The (N,) column of the torque on ``joint`` (from 0)."""
+        """The (N,) column of the torque on ``joint`` (from 0); (N, k) where it has k parameters."""
+        raise NotImplementedError
 
     def blocks(self, motion: Motion) -> list[Block]:
-        return [
-            Block(j, np.array([k]), self.column(motion, j)[:, None]) for k, j in enumerate(self.joints)
-        ]
+        return self.apart([self.column(motion, j) for j in self.joints])
+
+    def apart(self, columns: Sequence[Array]) -> list[Block]:
+        """Of the columns (N,) or (N, k) of each of its joints."""
+        wide = [x.reshape(len(x), -1) for x in columns]
+        own = np.split(np.arange(sum(x.shape[1] for x in wide)), np.cumsum([x.shape[1] for x in wide]))
+        return [Block(j, k, x) for j, k, x in zip(self.joints, own, wide, strict=False)]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterable
 
-from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, Effect, Motion
 
 
 class ExternalWrench(Effect):
@@ -19,14 +19,8 @@ class ExternalWrench(Effect):
     signless = smooth = True
     sized_by = slice(0, 3)  # the force
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(f"{symbol}_{axis}", unit, self.name, 0)
-            for symbol, unit in (("F", "N"), ("M", "N*m"))
-            for axis in "xyz"
-        )
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        return [(f"{x}_{axis}", unit) for x, unit in (("F", "N"), ("M", "N*m")) for axis in "xyz"]
 
-    def blocks(self, motion: Motion) -> list[Block]:
-        jacobian = self.robot.jacobians(motion.q, self.robot.link_joints[-1])
-        return [Block(j, np.arange(6), -jacobian[:, :, j]) for j in range(self.robot.n)]
+    def torques(self, motion: Motion) -> Array:
+        return -self.robot.jacobians(motion.q, self.robot.link_joints[-1]).swapaxes(1, 2)

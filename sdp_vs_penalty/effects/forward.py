@@ -244,25 +244,13 @@ class Plant:
         return Contacts(np.array(rows), np.array(widths))
 
 
-def advance(
-    plants: Sequence[Plant],
-    state: State,
-    torque: Array,
-    h: float,
-    damping: Array | None = None,
-) -> State:
+def advance(plant: Plant, state: State, torque: Array, h: float, damping: Array | None = None) -> State:
     """One step of h [s] of all simulations; positions move with the mean velocity.
 
-    plants : whose rows of parameters are the simulations, in order; torque : (W, n) at the middle of the
-    step, if that goes on as the last one did; damping : (W, n, n) how the torque falls with the velocity
-    there, where a controller makes it.
+    torque : (W, n) at the middle of the step, if that goes on as the last one did; damping : (W, n, n)
+    how the torque falls with the velocity there, where a controller makes it.
     """
-    parts, first = [], 0
-    for plant in plants:
-        rows = slice(first, first + max(len(plant.theta), len(state.q) if len(plants) == 1 else 0))
-        parts.append(plant.terms(state.rows(rows), h))
-        first = rows.stop
-    mass, force, slope, dry = (np.concatenate(x) for x in zip(*parts, strict=True))
+    mass, force, slope, dry = plant.terms(state, h)
     predicted = state.dq + h * state.ddq
     slopes = slope[:, :, None] * np.eye(slope.shape[1])
     if damping is not None:
@@ -271,12 +259,7 @@ def advance(
     # The force was taken at the velocity predicted for the middle, (dq + predicted) / 2.
     push = h * (torque - force) + np.einsum("kij,kj->ki", matrix, predicted)
     push += np.einsum("kij,kj->ki", mass, state.dq - predicted)
-    dq = dry_step(matrix, push, state.dq, h * dry, plants[0].contacts)
-    travel = 0.5 * h * (state.dq + dq)
-    z, first = [], 0
-    for plant, part in zip(plants, parts, strict=True):
-        rows = slice(first, first + len(part.force))
-        z.append(plant.advanced(state.z[rows], travel[rows]))
-        first = rows.stop
-    ddq = (dq - state.dq) / h
-    return State(state.t + h, state.q + travel, dq, ddq, np.concatenate(z), state.temperature)
+    dq = dry_step(matrix, push, state.dq, h * dry, plant.contacts)
+    travel, ddq = 0.5 * h * (state.dq + dq), (dq - state.dq) / h
+    z = plant.advanced(state.z, travel)
+    return State(state.t + h, state.q + travel, dq, ddq, z, state.temperature)

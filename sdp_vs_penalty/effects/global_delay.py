@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter, Seen
+from sdp_vs_penalty.effects.effect import Array, Effect, Motion, Seen
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -29,17 +29,15 @@ class GlobalDelay(Effect):
     shapes = {"T": Shape(0.001, "s", signed=True)}
     sized_shape = "T"
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("T_g", "s", self.name, 0),)
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        return [("T_g", "s")]
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         return [{}] if robot.n > 1 else []  # on a single joint it is that joint's own delay
 
-    def blocks(self, motion: Motion) -> list[Block]:
-        rate = motion.late_torque_rate(self.shape["T"])
-        return [Block(j, np.array([0]), -rate[:, [j]]) for j in range(self.robot.n)]
+    def torques(self, motion: Motion) -> Array:
+        return -motion.late_torque_rate(self.shape["T"])[:, :, None]
 
     def looks_like(self, size: float, seen: Seen) -> str:
         return EARLY if size < 0.0 else ""

@@ -25,7 +25,7 @@ class JointElasticity(LinkDeviation):
     forward = "left out"  # a link that moves by itself
     has_memory = True  # time derivatives of the torque
 
-    def torques(self, motion: Motion, joint: int) -> Array:
+    def deviated(self, motion: Motion, joint: int) -> Array:
         by_q, by_dq, by_ddq = motion.derivatives
         tau = motion.link_torque[:, joint, None]
         rate, acceleration = (x[:, joint, None] for x in motion.link_torque_rates)

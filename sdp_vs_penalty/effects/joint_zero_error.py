@@ -19,6 +19,6 @@ class JointZeroError(LinkDeviation):
     symbol = "e_0"
     units = ("rad", "m")
 
-    def torques(self, motion: Motion, joint: int) -> Array:
+    def deviated(self, motion: Motion, joint: int) -> Array:
         by_q, _, _ = motion.derivatives
         return by_q[:, :, joint]

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, Effect, Motion
 from sdp_vs_penalty.robot.robot import Robot
 
 #: What may be expected of an arm that nobody has calibrated: displacements [m] and turns [rad].
@@ -31,13 +31,10 @@ class KinematicError(Effect):
     whole_robot = True
     signless = True
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(f"{'slip' if k < 3 else 'turn'}_{'xyz'[k % 3]}{j + 1}", unit, self.name, 0)
-            for j, k in self._places
-            for unit in ["m" if k < 3 else "rad"]
-        )
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        kinds = [("slip", "m") if k < 3 else ("turn", "rad") for _, k in self._places]
+        places = zip(kinds, self._places, strict=True)
+        return [(f"{word}_{'xyz'[k % 3]}{j + 1}", unit) for (word, unit), (j, k) in places]
 
     @cached_property
     def _places(self) -> list[tuple[int, int]]:
@@ -63,19 +60,14 @@ class KinematicError(Effect):
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         return [{}] if cls(robot).parameters else []
 
-    def blocks(self, motion: Motion) -> list[Block]:
+    def torques(self, motion: Motion) -> Array:
         from scipy.interpolate import CubicSpline
 
-        few, n = _thinned(motion), self.robot.n
+        few = _thinned(motion)
         q, dq, ddq = (x[few] for x in (motion.q, motion.dq, motion.ddq))
         by = self.robot.placement_derivatives(motion.model_links, q, dq, ddq)
-        every, out = np.arange(len(self._places)), []
-        for i in range(n):
-            columns = np.stack([by[:, i, j, k] for j, k in self._places], axis=1)
-            if len(few) < len(motion.t):
-                columns = CubicSpline(motion.t[few], columns)(motion.t)
-            out.append(Block(i, every, columns))
-        return out
+        columns = np.stack([by[:, :, j, k] for j, k in self._places], axis=2)
+        return columns if len(few) == len(motion.t) else CubicSpline(motion.t[few], columns)(motion.t)
 
 
 def _thinned(motion: Motion) -> NDArray[np.intp]:

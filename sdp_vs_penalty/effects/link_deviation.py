@@ -6,7 +6,7 @@ from abc import abstractmethod
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, Block, Motion, OneAJoint
+from sdp_vs_penalty.effects.effect import Array, Motion, OneAJoint
 
 
 class LinkDeviation(OneAJoint):
@@ -15,14 +15,8 @@ class LinkDeviation(OneAJoint):
     needs_links = spreads = True
 
     @abstractmethod
-    def torques(self, motion: Motion, joint: int) -> Array:
+    def deviated(self, motion: Motion, joint: int) -> Array:
         """(N, n) torque on all joints from one unit of the deviation of ``joint``."""
 
-    def blocks(self, motion: Motion) -> list[Block]:
-        torques = [self.torques(motion, j) for j in self.joints]
-        everyone = np.arange(len(self.joints))
-        return [
-            Block(i, everyone, np.column_stack([t[:, i] for t in torques]))
-            for i in range(self.robot.n)
-            if torques
-        ]
+    def torques(self, motion: Motion) -> Array:
+        return np.stack([self.deviated(motion, j) for j in self.joints], axis=2)

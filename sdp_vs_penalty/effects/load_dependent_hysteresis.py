@@ -27,4 +27,4 @@ class LoadDependentHysteresis(PreslidingHysteresis):
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
         load = np.abs(motion.link_torque)
-        return [Block(j, np.array([k]), load[:, [j]] * z[:, [k]]) for k, j in enumerate(self.joints)]
+        return self.apart([load[:, j] * x for j, x in zip(self.joints, z.T, strict=True)])

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from sdp_vs_penalty.effects.bristles import Bristles, Remembering, stop
-from sdp_vs_penalty.effects.effect import Array, Block, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, Block, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 
 #: Elements side by side, and how many times farther the next one bends before it slips.
 _ELEMENTS, _SPACING = 3, 4.0
 
 
-class MaxwellSlip(Remembering):
+class MaxwellSlip(Remembering, JointEffect):
     name = "maxwell_slip"
     equation = "sum_i f_m,i z_i, dz_i/dq = 1 / d_i while |z_i| < 1, d_i = d, 4 d, 16 d"
     explanation = (
@@ -30,13 +32,11 @@ class MaxwellSlip(Remembering):
         )
     }
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(f"{self.symbol}{j + 1}_{i + 1}", self.robot.torque_units[j], self.name, j + 1, 0.0)
-            for j in self.joints
-            for i in range(_ELEMENTS)
-        )
+    lower = 0.0
+
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        own, unit = self.parameter_name(joint), self.unit_on(joint)
+        return [(f"{own}_{i + 1}", unit) for i in range(_ELEMENTS)]
 
     @property
     def bristles(self) -> Bristles:
@@ -45,5 +45,4 @@ class MaxwellSlip(Remembering):
         return Bristles(directions, np.tile(distances, len(self.joints)), stop)
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        own = [_ELEMENTS * k + np.arange(_ELEMENTS) for k in range(len(self.joints))]
-        return [Block(j, k, z[:, k]) for j, k in zip(self.joints, own, strict=True)]
+        return self.apart(np.split(z, len(self.joints), axis=1))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, Effect, Motion
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.constraint import Constraint
@@ -26,13 +28,9 @@ class Payload(Effect):
     frozen_only = True
     sized_by = slice(0, 1)  # its mass
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        names = inertia.parameter_names(self.robot.links)
-        return tuple(
-            Parameter(f"payload_{name[: -len(str(self.robot.links))]}", unit, self.name, 0)
-            for name, unit in zip(names, inertia.UNITS, strict=True)
-        )
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        names, last = inertia.parameter_names(self.robot.links), len(str(self.robot.links))
+        return zip([f"payload_{name[:-last]}" for name in names], inertia.UNITS, strict=True)
 
     def constraints(self, indices: NDArray[np.intp]) -> list[Constraint]:
         """It is a body."""
@@ -43,11 +41,5 @@ class Payload(Effect):
         """A solid ball of 0.5 kg and 5 cm radius."""
         return 0.5 * np.array([1.0, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3])
 
-    def blocks(self, motion: Motion) -> list[Block]:
-        last = self.robot.links - 1
-        columns = self.robot.regressor(motion.q, motion.dq, motion.ddq)[:, :, 10 * last :]
-        return [
-            Block(j, np.arange(10), columns[:, j])
-            for j, links in enumerate(self.robot.subtree)
-            if last in links
-        ]
+    def torques(self, motion: Motion) -> Array:
+        return self.robot.regressor(motion.q, motion.dq, motion.ddq)[:, :, -10:]

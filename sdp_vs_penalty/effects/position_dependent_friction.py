@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, Parameter
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import Constraint
@@ -17,7 +17,7 @@ from sdp_vs_penalty.robot.robot import Robot
 _PHASES = 48
 
 
-class PositionDependentFriction(Effect):
+class PositionDependentFriction(JointEffect):
     name = "position_dependent_friction"
     equation = "sign(dq) sum_i (a_i cos(i k q) + b_i sin(i k q)), i = 1 .. waves"
     explanation = (
@@ -48,25 +48,12 @@ class PositionDependentFriction(Effect):
         grid = [{"k": k, "waves": 1.0} for k in cls.shapes["k"].grid]
         return [*grid, *({"k": k, "waves": 2.0} for k in (1.0, 2.0, 3.0))]
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(f"{symbol}{j + 1}_{i + 1}", self.robot.torque_units[j], self.name, j + 1)
-            for j in self.joints
-            for i in range(self._columns // 2)
-            for symbol in ("a_p", "b_p")
-        )
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        waves = range(1, self._columns // 2 + 1)
+        return [(f"{x}{joint + 1}_{i}", self.unit_on(joint)) for i in waves for x in ("a_p", "b_p")]
 
-    def blocks(self, motion: Motion) -> list[Block]:
-        k = self._columns
-        return [
-            Block(
-                j,
-                k * place + np.arange(k),
-                motion.sign(j)[:, None] * self._waves(self.shape["k"] * motion.q[:, j]),
-            )
-            for place, j in enumerate(self.joints)
-        ]
+    def column(self, motion: Motion, joint: int) -> Array:
+        return motion.sign(joint)[:, None] * self._waves(self.shape["k"] * motion.q[:, joint])
 
     def _waves(self, phase: Array) -> Array:
         """(N, 2 waves) cos and sin of the phase and its multiples."""

@@ -7,11 +7,11 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from sdp_vs_penalty.effects.bristles import Bristles, Remembering, dahl
-from sdp_vs_penalty.effects.effect import Array, Block, Motion, OneAJoint
+from sdp_vs_penalty.effects.effect import Array, Block, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 
 
-class PreslidingHysteresis(Remembering, OneAJoint):
+class PreslidingHysteresis(Remembering, JointEffect):
     name = "presliding_hysteresis"
     equation = "f_h (z - sign(dq)), dz/dq = (1 - z sign(dq)) / d"
     explanation = (
@@ -39,7 +39,4 @@ class PreslidingHysteresis(Remembering, OneAJoint):
         return Bristles(np.eye(self.robot.n)[joints], np.full(len(joints), self.shape["d"]), dahl)
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        return [
-            Block(j, np.array([k]), (z[:, k] - motion.sign(j))[:, None])
-            for k, j in enumerate(self.joints)
-        ]
+        return self.apart([x - motion.sign(j) for j, x in zip(self.joints, z.T, strict=True)])

@@ -8,9 +8,8 @@ gains together, up to one common factor.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import ClassVar
 
-from sdp_vs_penalty.effects.effect import Effect, OneAJoint
+from sdp_vs_penalty.effects.effect import JointEffect
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -18,7 +17,7 @@ from sdp_vs_penalty.robot.robot import Robot
 LATEST = 0.1
 
 
-class Servo(Effect):
+class Servo(JointEffect):
     """A part of the drive's law: a torque of the drive counts negative here, as a load's would.
 
     T : how much later than it is logged the command acts [s]; one for all joints.
@@ -27,6 +26,7 @@ class Servo(Effect):
     forward = "drive"
     needs_command = True
     signless = True
+    lower = 0.0
     range = 1e8
     shapes = {"T": Shape(0.0, "s", grid=(0.0,), bounds=(0.0, LATEST), scale="linear", signed=True)}
 
@@ -36,10 +36,9 @@ class Servo(Effect):
         return ()
 
 
-class ServoGain(Servo, OneAJoint):
+class ServoGain(Servo):
     """A part with one gain a joint."""
 
-    lower: ClassVar[float] = 0.0
     shape_of = "servo_position"
 
     @property

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from sdp_vs_penalty.effects.effect import Block, Motion
 from sdp_vs_penalty.effects.servo import ServoGain
 
@@ -22,4 +20,4 @@ class ServoFeedforward(ServoGain):
 
     def blocks(self, motion: Motion) -> list[Block]:
         rate = motion.told.velocity(motion.t - self.shape["T"])
-        return [Block(j, np.array([k]), -rate[:, [j]]) for k, j in enumerate(self.joints)]
+        return self.apart([-rate[:, j] for j in self.joints])

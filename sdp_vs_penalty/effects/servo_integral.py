@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from sdp_vs_penalty.effects.effect import Block, Motion
 from sdp_vs_penalty.effects.servo import ServoGain
 
@@ -21,4 +19,4 @@ class ServoIntegral(ServoGain):
 
     def blocks(self, motion: Motion) -> list[Block]:
         path = motion.told.integral(motion.t - self.shape["T"]) - motion.integral
-        return [Block(j, np.array([k]), -path[:, [j]]) for k, j in enumerate(self.joints)]
+        return self.apart([-path[:, j] for j in self.joints])

@@ -47,5 +47,5 @@ class ServoLoop:
         )
         fall = (torque - self.drive(faster)) / _STEP
         damping = fall[:, :, None] * np.eye(q.shape[1])
-        after = advance([self.plant], state, torque, h, damping)
+        after = advance(self.plant, state, torque, h, damping)
         return after, path + half * (state.q + after.q)

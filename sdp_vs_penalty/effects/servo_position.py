@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Block, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Block, Motion
 from sdp_vs_penalty.effects.servo import Servo
 from sdp_vs_penalty.effects.shape import Shape
 
@@ -29,25 +31,11 @@ class ServoPosition(Servo):
         """The delay; the age of the velocity is given or zero."""
         return ("T",)
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        torque, unit = self.robot.torque_units, self.robot.position_units
-        return tuple(
-            Parameter(
-                f"{symbol}{j + 1}",
-                f"{torque[j].replace(' ', '*')}{per}/{unit[j]}",
-                self.name,
-                j + 1,
-                0.0,
-            )
-            for j in self.joints
-            for symbol, per in (("kp", ""), ("kd", "*s"))
-        )
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        own, per = self.unit_on(joint), self.robot.position_units[joint]
+        return [(f"kp{joint + 1}", f"{own}/{per}"), (f"kd{joint + 1}", f"{own}*s/{per}")]
 
     def blocks(self, motion: Motion) -> list[Block]:
         error = motion.told.position(motion.t - self.shape["T"]) - motion.q
         rate = motion.dq - self.shape["d"] * motion.ddq
-        return [
-            Block(j, np.array([2 * k, 2 * k + 1]), np.column_stack([-error[:, j], rate[:, j]]))
-            for k, j in enumerate(self.joints)
-        ]
+        return self.apart([np.column_stack([-error[:, j], rate[:, j]]) for j in self.joints])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from sdp_vs_penalty.effects.effect import Block, Motion
+from sdp_vs_penalty.effects.effect import Array, Motion
 from sdp_vs_penalty.effects.servo import ServoGain
 
 
@@ -22,5 +20,5 @@ class ServoVelocityLoop(ServoGain):
     symbol = "kh"
     units = ("N*m/rad", "N/m")
 
-    def blocks(self, motion: Motion) -> list[Block]:
-        return [Block(j, np.array([k]), motion.q[:, [j]]) for k, j in enumerate(self.joints)]
+    def column(self, motion: Motion, joint: int) -> Array:
+        return motion.q[:, joint]

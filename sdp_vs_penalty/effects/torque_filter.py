@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter, Seen
+from sdp_vs_penalty.effects.effect import Array, Effect, Motion, Seen
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -34,9 +34,10 @@ class TorqueFilter(Effect):
     }
     sized_shape = "T"
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("T_f", "s", self.name, 0, 0.0),)
+    lower = 0.0
+
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        return [("T_f", "s")]
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
@@ -47,7 +48,7 @@ class TorqueFilter(Effect):
     def needs_links(self) -> bool:  # type: ignore[override]
         return self.shape["phase"] == 2.0
 
-    def blocks(self, motion: Motion) -> list[Block]:
+    def torques(self, motion: Motion) -> Array:
         T, torque = self.shape["T"], motion.model_torque
         if self.needs_links:
             # The links' torque is smooth, but for the noise of its accelerations, which the measured
@@ -56,8 +57,7 @@ class TorqueFilter(Effect):
         passed = lagging(torque, motion.t, T)
         if self.needs_links:
             passed = lagging(passed[::-1], motion.t, T)[::-1]
-        change = (passed - torque) / T
-        return [Block(j, np.array([0]), change[:, [j]]) for j in range(self.robot.n)]
+        return np.asarray((passed - torque) / T)[:, :, None]
 
     def looks_like(self, size: float, seen: Seen) -> str:
         if self.needs_links and seen.stands > _STANDS:

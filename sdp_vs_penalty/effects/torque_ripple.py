@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -15,7 +15,7 @@ from sdp_vs_penalty.robot.robot import Robot
 _TRAVEL, _FINEST, _MOST = 0.5, 2.0 * np.pi / 0.005, 200
 
 
-class TorqueRipple(Effect):
+class TorqueRipple(JointEffect):
     name = "torque_ripple"
     equation = "a_r cos(k q) + b_r sin(k q)"
     explanation = (
@@ -40,29 +40,13 @@ class TorqueRipple(Effect):
 
     signless = True
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
         k = f"{self.shape['k']:.6g}"
-        return tuple(
-            Parameter(
-                f"{symbol}{j + 1}_{k}",
-                self.robot.torque_units[j],
-                self.name,
-                j + 1,
-            )
-            for j in self.joints
-            for symbol in ("a_r", "b_r")
-        )
+        return [(f"{symbol}{joint + 1}_{k}", self.unit_on(joint)) for symbol in ("a_r", "b_r")]
 
     @property
     def waves(self) -> float | None:
         return self.shape["k"]
-
-    def blocks(self, motion: Motion) -> list[Block]:
-        return [
-            Block(j, np.array([2 * i, 2 * i + 1]), self._pair(motion, j))
-            for i, j in enumerate(self.joints)
-        ]
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
@@ -75,6 +59,6 @@ class TorqueRipple(Effect):
             grid = np.arange(2.0 * step, _FINEST, step)[:_MOST].tolist()
         return [{"k": float(f"{k:.6g}")} for k in grid]  # as many digits as a written effect has
 
-    def _pair(self, motion: Motion, joint: int) -> Array:
+    def column(self, motion: Motion, joint: int) -> Array:
         phase = self.shape["k"] * motion.q[:, joint]
         return np.column_stack([np.cos(phase), np.sin(phase)])

@@ -170,7 +170,7 @@ def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:
     with np.errstate(all="ignore"):
         for k in range(most):
             torque = np.array([w.torque[min(k, len(w.torque) - 1)] for w in windows])
-            state = advance([each], state, np.tile(torque, (count, 1)), windows[0].h)
+            state = advance(each, state, np.tile(torque, (count, 1)), windows[0].h)
             q = state.q.reshape(count, len(windows), -1)
             real = np.array([w.q[k] if k < len(w.q) else q[0, m] for m, w in enumerate(windows)])
             out.append(np.where([k < len(w.q) for w in windows], 1.0, 0.0)[:, None] * (q - real) / size)

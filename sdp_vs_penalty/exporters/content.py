@@ -1,17 +1,23 @@
 """What of a model a simulator's file can hold: links, damping, dry friction, armature."""
 
+from __future__ import annotations
+
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
+from lxml import etree
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
 #: Effects with a place in a URDF, and in MJCF; MJCF alone has one for the rotor's inertia.
@@ -82,22 +88,15 @@ class Content:
             values[place][parameter.joint - 1] += value
         held = (*_PLACES, "rigid_body", "servo_position")
         others = tuple(e.brief for e in model.effects if e.name not in held)
-        loops = _position_loops(estimate)
-        return cls(links, others=others, gains=model.gains or (), servo=loops, **values)
+        given = {p.name: x for p, x in zip(model.parameters, estimate.theta, strict=True)}
+        loops = [[given.get(f"{x}{j + 1}", np.nan) for j in range(robot.n)] for x in ("kp", "kd")]
+        servo = None if np.isnan(loops).any() else np.array(loops)
+        return cls(links, others=others, gains=model.gains or (), servo=servo, **values)
 
     def left_out(self, *, armature: bool) -> tuple[str, ...]:
         """Effects that are lost in a file with, or without, a place for armature."""
         lost = ("rotor_inertia",) if not armature and np.any(self.armature > 0.0) else ()
         return (*lost, *self.others)
-
-
-def _position_loops(estimate: Estimate) -> Array | None:
-    """(2, n) of the effect servo_position, where the model has it on every joint."""
-    given = {p.name: x for p, x in zip(estimate.model.parameters, estimate.theta, strict=True)}
-    names = [[f"{symbol}{j + 1}" for j in range(estimate.robot.n)] for symbol in ("kp", "kd")]
-    if not all(name in given for row in names for name in row):
-        return None
-    return np.array([[given[name] for name in row] for row in names])
 
 
 def verdict_line(estimate: Estimate) -> str:
@@ -162,9 +161,8 @@ class Inertial:
     @property
     def urdf_attributes(self) -> dict[str, str]:
         """ixx ... izz as text of full precision."""
-        return {
-            f"i{'xyz'[i]}{'xyz'[j]}": number(self.about_com[i, j]) for i in range(3) for j in range(i, 3)
-        }
+        pairs = combinations_with_replacement(range(3), 2)
+        return {f"i{'xyz'[i]}{'xyz'[j]}": number(self.about_com[i, j]) for i, j in pairs}
 
 
 def number(value: float) -> str:
@@ -172,8 +170,49 @@ def number(value: float) -> str:
     return repr(float(value) + 0.0)  # + 0.0: no negative zero
 
 
-def numbers(values: Array) -> str:
-    return " ".join(map(number, values))
+def element(parent: Any, tag: str, text: Any = None, **attributes: Any) -> Any:
+    """A child with text and attributes; numbers and arrays of them are written by :func:`number`."""
+
+    def written(x: Any) -> str:
+        return x if isinstance(x, str) else " ".join(map(number, np.atleast_1d(x)))
+
+    made = etree.SubElement(parent, tag, {name: written(x) for name, x in attributes.items()})
+    made.text = None if text is None else written(text)
+    return made
+
+
+def xml_text(root: Any, declaration: bool = True) -> bytes:
+    """The indented document."""
+    etree.indent(root)
+    return bytes(etree.tostring(root, xml_declaration=declaration, encoding="utf-8")) + b"\n"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A joint of the tree by its index, its link and inertial (None: declared massless); place :
+    among the joints that move by themselves, None for one that follows."""
+
+    index: int
+    joint: Joint
+    name: str
+    parent: str
+    body: Inertial | None
+    place: int | None
+
+    @property
+    def inertial(self) -> Inertial:
+        return self.body or Inertial.of(np.zeros(10))
+
+
+def parts(robot: Robot, links: Array) -> Iterator[Part]:
+    """Every joint in the tree's order, from its links (links, 10) about the joints' frames."""
+    link_of = {carrier: k for k, carrier in enumerate(robot.link_joints)}
+    for i, joint in enumerate(robot.tree):
+        parent = "base_link" if joint.parent < 0 else f"link{joint.parent + 1}"
+        body = Inertial.of(links[link_of[i]]) if i in link_of else None
+        own = joint.name in robot.joint_names
+        place = robot.joint_names.index(joint.name) if own else None
+        yield Part(i, joint, f"link{i + 1}", parent, body, place)
 
 
 def payload(estimate: Estimate) -> Inertial:

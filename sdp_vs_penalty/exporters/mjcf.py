@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.exporters.content import Content, Inertial, Options, number, numbers
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.exporters.content import Content, Inertial, Options, element, parts, xml_text
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -34,81 +33,56 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     """
     root = etree.Element("mujoco", model=robot.name)
     # Nothing is to be guessed or mended: the numbers are those that were identified.
-    etree.SubElement(
-        root,
-        "compiler",
-        angle="radian",
-        autolimits="true",
-        inertiafromgeom="false",
-        balanceinertia="false",
-    )
-    etree.SubElement(root, "option", gravity=numbers(np.array(robot.gravity)))
-    bodies: list[Any] = [etree.SubElement(root, "worldbody")]
+    no = dict.fromkeys(("inertiafromgeom", "balanceinertia"), "false")
+    element(root, "compiler", angle="radian", autolimits="true", **no)
+    element(root, "option", gravity=robot.gravity)
+    bodies: list[Any] = [element(root, "worldbody")]
     actuators, equality = etree.Element("actuator"), etree.Element("equality")
-    link_of = {carrier: k for k, carrier in enumerate(robot.link_joints)}
-    for i, joint in enumerate(robot.tree):
-        body = etree.SubElement(
-            bodies[joint.parent + 1],
-            "body",
-            name=f"link{i + 1}",
-            pos=numbers(joint.placement[:3, 3]),
-            quat=numbers(quaternion(joint.placement[:3, :3])),
-        )
+    for i, part in enumerate(parts(robot, content.links)):
+        joint, place = part.joint, part.joint.placement
+        quat = Rotation.from_matrix(place[:3, :3]).as_quat(scalar_first=True)
+        body = element(bodies[joint.parent + 1], "body", name=part.name, pos=place[:3, 3], quat=quat)
         bodies.append(body)
-        if i not in link_of:
+        if part.body is None:
             raise InputError(
                 f"link {i + 1} (on joint {joint.name!r}) is declared massless, which MuJoCo refuses",
                 "write .json instead",
             )
-        inertial = Inertial.of(content.links[link_of[i]])
-        _require_solid(inertial, i, joint.name)
-        full = inertial.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        etree.SubElement(
-            body,
-            "inertial",
-            pos=numbers(inertial.com),
-            mass=number(inertial.mass),
-            fullinertia=numbers(full),
-        )
-        element = _joint(body, joint)
-        if joint.name in robot.joint_names:
-            k = robot.joint_names.index(joint.name)
-            element.set("damping", number(content.damping[k]))
-            element.set("frictionloss", number(content.friction[k]))
-            element.set("armature", number(content.armature[k]))
-            actuators.append(_actuator(joint, content, k))
+        _require_solid(part.body, i, joint.name)
+        full = part.body.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        element(body, "inertial", pos=part.body.com, mass=part.body.mass, fullinertia=full)
+        kind = "hinge" if joint.kind == "revolute" else "slide"
+        own = {"name": joint.name, "type": kind, "axis": joint.axis}
+        if np.isfinite(joint.lower) and np.isfinite(joint.upper):
+            own["range"] = (joint.lower, joint.upper)
+        if (k := part.place) is not None:
+            own |= {"damping": content.damping[k], "frictionloss": content.friction[k]}
+            element(body, "joint", **own, armature=content.armature[k])
+            _actuator(actuators, joint, content, k)
         else:
             leader, multiplier, offset = robot.leader(i)
-            course = numbers(np.array([offset, multiplier, 0.0, 0.0, 0.0]))
-            etree.SubElement(equality, "joint", joint1=joint.name, joint2=leader, polycoef=course)
+            course = (offset, multiplier, 0.0, 0.0, 0.0)
+            element(body, "joint", **own)
+            element(equality, "joint", joint1=joint.name, joint2=leader, polycoef=course)
         _capsules(body, robot, i)
     if len(equality):
         root.append(equality)
     root.append(actuators)
-    etree.indent(root)
-    return bytes(etree.tostring(root, encoding="utf-8")) + b"\n"
+    return xml_text(root, declaration=False)
 
 
-def _actuator(joint: Joint, content: Content, k: int) -> Any:
+def _actuator(actuators: Any, joint: Joint, content: Content, k: int) -> None:
     """A position servo where its gains were identified, else a motor."""
-    names = {"name": joint.name, "joint": joint.name}
+    names: dict[str, Any] = {"name": joint.name, "joint": joint.name}
     if content.servo is not None:
-        kp, kd = map(number, content.servo[:, k])
-        return etree.Element("position", kp=kp, kv=kd, **names)
-    motor = etree.Element("motor", **names)
+        kp, kd = content.servo[:, k]
+        element(actuators, "position", kp=kp, kv=kd, **names)
+        return
     if content.gains:  # a command is in the units that the channel measures
-        motor.set("gear", number(1.0 / content.gains[k]))
+        names["gear"] = 1.0 / content.gains[k]
     if np.isfinite(joint.effort) and joint.effort > 0.0:
-        motor.set("ctrlrange", numbers(np.array([-joint.effort, joint.effort])))
-    return motor
-
-
-def _joint(body: Any, joint: Joint) -> Any:
-    kind = "hinge" if joint.kind == "revolute" else "slide"
-    element = etree.SubElement(body, "joint", name=joint.name, type=kind, axis=numbers(joint.axis))
-    if np.isfinite(joint.lower) and np.isfinite(joint.upper):
-        element.set("range", numbers(np.array([joint.lower, joint.upper])))
-    return element
+        names["ctrlrange"] = (-joint.effort, joint.effort)
+    element(actuators, "motor", **names)
 
 
 def _require_solid(body: Inertial, i: int, joint: str) -> None:
@@ -127,18 +101,6 @@ def _capsules(body: Any, robot: Robot, i: int) -> None:
         end = child.placement[:3, 3]
         length = float(np.linalg.norm(end))
         if child.parent == i and length > 0.0:
-            etree.SubElement(
-                body,
-                "geom",
-                type="capsule",
-                fromto=numbers(np.concatenate([np.zeros(3), end])),
-                size=number(0.08 * length),
-                contype="0",
-                conaffinity="0",
-                rgba="0.6 0.65 0.7 0.5",
-            )
-
-
-def quaternion(rotation: Array) -> Array:
-    """(w, x, y, z) of a rotation."""
-    return Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+            seen = {"contype": "0", "conaffinity": "0", "rgba": "0.6 0.65 0.7 0.5"}
+            ends = np.concatenate([np.zeros(3), end])
+            element(body, "geom", type="capsule", fromto=ends, size=0.08 * length, **seen)

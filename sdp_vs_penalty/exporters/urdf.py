@@ -15,9 +15,12 @@ from sdp_vs_penalty.exporters.content import (
     Content,
     Inertial,
     Options,
+    Part,
+    element,
     number,
-    numbers,
+    parts,
     require_consistent,
+    xml_text,
 )
 from sdp_vs_penalty.exporters.splice import Document
 from sdp_vs_penalty.robot import inertia
@@ -27,8 +30,7 @@ from sdp_vs_penalty.robot.urdf import load_urdf
 
 #: How far the joint axes of a model and of a URDF may be apart: what rounded DH tables leave [m, -].
 _SAME_AXIS = 1e-4
-
-
+_REMEDY = "give the URDF of the robot that was identified"
 _DRAKE = "http://drake.mit.edu"
 
 ENDING, FILE, ABOUT = ".urdf", "robot.urdf", "for ROS and simulators"
@@ -49,54 +51,52 @@ def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
     drake : with a transmission a joint that carries the rotor's inertia in Drake's own tags.
     """
     root = etree.Element("robot", name=robot.name, nsmap={"drake": _DRAKE} if drake else None)
-    etree.SubElement(root, "link", name="base_link")
-    link_of = {carrier: k for k, carrier in enumerate(robot.link_joints)}
-    for i in range(len(robot.tree)):
-        link = etree.SubElement(root, "link", name=f"link{i + 1}")
-        body = Inertial.of(content.links[link_of[i]] if i in link_of else np.zeros(10))
-        element = etree.SubElement(link, "inertial")
-        etree.SubElement(element, "origin", xyz=numbers(body.com), rpy="0 0 0")
-        etree.SubElement(element, "mass", value=number(body.mass))
-        etree.SubElement(element, "inertia", **body.urdf_attributes)
-        _joint(root, robot, i, content)
+    element(root, "link", name="base_link")
+    for part in parts(robot, content.links):
+        own = element(element(root, "link", name=part.name), "inertial")
+        for tag, attributes in inertial_tags(part.inertial).items():
+            element(own, tag, **attributes)
+        _joint(root, robot, part, content)
     for name, armature in zip(robot.joint_names, content.armature, strict=True) if drake else ():
-        transmission = etree.SubElement(root, "transmission", name=f"{name}_transmission")
-        etree.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
-        etree.SubElement(transmission, "joint", name=name)
-        actuator = etree.SubElement(transmission, "actuator", name=f"{name}_motor")
+        transmission = element(root, "transmission", name=f"{name}_transmission")
+        element(transmission, "type", "transmission_interface/SimpleTransmission")
+        element(transmission, "joint", name=name)
+        actuator = element(transmission, "actuator", name=f"{name}_motor")
         # At the joint already: the gear's ratio squared is in it.
-        etree.SubElement(actuator, f"{{{_DRAKE}}}rotor_inertia", value=number(armature))
-        etree.SubElement(actuator, f"{{{_DRAKE}}}gear_ratio", value="1")
-    etree.indent(root)
-    return bytes(etree.tostring(root, xml_declaration=True, encoding="utf-8")) + b"\n"
+        element(actuator, f"{{{_DRAKE}}}rotor_inertia", value=armature)
+        element(actuator, f"{{{_DRAKE}}}gear_ratio", value="1")
+    return xml_text(root)
 
 
-def _joint(root: Any, robot: Robot, i: int, content: Content) -> None:
-    joint = robot.tree[i]
+def inertial_tags(body: Inertial) -> dict[str, dict[str, str]]:
+    """What stands in an inertial: the tags and their attributes."""
+    return {
+        "origin": {"xyz": " ".join(map(number, body.com)), "rpy": "0 0 0"},
+        "mass": {"value": number(body.mass)},
+        "inertia": body.urdf_attributes,
+    }
+
+
+def _joint(root: Any, robot: Robot, part: Part, content: Content) -> None:
+    joint = part.joint
     bounded = np.isfinite(joint.lower) and np.isfinite(joint.upper)
     open_kind = "continuous" if joint.kind == "revolute" else "prismatic"
     kind = joint.kind if bounded else open_kind
-    element = etree.SubElement(root, "joint", name=joint.name, type=kind)
-    xyz, rpy = joint.placement[:3, 3], rpy_of(joint.placement[:3, :3])
-    etree.SubElement(element, "origin", xyz=numbers(xyz), rpy=numbers(rpy))
-    parent = "base_link" if joint.parent < 0 else f"link{joint.parent + 1}"
-    etree.SubElement(element, "parent", link=parent)
-    etree.SubElement(element, "child", link=f"link{i + 1}")
-    etree.SubElement(element, "axis", xyz=numbers(joint.axis))
+    own = element(root, "joint", name=joint.name, type=kind)
+    element(own, "origin", xyz=joint.placement[:3, 3], rpy=rpy_of(joint.placement[:3, :3]))
+    element(own, "parent", link=part.parent)
+    element(own, "child", link=part.name)
+    element(own, "axis", xyz=joint.axis)
     limits = {"effort": joint.effort, "velocity": joint.velocity}
     if kind != "continuous":
         limits = {"lower": joint.lower, "upper": joint.upper, **limits}
     # URDF demands a number where a limit is unknown; these do not limit.
-    bound = {k: number(v if np.isfinite(v) else np.copysign(1e6, v)) for k, v in limits.items()}
-    etree.SubElement(element, "limit", **bound)
-    if joint.name in robot.joint_names:
-        k = robot.joint_names.index(joint.name)
-        dynamics = {"damping": number(content.damping[k]), "friction": number(content.friction[k])}
-        etree.SubElement(element, "dynamics", **dynamics)
+    element(own, "limit", **{k: v if np.isfinite(v) else np.copysign(1e6, v) for k, v in limits.items()})
+    if (k := part.place) is not None:
+        element(own, "dynamics", damping=content.damping[k], friction=content.friction[k])
     else:
-        leader, multiplier, offset = robot.leader(i)
-        follows = {"multiplier": number(multiplier), "offset": number(offset)}
-        etree.SubElement(element, "mimic", joint=leader, **follows)
+        leader, multiplier, offset = robot.leader(part.index)
+        element(own, "mimic", joint=leader, multiplier=multiplier, offset=offset)
 
 
 def rpy_of(rotation: Array) -> Array:
@@ -123,59 +123,53 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     document = Document.read(path)
     owner = _moving_links(document.root, theirs)
     order = _order(path, theirs, robot)
-    for element in document.root.findall("link"):
-        name = element.get("name")
+    for link in document.root.findall("link"):
+        name = link.get("name")
         body = owner.get(name)
         if body is None:  # the base and what is fixed to it
             continue
         index, carries = body
         if carries:
             require_consistent(links[index], f"{path}: link {name!r}")
-            write_inertial(document, element, Inertial.of(links[index]))
-        elif element.find("inertial") is not None:
+            write_inertial(document, link, Inertial.of(links[index]))
+        elif link.find("inertial") is not None:
             zero = Inertial.of(np.zeros(10))
-            _write(document, element, {"mass": {"value": "0"}, "inertia": zero.urdf_attributes})
+            _write(document, link, {"mass": {"value": "0"}, "inertia": zero.urdf_attributes})
     joints = {joint.get("name"): joint for joint in document.root.findall("joint")}
     tree = [joint.name for joint in theirs.tree]
     for joint in theirs.joints:
-        element = joints[joint.name]
         mine = robot.joint_names.index(robot.tree[order[tree.index(joint.name)]].name)
         values = {"damping": content.damping[mine], "friction": content.friction[mine]}
-        dynamics = element.find("dynamics")
+        dynamics = joints[joint.name].find("dynamics")
         attributes = {key: number(value) for key, value in values.items()}
         if dynamics is not None:
             document.set(dynamics, attributes)
         elif any(values.values()):
             text = "".join(f' {key}="{value}"' for key, value in attributes.items())
-            document.append(element, f"<dynamics{text}/>")
+            document.append(joints[joint.name], f"<dynamics{text}/>")
     return document.edited()
 
 
 def write_inertial(document: Document, link: Any, body: Inertial) -> None:
     """Replace the numbers of a link's inertial; add whatever of it is missing."""
-    wanted = {
-        "origin": {"xyz": numbers(body.com), "rpy": "0 0 0"},
-        "mass": {"value": number(body.mass)},
-        "inertia": body.urdf_attributes,
-    }
-    _write(document, link, wanted)
+    _write(document, link, inertial_tags(body))
 
 
 def _write(document: Document, link: Any, wanted: dict[str, dict[str, str]]) -> None:
+    own = link.find("inertial")
     texts = {
         tag: f"<{tag}" + "".join(f' {k}="{v}"' for k, v in attributes.items()) + "/>"
         for tag, attributes in wanted.items()
+        if own is None or own.find(tag) is None
     }
-    element = link.find("inertial")
-    if element is None:
+    if own is None:
         document.append(link, "<inertial>" + "".join(texts.values()) + "</inertial>")
         return
     for tag, attributes in wanted.items():
-        child = element.find(tag)
-        if child is None:
-            document.append(element, texts[tag])
+        if tag in texts:
+            document.append(own, texts[tag])
         else:
-            document.set(child, attributes)
+            document.set(own.find(tag), attributes)
 
 
 def _moving_links(root: Any, robot: Robot) -> dict[str, tuple[int, bool]]:
@@ -203,11 +197,8 @@ def _moving_links(root: Any, robot: Robot) -> dict[str, tuple[int, bool]]:
 def _order(path: str | Path, theirs: Robot, mine: Robot) -> list[int]:
     """For each joint of the file's tree the model's: by name where all names agree, else in order."""
     if (theirs.n, len(theirs.tree), theirs.links) != (mine.n, len(mine.tree), mine.links):
-        raise InputError(
-            f"the file has {formatting.count(theirs.n, 'moving joint')}, the model {mine.n}",
-            "give the URDF of the robot that was identified",
-            path,
-        )
+        what = f"the file has {formatting.count(theirs.n, 'moving joint')}, the model {mine.n}"
+        raise InputError(what, _REMEDY, path)
     names = [joint.name for joint in mine.tree]
     if sorted(names) == sorted(joint.name for joint in theirs.tree):
         return [names.index(joint.name) for joint in theirs.tree]
@@ -223,33 +214,24 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) ->
     order = _order(path, theirs, mine)
     from_file, from_model = (r.poses(np.zeros((1, len(r.tree))))[0] for r in (theirs, mine))
     out = np.empty_like(links)
-    place = {carrier: k for k, carrier in enumerate(theirs.link_joints)}
-    mine_place = {carrier: k for k, carrier in enumerate(mine.link_joints)}
+    place, mine_place = ({joint: k for k, joint in enumerate(r.link_joints)} for r in (theirs, mine))
     for index, joint in enumerate(theirs.tree):
         other = mine.tree[order[index]]
         relation = np.linalg.inv(from_file[index]) @ from_model[order[index]]
-        turned = relation[:3, :3] @ other.axis
-        offset = relation[:3, 3]
-        if joint.kind == "revolute":
-            offset = offset - joint.axis * (joint.axis @ offset)
-            apart = float(np.linalg.norm(offset))
-        else:
-            apart = 0.0
+        turned, offset = relation[:3, :3] @ other.axis, relation[:3, 3]
+        across = float(np.linalg.norm(offset - joint.axis * (joint.axis @ offset)))
+        apart = across if joint.kind == "revolute" else 0.0
         wrong_parent = (-1 if joint.parent < 0 else order[joint.parent]) != other.parent
         if joint.kind != other.kind or wrong_parent or np.linalg.norm(turned - joint.axis) > _SAME_AXIS:
-            raise InputError(
-                f"joint {joint.name!r} is not joint {other.name!r} of the model (another kind, "
-                "parent or direction of its axis)",
-                "give the URDF of the robot that was identified",
-                path,
+            what = (
+                f"joint {joint.name!r} is not joint {other.name!r} of the model (another kind, parent "
             )
+            raise InputError(what + "or direction of its axis)", _REMEDY, path)
         if apart > _SAME_AXIS:
-            raise InputError(
-                f"the axis of joint {joint.name!r} lies {1000.0 * apart:.3g} mm away from that "
-                f"of joint {other.name!r} of the model",
-                "give the URDF of the robot that was identified",
-                path,
+            what = (
+                f"the axis of joint {joint.name!r} lies {1000.0 * apart:.3g} mm away from that of joint "
             )
+            raise InputError(f"{what}{other.name!r} of the model", _REMEDY, path)
         if index in place:
             own = links[mine_place[order[index]]]
             same = np.array_equal(relation, np.eye(4))

@@ -29,8 +29,8 @@ _LOOKS = (("link", "#0072b2", 0.75), ("simulated", "#d55e00", 0.45))
 
 
 def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> Any:
-    """The scene and its clock, of ``arms`` arms in one place; returns what to call with a recording (t,
-    tf, poses) and the errors (F, n), 0 to 1, that colour the first arm's links, when it changes.
+    """The scene and its clock, of ``arms`` arms in one place; returns what to call with a recording: its
+    name, its t, tf and poses, and the errors (F, n), 0 to 1, that colour the first arm's links, if any.
 
     about : of a model (summary.py). workbench.js moves what is drawn here once: a group a joint, in it
     the links that it carries.
@@ -69,7 +69,12 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
             tag("span", "0.0 s", "soft", data_clock="")
         note(f"Ellipsoids of uniform density; {said}. Click a link to see its joint.")
 
-    def load(read: Mapping[str, Any], errors: Any) -> None:
+    there = [""]
+
+    def load(name: str, read: Mapping[str, Any], errors: Any = None) -> None:
+        if there[0] == name:
+            return
+        there[0] = name
         # Places and unit quaternions (x, y, z, w): (F, k, 7).
         turned = Rotation.from_matrix(read["poses"][..., :3, :3].reshape(-1, 3, 3)).as_quat()
         turned = turned.reshape(*read["poses"].shape[:2], 4)
@@ -78,7 +83,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
             "groups": [g.id for g in groups],
             "t": np.round(read["tf"] - read["t"][0], 3).tolist(),
             "poses": np.round(placed, 4).tolist(),
-            "errors": errors.tolist(),
+            "errors": [[0.0]] * len(read["tf"]) if errors is None else errors.tolist(),
             "cameras": np.round(_camera(read["poses"][:, : len(joints)], bodies), 4).tolist(),
         }
         ui.run_javascript(f"(arms[{scene.id}] ??= new Arm({scene.id})).load({json.dumps(moves)})")

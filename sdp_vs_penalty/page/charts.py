@@ -129,6 +129,6 @@ def residual_chart(
 
 def ready(plot: Figure, height: int) -> dict[str, Any]:
     """Plain JSON; to be zoomed in time only."""
-    styled(plot, height).update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
+    styled(plot, height).update_layout(margin={"l": 66, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
     data: dict[str, Any] = json.loads(plot.update_axes("y", fixedrange=True).to_json())
     return {**data, "config": {"displayModeBar": False, "responsive": True}}

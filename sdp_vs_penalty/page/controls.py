@@ -21,13 +21,13 @@ Handler = Callable[..., Any]
 
 @dataclass(frozen=True)
 class FormField:
-    """An option of a verb: its parameter's name, flag, help, an example of a value, and what it is."""
+    """An option of a verb: its parameter's name, flag, help, an example of a value; or a tick."""
 
     name: str
     flag: str
     help: str
     example: str
-    kind: type
+    tick: bool
 
 
 def fields_of(verb: Callable[..., Any], *names: str) -> tuple[FormField, ...]:
@@ -36,13 +36,10 @@ def fields_of(verb: Callable[..., Any], *names: str) -> tuple[FormField, ...]:
     out = []
     for name in names:
         kind, option = get_args(parameters[name].annotation)[:2]
-        flags = [word for word in option.param_decls or () if word.startswith("--")]
-        default = parameters[name].default
-        told = option.metavar or ("" if default is None or kind is bool else str(default))
-        of = next((k for k in (bool, int, float) if kind is k or k in get_args(kind)), str)
-        flag = flags[0].partition("/")[0] if flags else f"--{name.replace('_', '-')}"
-        said = (option.help or "").replace("`", "")
-        out.append(FormField(name, flag, said, told, of))
+        default, tick = parameters[name].default, kind is bool
+        told = option.metavar or ("" if default is None or tick else str(default))
+        flag, said = f"--{name.replace('_', '-')}", option.help.replace("`", "")
+        out.append(FormField(name, flag, said, told, tick))
     return tuple(out)
 
 
@@ -51,7 +48,7 @@ def words(fields: tuple[FormField, ...], values: Mapping[str, str]) -> list[str]
     out = []
     for f in fields:
         if f.name in values:
-            out += [f.flag] if f.kind is bool else [f.flag, values[f.name]]
+            out += [f.flag] if f.tick else [f.flag, values[f.name]]
     return out
 
 
@@ -146,7 +143,7 @@ def draw_form(fields: Sequence[FormField], values: dict[str, str]) -> None:
 
     for f in fields:
         key, now = f"option-{f.name}", values.get(f.name, "")
-        if f.kind is bool:
+        if f.tick:
             check(f.help, bool(now), lambda on, name=f.name: put(name, "yes" * on), key)  # type: ignore[misc]
         else:
             text_field(f.help, now, partial(put, f.name), key, f.example)
@@ -196,15 +193,6 @@ def framed(caption: str, inner: str) -> Any:
     """A table as HTML in a frame that scrolls."""
     frame = f'<div class="wide" tabindex="0" role="region" aria-label="{escape(caption)}">'
     return ui.html(f"{frame}{inner}</div>", sanitize=False)
-
-
-def figures(items: Mapping[str, str]) -> None:
-    """Names and values, side by side."""
-    with tag("dl", style="figures"):
-        for name, value in items.items():
-            with tag("div"):
-                tag("dt", name)
-                tag("dd", value)
 
 
 def chart(options: Mapping[str, Any], label: str) -> Any:

@@ -82,11 +82,11 @@ def robot(asked: Asked) -> Answer:
         "title": own if problem.folder is None else problem.title,
         "name": problem.name,
         "n": problem.robot.n,
-        "joints": list(problem.robot.joint_names),
+        "joints": problem.robot.joint_names,
         "units": [formatting.plain_unit(unit) for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
         "drawn": drawn_arm(problem.robot, problem.nominal_links, hulls),
-        "own_gravity": list(problem.robot.gravity),
+        "own_gravity": problem.robot.gravity,
         "known": _known(problem),
         "bounds": _bounds(problem),
     }
@@ -186,7 +186,7 @@ def separate(asked: Asked) -> Answer:
     found = separation(
         asked.model,
         asked["effects"],
-        duration=asked.number("duration", 20.0),
+        duration=asked.number("duration", 21.0),
         level=asked.number("level", 1.0),
         iterations=int(asked.number("iterations", 200)),
         seed=asked.seed,

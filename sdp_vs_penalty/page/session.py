@@ -180,23 +180,18 @@ class Session:
             data += ["--window", ",".join(f"{a!r}:{b!r}" for a, b in windows)]
         first, seed = self.history[0], ["--seed", str(self.seed)]
         out = [["simulate", robot, *self.made_by]] if self.made_by else []
-        names = [first.opened or "model1.json"]
+        name = first.opened or "model1.json"
         if not first.opened:
             how = ["--method", first.method, "--effects", ",".join(first.effects), *seed]
             how += ["--no-check"] if self.meaningless else []
-            how += self.options_as_words()
-            out.append(["identify", robot, *data, *how, "--out", names[0]])
+            if gravity := self.robot["gravity"]:
+                how += ["--gravity", ",".join(f"{g:g}" for g in gravity)]
+            out.append(["identify", robot, *data, *how, *words(self.asked, self.options), "--out", name])
         for k, model in enumerate(self.history[1:], start=2):
-            names.append(f"model{k}.json")
-            how = [*seed, *(["--frozen"] if model.frozen else [])]
-            out.append(["add", names[-2], ",".join(model.added), *data, *how, "--out", names[-1]])
+            before, name = name, f"model{k}.json"
+            what = [",".join(model.added), *data, *seed, *["--frozen"] * model.frozen]
+            out.append(["add", before, *what, "--out", name])
         return [shlex.join(["sdp-vs-penalty", *words]) for words in out]
-
-    def options_as_words(self) -> list[str]:
-        """The options that are chosen, as on the command line."""
-        gravity = self.robot and self.robot["gravity"]
-        turned = ["--gravity", ",".join(f"{g:g}" for g in gravity)] if gravity else []
-        return turned + words(self.asked, self.options)
 
     def without_paths(self, text: str) -> str:
         """A sentence with shown names instead of where the files are."""
@@ -277,24 +272,20 @@ class Session:
 
     def choose_robot(self, source: str, urdf: str | None = None) -> None:
         """A built-in name, or the path of a URDF with its shown name; everything else starts anew."""
-
         self._start("Reading the robot", self._choose(source, urdf), {source: urdf or source})
 
     async def _choose(self, source: str, urdf: str | None = None) -> None:
         answer = await self._job("robot", robot={"source": source})
-        self._remember()
-        self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
-        self.runs, self.effects, self.method = [], list(answer["effects"]), DEFAULT_METHOD
-        self.forget_models()
-
-    def _remember(self) -> None:
-        """Before the robot changes: what is dropped, said and kept, so that it can be brought back."""
+        # What is dropped is said and kept, so that it can be brought back.
         self.dropped = {name: getattr(self, name) for name in _OF_A_ROBOT}
         if self.robot is not None and self.runs:
             what = [formatting.count(len(self.runs), "run")]
             what += [formatting.count(len(self.history), "model")] if self.history else []
             said = f"{self.robot['name']}: {formatting.words(what)} put aside with the robot."
             self.notice = Notice((said,), error=False, undo=True)
+        self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
+        self.runs, self.effects, self.method = [], list(answer["effects"]), DEFAULT_METHOD
+        self.forget_models()
 
     def bring_back(self) -> None:
         """The robot before this one, with its runs and models."""
@@ -311,17 +302,17 @@ class Session:
             return
         files, self.arrived = self.arrived, {}
         given = list(files.values())
-        log = uploads.logger_folder(self.folder, files)
-        listed = [{"path": str(path), "name": name} for name, path in files.items()]
-        if log is not None:
-            listed.append({"path": str(log), "name": "exciting_traj"})
-        names = {str(file["path"]): str(file["name"]) for file in listed}
+        if log := uploads.logger_folder(self.folder, files):
+            files["exciting_traj"] = log
+            given.append(log)
+        names = {str(path): name for name, path in files.items()}
 
         async def do() -> None:
             try:
+                listed = [{"path": path, "name": name} for path, name in names.items()]
                 await self._take_runs("read", files=listed, options=self.reading)
             finally:
-                uploads.forget(self.folder, [*given, *([] if log is None else [log])])
+                uploads.forget(self.folder, given)
 
         self._start("Reading measurements", do(), names)
 
@@ -362,10 +353,9 @@ class Session:
             turned = {**self.robot, "gravity": numbers("gravity", gravity, 3)}
             answer = await self._job("look_again", robot=turned)
             self.robot, self.runs = turned, answer["runs"]
-            had_models = bool(self.history)
-            self.forget_models()
-            if had_models:
+            if self.history:
                 self.notice = Notice(("Gravity has changed: identify again.",), error=False)
+            self.forget_models()
 
         self._start("Turning the robot", do())
 
@@ -390,12 +380,8 @@ class Session:
         if not self.effects:
             raise InputError("No effect is chosen", "choose at least rigid_body")
         self._refuse_meaningless()
-        answer = await self._job(
-            "fit",
-            effects=",".join(self.effects),
-            method=self.method,
-            out=self._next_file(),
-        )
+        how = {"effects": ",".join(self.effects), "method": self.method}
+        answer = await self._job("fit", **how, out=self._next_file())
         self.forget_models()
         self.history = [ModelStep(**{**answer, "label": "identified"})]
 
@@ -425,14 +411,13 @@ class Session:
 
     async def _add(self, texts: list[str]) -> None:
         frozen = self.frozen or (self.findings is not None and self.findings.frozen)
-        model, steps = self.current.file, []
+        steps = [self.current]
         for text in texts:
-            details = {"effect": text, "frozen": frozen, "out": self._next_file()}
-            answer = await self._job("extend", model=model, **details)
+            how = {"effect": text, "frozen": frozen, "out": self._next_file()}
+            answer = await self._job("extend", model=steps[-1].file, **how)
             new = {"label": f"+ {text.partition('@')[0]}", "added": (text,), "frozen": frozen}
             steps.append(ModelStep(**{**answer, **new}))
-            model = steps[-1].file
-        self.history, self.undone = [*self.history, *steps], []
+        self.history, self.undone = [*self.history, *steps[1:]], []
 
     def ask(self, job: str, title: str, ready: Callable[[str], None] | None = None, **on: Any) -> None:
         """A job that changes nothing: its answer is kept; ``ready`` hears of the files that it made."""
@@ -483,17 +468,13 @@ class Session:
     ) -> None:
         """Make a file to take away; ``ready`` hears its name. options : the flange, for a payload."""
         steps = enumerate(self.history, start=1)
-        self.ask(
-            "take",
-            f"Making {name}",
-            ready,
-            name=name,
-            models=[{"label": f"{k}: {m.label}", "file": m.file} for k, m in steps],
-            commands=self.commands(),
-            findings=self.findings and self.findings.to_dict(),
-            urdf=self.robot["source"] if self.robot and self.robot["file"] else None,
-            **(options or {}),
-        )
+        content = {
+            "models": [{"label": f"{k}: {m.label}", "file": m.file} for k, m in steps],
+            "commands": self.commands(),
+            "findings": self.findings and self.findings.to_dict(),
+            "urdf": self.arm["source"] if self.arm["file"] else None,
+        }
+        self.ask("take", f"Making {name}", ready, name=name, **content, **(options or {}))
 
     async def _take_runs(self, job: str, **details: Any) -> None:
         if self.robot is None:
@@ -512,11 +493,8 @@ class Session:
             new[0]["use"] = "train"
         if "effects" in answer:
             self.effects = list(answer["effects"])
-        had_models = bool(self.history)
+        said = answer["refused"] or [*answer.get("remarks", ()), *[_OTHER_RUNS] * bool(self.history)]
+        if said:
+            self.notice = Notice(tuple(map(self.without_paths, said)), error=bool(answer["refused"]))
         if new:
             self.forget_models()
-        if answer["refused"]:
-            self.notice = Notice(tuple(self.without_paths(text) for text in answer["refused"]))
-        elif had_models or answer.get("remarks"):
-            said = answer.get("remarks", []) + [_OTHER_RUNS] * had_models
-            self.notice = Notice(tuple(map(self.without_paths, said)), error=False)

@@ -24,12 +24,7 @@ from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.formatting import number as figure
-from sdp_vs_penalty.reports.parameters import (
-    half_axes,
-    link_rows,
-    plausibility,
-    standard_rows,
-)
+from sdp_vs_penalty.reports.parameters import half_axes, link_rows, plausibility, standard_rows
 from sdp_vs_penalty.reports.sections import certificate_rows
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import BarycentricBound
@@ -86,16 +81,15 @@ def held(estimate: Estimate) -> str:
 
 def about(estimate: Estimate) -> dict[str, Any]:
     """The parameters as the page shows them: rows, links, words and friction as in the report, and the
-    arm in 3D: of each joint its parent and place there, of each link its joint and ellipsoid."""
-    friction = [
-        {"velocity": c.velocity, "torque": c.torque, "half": NORMAL_95 * c.std}
-        for c in friction_curves(estimate)
-    ]
+    arm in 3D (:func:`drawn_arm`)."""
     return {
         "rows": standard_rows(estimate),
         "links": link_rows(estimate),
         "words": plausibility(estimate),
-        "friction": _plain(friction),
+        "friction": [
+            {"velocity": c.velocity, "torque": c.torque, "half": NORMAL_95 * c.std}
+            for c in friction_curves(estimate)
+        ],
         "certificate": certificate_rows([estimate]),
         **drawn_arm(estimate.robot, estimate.links if len(estimate.model.rigid_indices) else []),
     }
@@ -117,8 +111,8 @@ def drawn_arm(
             half, axes, com = body
             place = frame @ np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
             bodies.append({"link": k, "joint": robot.link_joints[k], "half": half, "place": place})
-    joints = [{"parent": j.parent, "at": [float(x) for x in j.placement[:3, 3]]} for j in robot.tree]
-    return {"bodies": _plain(bodies), "joints": joints, "shapes": shapes}
+    joints = [{"parent": j.parent, "at": j.placement[:3, 3]} for j in robot.tree]
+    return {"bodies": bodies, "joints": joints, "shapes": shapes}
 
 
 def _stl(corners: Array) -> str:
@@ -149,11 +143,6 @@ def _named(runs: Sequence[Measurements]) -> list[str]:
         name if names.count(name) == 1 else f"{name}, {run.t[0]:.4g} to {run.t[-1]:.4g} s"
         for name, run in zip(names, runs, strict=True)
     ]
-
-
-def _plain(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Arrays as lists."""
-    return [{k: x.tolist() if isinstance(x, np.ndarray) else x for k, x in r.items()} for r in rows]
 
 
 def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress: Progress) -> ModelStep:

@@ -24,12 +24,7 @@ SILENCE = 20.0
 RUN_SUFFIXES = (*suffixes(), ".txt")
 ROBOT_SUFFIXES = (".urdf", ".xml")
 #: By what is dropped.
-SUFFIXES = {
-    "runs": RUN_SUFFIXES,
-    "robot": ROBOT_SUFFIXES,
-    "model": (".json",),
-    "proof": (".json",),
-}
+SUFFIXES = {"runs": RUN_SUFFIXES, "robot": ROBOT_SUFFIXES, "model": (".json",), "proof": (".json",)}
 
 #: Of the authors' Panda logger: four text files that are one run, known by their names.
 LOG_FILES = tuple(f"exciting_traj_{part}.txt" for part in ("time", "positions", "velocity", "torques"))

@@ -12,7 +12,6 @@ from nicegui.client import Client
 
 from sdp_vs_penalty.page.controls import FormField
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.wording import spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 
 #: Options of the command line by the step that offers them.
@@ -54,10 +53,6 @@ class View:
             setattr(self, name, value)
         for follow in list(self.followers.values()):
             follow()
-
-    def forget(self, step: str) -> None:
-        """Nothing of a step is shown any more."""
-        self.followers.pop(step, None)
 
     def download(self, name: str) -> None:
         """Hand a file of the session to the browser."""
@@ -104,6 +99,20 @@ def identified(session: Session) -> Verdict | None:
         return None
     said = session.model.comparison["verdict"]
     return Verdict(_COLOURS[said["grade"]], spoken(said["lines"][0]["text"]), said["grade"].capitalize())
+
+
+def spoken(text: str) -> str:
+    """A sentence of the command line's for the page, where a stage stands for the command.
+
+    >>> spoken("Torque beyond the noise; `diagnose` names causes.")
+    'Torque beyond the noise; Diagnose names causes.'
+    """
+    return text.replace("`diagnose`", "Diagnose").replace("`", "")
+
+
+def plain_name(effect: str) -> str:
+    """presliding_hysteresis as Presliding hysteresis."""
+    return effect.replace("_", " ").capitalize()
 
 
 def _nothing(session: Session) -> None:

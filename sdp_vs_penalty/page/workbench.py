@@ -146,7 +146,7 @@ class Workbench:
         if not self._changed(part.anchor, part.depends(self.session) if ready else None):
             return
         self._at[f"part-{part.anchor}"].set_visibility(ready)
-        self.view.forget(part.anchor)
+        self.view.followers.pop(part.anchor, None)
         body = self._at[f"body-{part.anchor}"]
         body.clear()
         if ready:

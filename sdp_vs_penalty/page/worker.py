@@ -158,7 +158,7 @@ def main() -> None:
     threading.Thread(target=_listen, args=(requests,), daemon=True).start()
 
     def send(message: dict[str, Any]) -> None:
-        print(json.dumps(message), file=answers, flush=True)
+        print(json.dumps(message, default=_listed), file=answers, flush=True)
 
     import sdp_vs_penalty.page.jobs  # noqa: F401  (takes seconds; a request may come meanwhile)
 
@@ -166,6 +166,11 @@ def main() -> None:
         request = json.loads(requests.get())
         limit_memory(int(request.get("at_once", 1)))
         send(do(request, lambda text: send({"progress": text})))
+
+
+def _listed(array: Any) -> Any:
+    """Arrays and numbers of NumPy as JSON has them."""
+    return array.tolist()
 
 
 def _listen(requests: queue.SimpleQueue[str]) -> None:

@@ -23,6 +23,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.rigid_body import RigidBody
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.penalty import Penalty
+from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.problem.problem import Problem
@@ -154,13 +155,6 @@ def unfeasible_retrievals(
             return
 
 
-#: Instants of the intervals, and relaxed retrievals of each kind.
-INSTANTS = {"quick": 81, "paper": 201}
-RETRIEVALS = {"quick": 10, "paper": 50}
-#: Starts of the penalty method whose wrenches are compared: as many as the paper's runs.
-PENALTY_RUNS = 10
-
-
 @dataclass(frozen=True)
 class WrenchStudy:
     """Wrenches (M, n, 6) along the exciting trajectory at t (M,), and the intervals.
@@ -181,14 +175,14 @@ class WrenchStudy:
 
 def wrench_study(study: Study) -> WrenchStudy:
     problem, x = study.problem, study.experiment
-    t = np.linspace(0.0, x.trajectory.duration, INSTANTS[study.budget] + 2)[1:-1]
+    t = np.linspace(0.0, x.trajectory.duration, study.effort.instants + 2)[1:-1]
     states = x.trajectory.states(t)
     model = problem.model("rigid_body")
     known = problem.constraints(model), x.links, problem.parameter_bound(model)
     feasible = equal_torques(problem.robot, *known)
     intervals = wrench_intervals(problem.robot, feasible, *states, progress=study.progress)
     study.progress("relaxed retrievals")
-    pi, count = study.base @ x.links.ravel(), RETRIEVALS[study.budget]
+    pi, count = study.base @ x.links.ravel(), study.effort.retrievals
     retrieved = (unfeasible_retrievals(problem, pi, count, boxed) for boxed in (True, False))
     estimates = {"published p_hat": published_links(problem, "p_hat")}
     for name, method in study.methods.items():
@@ -203,7 +197,8 @@ def wrench_study(study: Study) -> WrenchStudy:
 
 
 def penalty_links(study: Study) -> list[Array]:
-    """Links (n, 10) that the exact penalty finds from scattered feasible starts, one run each.
+    """Links (n, 10) that the exact penalty finds from scattered feasible starts, as many as the paper's
+    runs, one run each.
 
     A start lies near the boundary of the feasible set, where a random linear function is least.
     """
@@ -213,8 +208,8 @@ def penalty_links(study: Study) -> list[Array]:
     everywhere = Slice.of(task.constraints, np.zeros((0, p)), interior, task.bound)
     rng = np.random.default_rng(study.seed)
     estimator = Penalty(body=False, thickness=0.0, starts=1)
-    for k in range(PENALTY_RUNS):
-        study.progress(f"penalty run {k + 1} of {PENALTY_RUNS}")
+    for k in range(PenaltyPaper.runs):
+        study.progress(f"penalty run {k + 1} of {PenaltyPaper.runs}")
         edge = everywhere.minimum(rng.normal(size=p) / task.bound).theta
         # How far towards the boundary such a start lies, from the interior point.
         start = everywhere.interior + 0.9 * (edge - everywhere.interior)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, load_diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -95,10 +96,10 @@ def _material(
     drive: Drive = "torque" if runs.torque_logged else "servo"
     moved = {name: driven(model, runs) for name, model in models.items()}
     settings = next(iter(models.values())).preprocessing.resolve(runs)
-    rows = {
-        name: [filtered_torque(run, e.model, settings) for run in driving.runs()]
-        for name, (e, driving) in moved.items()
-    }
+    judged = {}
+    for name, (plant, driving) in moved.items():
+        rows = (filtered_torque(run, plant.model, settings) for run in driving.runs())
+        judged[name] = [(row, predicted(row, plant.theta)) for row in rows]
     try:
         ahead: Following | str = follow(
             last, runs, drive=drive, steps=None if forward else _STEPS, progress=progress
@@ -106,15 +107,13 @@ def _material(
     except InputError as error:
         ahead = str(error)
     progress("looking where it fails")
-    ends = dict.fromkeys((next(iter(models)), list(models)[-1]))
-    noise = comparisons[0].noise
+    how: dict[str, Any] = {"noise_from": noise_from, "noise": comparisons[0].noise}
     failures = {
-        name: where_it_fails(models[name], runs, settings, noise_from=noise_from, noise=noise)
-        for name in ends
+        name: where_it_fails(models[name], runs, settings, **how)
+        for name in dict.fromkeys((next(iter(models)), list(models)[-1]))
     }
-    checks = check(last.problem, runs)
-    plants = {name: e for name, (e, _) in moved.items()}
-    return Material(models, plants, runs, comparisons, rows, failures, checks, (), ahead)
+    checks, plant = check(last.problem, runs), moved[list(models)[-1]][0]
+    return Material(models, plant, runs, comparisons, judged, failures, checks, (), ahead)
 
 
 def check_name(out: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.comparison import predicted, still_missing
+from sdp_vs_penalty.diagnosis.comparison import still_missing
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.sentences import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
@@ -32,13 +32,7 @@ from sdp_vs_penalty.reports.pictures import (
     shades,
 )
 from sdp_vs_penalty.reports.plots import POINTS, Curves, missing_figure, torque_figure
-from sdp_vs_penalty.reports.section import (
-    Material,
-    figure,
-    marked,
-    table,
-    text,
-)
+from sdp_vs_penalty.reports.section import Material, figure, marked, table, text
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -88,15 +82,16 @@ def verdict(material: Material) -> str:
 def torques(material: Material) -> str:
     """Measured and modelled torque of each joint, and what is left."""
     shade: dict[str, Any] = {"line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
-    n, units = material.last.robot.n, material.last.robot.torque_units
-    modelled = {
-        name: [predicted(rows, estimate.theta) for rows in material.rows[name]]
-        for name, estimate in material.plants.items()
-    }
+    units, first = material.last.robot.torque_units, material.judged[material.first_name]
     runs = [
-        Curves(run.motion.t, run.torque, {name: every[k] for name, every in modelled.items()})
-        for k, run in enumerate(material.rows[material.first_name])
+        Curves(run.motion.t, run.torque, {name: each[k][1] for name, each in material.judged.items()})
+        for k, (run, _) in enumerate(first)
     ]
+    # Of each run what is added to its clock on the figures, where runs follow each other.
+    shifts, start = [], 0.0
+    for run, _ in first:
+        shifts.append(start - float(run.motion.t[0]))
+        start += float(run.motion.t[-1] - run.motion.t[0]) + 1.0
     failing = material.failures[material.first_name]
     causes = [c for c in SHADES if any(s.cause == c for f in failing for s in f.stretches)]
     body = text(
@@ -105,10 +100,9 @@ def torques(material: Material) -> str:
         "should lie, given its parameters' uncertainty and what it left of its own training runs."
     )
     body += legend(causes)
-    shifts = _shifts(material)
     bands = _bands(material, shifts)
-    for j in range(n):
-        plot = torque_figure(runs, j, units[j])
+    for j, unit in enumerate(units):
+        plot = torque_figure(runs, j, unit)
         for t, half in bands:  # around a zero error, beside the errors
             for bound, fill in ((half[:, j], None), (-half[:, j], "tonexty")):
                 filled = {"fill": fill, "fillcolor": "rgba(128,128,128,0.25)", **shade}
@@ -125,25 +119,15 @@ def torques(material: Material) -> str:
     return body
 
 
-def _shifts(material: Material) -> list[float]:
-    """Of each run what is added to its clock on the figures, where runs follow each other."""
-    shifts, start = [], 0.0
-    for rows in material.rows[material.first_name]:
-        shifts.append(start - float(rows.motion.t[0]))
-        start += float(rows.motion.t[-1] - rows.motion.t[0]) + 1.0
-    return shifts
-
-
 def _bands(material: Material, shifts: Sequence[float]) -> list[tuple[Array, Array]]:
     """Of each run instants (m,) on the figures' axis and half the last model's band (m, n) there."""
-    last = material.plants[material.last_name]
-    known = last.uncertainty
+    theta, known = material.plant.theta, material.plant.uncertainty
     bands = []
-    for rows, shift in zip(material.rows[material.last_name], shifts, strict=True):
+    for (rows, _), shift in zip(material.judged[material.last_name], shifts, strict=True):
         t = rows.motion.t + shift
         keep = np.unique(np.linspace(0, len(t) - 1, min(len(t), POINTS)).astype(int))
         few = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
-        half = NORMAL_95 * np.hypot(known.band(last.theta, few)[1], known.noise)
+        half = NORMAL_95 * np.hypot(known.band(theta, few)[1], known.noise)
         bands.append((t[keep], half))
     return bands
 
@@ -208,14 +192,10 @@ def failures(material: Material) -> str:
         maps += heat_map(name, rows, len(failing))
     body += f'<div class="maps wide" tabindex="0">{maps}</div>'
     last = material.failures[material.last_name]
+    units = material.last.robot.torque_units
     said = [
-        (
-            str(f.joint),
-            " ".join(sentences(f, material.last.robot.torque_units[f.joint - 1])),
-            number(f.rmse, 4),
-            number(f.noise_floor, 4),
-        )
-        for f in last
+        (f.joint, " ".join(sentences(f, unit)), number(f.rmse, 4), number(f.noise_floor, 4))
+        for f, unit in zip(last, units, strict=True)
     ]
     heads = ("joint", f"where {material.last_name} errs", "RMS error", "noise floor")
     return body + table(heads, said, numbers_from=2)
@@ -225,9 +205,8 @@ def findings(material: Material) -> str:
     """What a diagnosis says: verdict, what the last model still lacks, a row a finding, each curve."""
     found = material.diagnosis
     if found is None:
-        note = "No diagnosis was given. Name one with `--findings findings.json`."
-        return text(note)
-    rows = []
+        return text("No diagnosis was given. Name one with `--findings findings.json`.")
+    rows, units = [], material.last.robot.torque_units
     for f in found.effects:
         joint = f.joints[0] - 1 if f.joints else 0
         fall = (f.held_out_rmse_before[joint], f.held_out_rmse_after[joint])
@@ -259,10 +238,9 @@ def findings(material: Material) -> str:
         first, last = found.effects[0].held_out_rmse_before, found.effects[-1].held_out_rmse_after
         floor = found.noise_floor.tolist() if found.noise_known else None
         body += text("Held-out error of each joint before all findings and with all of them:")
-        body += bars(list(first), list(last), floor, material.last.robot.torque_units)
+        body += bars(list(first), list(last), floor, units)
         body += table(heads, rows, numbers_from=5)
     body += "".join(text(remark) for remark in (found.beside, *found.remarks) if remark)
-    units = material.last.robot.torque_units
     for curve in found.curves:
         said = curve.sentence(units)
         plot = missing_figure(curve, units, _along(curve, material))
@@ -272,11 +250,9 @@ def findings(material: Material) -> str:
 
 def _along(curve: Curve, material: Material) -> list[Array]:
     """Each variable of a curve along the judged runs."""
-    parts = []
-    for rows in material.rows[material.last_name]:
-        theta = material.plants[material.last_name].theta
-        motion = replace(rows.motion, torque=predicted(rows, theta))
-        parts.append([Variable.parse(v).along(motion) for v in curve.of])
+    judged = material.judged[material.last_name]
+    motions = [replace(rows.motion, torque=modelled) for rows, modelled in judged]
+    parts = [[Variable.parse(v).along(motion) for v in curve.of] for motion in motions]
     return [np.concatenate(values) for values in zip(*parts, strict=True)]
 
 
@@ -334,9 +310,8 @@ def data(material: Material) -> str:
     """What `sdp-vs-penalty check` says of the runs."""
     parts = []
     for report in material.checks:
-        problems = report.problems
         parts.append(f"<h3>{escape(report.run)}</h3>")
-        if not problems:
+        if not report.problems:
             parts.append(text("No problems found."))
         for f in report.issues:
             parts.append(

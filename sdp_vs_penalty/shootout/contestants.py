@@ -12,6 +12,7 @@ from typing import Any
 
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Fit
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.shootout import augmented_lagrangian, baselines
 from sdp_vs_penalty.shootout.instance import Instance
@@ -20,8 +21,6 @@ from sdp_vs_penalty.solvers import absent, solver_modules, through_cvxpy, versio
 from sdp_vs_penalty.version import __version__
 
 _LOOP = "inside our loop: scaled, certified, solved again where the gap is loose"
-#: What our loop asks of a solver, unless its file names a FINEST of its own.
-_FINEST = 1e-10
 Options = Callable[[float], dict[str, Any]]
 
 
@@ -69,7 +68,7 @@ def contestants() -> dict[str, Contestant]:
     """All of them by name, absent ones included."""
     found = _baselines()
     for name, module in solver_modules().items():
-        own, finest = _conic(name, module), getattr(module, "FINEST", _FINEST)
+        own, finest = _conic(name, module), getattr(module, "FINEST", LmiSdp.accuracy)
         certified = replace(
             own,
             name=f"{name} certified",
@@ -167,7 +166,7 @@ def _baselines() -> list[Contestant]:
         warm_up=through_cvxpy.warm_up,
     )
     return [
-        Contestant("lmi-sdp", words, partial(_in_our_loop, solver=None, finest=_FINEST)),
+        Contestant("lmi-sdp", words, partial(_in_our_loop, solver=None, finest=LmiSdp.accuracy)),
         cvxpy,
         replace(
             cvxpy,

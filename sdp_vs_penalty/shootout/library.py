@@ -18,19 +18,19 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.exporters.sdp import export_sdp, proof_of
 from sdp_vs_penalty.files import as_csv, write_bytes, write_text
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import Entry
+from sdp_vs_penalty.shootout.runner import Shootout
 from sdp_vs_penalty.solvers.conic import ConicProblem
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, write_proof
 from sdp_vs_penalty.solvers.rewrite import linear_objective
 
 #: The data card and the citation that go with a library are files beside this one.
 _HERE = Path(__file__).parent
-#: A proved interval of at most this share of the loss makes an instance easy, or of medium difficulty.
-_EASY, _MEDIUM = 1e-8, 1e-6
 
 
 def write_library(
@@ -75,7 +75,9 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
     sums["problem.npz"] = hashlib.sha256(arrays).hexdigest()
     low, high = map(float, interval) if interval else (0.0, np.inf)
     gap = (high - low) / max(high, 1e-12 * instance.data.tau_squared)  # of the objective, never negative
-    difficulty = "easy" if gap <= _EASY else "medium" if gap <= _MEDIUM else "hard"
+    # By what the shootout asks for: proved as tightly as that, or as the next accuracy.
+    _, medium, easy = Shootout.accuracies
+    difficulty = "easy" if gap <= easy else "medium" if gap <= medium else "hard"
     cones = Counter(cone.kind for cone in made.cones)
     return {
         "name": item.name,
@@ -103,7 +105,7 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
     """ "optimum proved", "proved infeasible" or "not proved", and the proof."""
     try:
         task, constraints = instance.task, instance.constraints
-        fit = solve_sdp(task, instance.objective, constraints, "clarabel", 1e-10)
+        fit = solve_sdp(task, instance.objective, constraints, "clarabel", LmiSdp.accuracy)
         return "optimum proved", proof_of(task, fit, instance.name)
     except Infeasible as error:
         if error.proof is None:

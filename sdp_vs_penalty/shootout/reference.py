@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.solvers import clarabel, verified
@@ -42,7 +43,9 @@ def reference(instance: Instance) -> Reference:
     lower = 0.0 if instance.objective.entropy is None else -np.inf
     theta = interior
     with suppress(InputError):
-        fit = solve_sdp(instance.task, instance.objective, instance.constraints, "clarabel", 1e-10)
+        fit = solve_sdp(
+            instance.task, instance.objective, instance.constraints, "clarabel", LmiSdp.accuracy
+        )
         assert fit.multipliers is not None
         theta = fit.theta
         lower = max(lower, instance.lower_bound(theta, fit.multipliers, fit.entropy_slopes))

@@ -299,7 +299,7 @@ class _Ride:
             more, damping = (
                 (0.0, None) if self.mass is None else self.loop(self.mass, state, k, share, h)
             )
-            state = advance([self.plant], state, torque + more, h, damping)
+            state = advance(self.plant, state, torque + more, h, damping)
         return _Moving(state, path)
 
 

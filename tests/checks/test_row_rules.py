@@ -34,9 +34,9 @@ def only(run: Measurements, **blocks: np.ndarray | None) -> Measurements:
 
 
 def found(kind: str, run: Measurements) -> Issue | None:
-    """What the rule of that kind says of a run by itself."""
-    (rule,) = (r for r in MOTION if r.kind == kind)
-    return next(rule(Glance(run, ROBOT, STANDSTILL)), None)
+    """What the rules, each by itself, say of that kind of a run."""
+    said = (issue for rule in MOTION for issue in rule(Glance(run, ROBOT, STANDSTILL)))
+    return next((issue for issue in said if issue.kind == kind), None)
 
 
 def told(run: Measurements) -> tuple[list[Issue], Measurements]:

@@ -8,25 +8,19 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from commands import run_cli
 from sdp_readers import read_cbf, read_sdpa
 
 from sdp_vs_penalty import load_problem
-from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.solvers import solver
 
 
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
-    return int(ended.value.code or 0)
-
-
 def test_shootout_writes_its_tables(tmp_path, capsys):
     out = tmp_path / "s"
     choice = ("--solvers", "clarabel,lmi-sdp", "--problems", "two_link one-step plain")
-    assert run("shootout", *choice, "--accuracy", "1e-6", "--jobs", 1, "--out", out) == 0
+    assert run_cli("shootout", *choice, "--accuracy", "1e-6", "--jobs", 1, "--out", out) == 0
     said = capsys.readouterr().out
     assert "Most often right" in said
     for name in ("runs.csv", "summary.md", "summary.csv"):
@@ -44,14 +38,14 @@ def test_shootout_writes_its_tables(tmp_path, capsys):
     ],
 )
 def test_mistakes_are_one_sentence(tmp_path, capsys, arguments, words):
-    assert run("shootout", *arguments, "--out", tmp_path / "s") == 2
+    assert run_cli("shootout", *arguments, "--out", tmp_path / "s") == 2
     said = capsys.readouterr().err
     assert words in said
     assert said.count("\n") == 1
 
 
 def test_list_names_instances_and_solvers(capsys):
-    assert run("shootout", "--list") == 0
+    assert run_cli("shootout", "--list") == 0
     said = capsys.readouterr().out
     for name in (
         "ill-conditioned gram g mm",
@@ -83,7 +77,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     plain = ("--method", "lmi-sdp-thickness")
     for name, method in (("a.dat-s", plain), ("a.cbf", plain), ("entropic.cbf", ())):
         given = ("--data", folder / "run.csv", "--out", folder / name, *method)
-        assert run("export-sdp", "two_link", *given) == 0
+        assert run_cli("export-sdp", "two_link", *given) == 0
     return folder
 
 
@@ -122,9 +116,9 @@ def test_outside_programs_reproduce_the_interval_from_the_file_alone(program, ex
 
 def test_what_cannot_be_exported_is_one_sentence(exported, tmp_path, capsys):
     wrong = ("--data", exported / "run.csv", "--out", tmp_path / "a.mps")
-    assert run("export-sdp", "two_link", *wrong) == 2
+    assert run_cli("export-sdp", "two_link", *wrong) == 2
     assert ".dat-s" in capsys.readouterr().err
     penalty = ("--method", "penalty", "--data", exported / "run.csv", "--out", tmp_path / "a.cbf")
-    assert run("export-sdp", "two_link", *penalty) == 2
+    assert run_cli("export-sdp", "two_link", *penalty) == 2
     assert "not a single SDP" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

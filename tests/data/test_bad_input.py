@@ -18,6 +18,7 @@ from small_runs import small_run
 from sdp_vs_penalty import (
     Measurements,
     Problem,
+    check,
     compare,
     identify,
     load_estimate,
@@ -81,6 +82,8 @@ CSV_CASES: dict[str, tuple[str | bytes, list[str]]] = {
     ),
     "a column comes twice": (csv_with(setting(1, "t,q1,q1,dq1,dq2,tau1,tau2")), ["q1 comes twice"]),
     "semicolons": (csv_with(lambda x: None).replace(",", ";"), ["row 1", "by semicolons", "commas"]),
+    "white space": (csv_with(lambda x: None).replace(",", "\t"), ["7 names by white space", "commas"]),
+    "numbers by semicolons": ("0.1;2;3\n0.2;2;3\n", ["numbers instead of a header", "convert --rename"]),
     "a word": (csv_with(setting(4, "0.02,x,0,0,0,1,2")), ["row 4, column 2 holds 'x'", "correct it"]),
     "digits that NumPy does not read": (
         csv_with(setting(5, "0.03,0,0,0,0,1_0,2")),
@@ -184,10 +187,7 @@ def test_degrees_are_refused_by_the_joints_ranges(panda):
     centre = 0.5 * (np.array([j.lower + j.upper for j in panda.robot.joints]))
     run = Measurements(run.t, run.q + centre, run.tau, run.dq, None, ("run.csv",))
     estimate = identify(panda, run, "ols", check=False)  # its torques are those of other positions
-    for call in (
-        lambda: identify(panda, in_degrees(run)),
-        lambda: compare(estimate, in_degrees(run)),
-    ):
+    for call in (lambda: identify(panda, in_degrees(run)), lambda: compare(estimate, in_degrees(run))):
         refusal(
             call, "run.csv: row ", "column q", "far outside the range of joint", "degrees to radians"
         )
@@ -214,6 +214,10 @@ def test_wrong_number_of_joints(two_link, panda, tmp_path):
     save(run, tmp_path / "run.csv")
     refusal(lambda: load_measurements(tmp_path / "run.csv", joints=7), "run.csv", "2 joints", "7")
     refusal(lambda: identify(panda, run), "2 joints", "panda", "7")
+    refusal(lambda: check(panda, run), "2 joints, the robot has 7")
+    raw = tmp_path / "ur-20_02_12-50sec_12harm.csv"
+    raw.write_text("0.1,2\n")
+    refusal(lambda: load_measurements(raw), "raw file", "sdp-vs-penalty fetch ur10e")
     refusal(
         lambda: compare(identify(two_link, run, "ols"), small_run(panda)), "the robot has 2", "7 joints"
     )

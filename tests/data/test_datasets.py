@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run_cli
 
 from sdp_vs_penalty import InputError, compare, identify, load_measurements, load_problem
-from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import DATASETS, datasets
 from sdp_vs_penalty.data.datasets import fetch
 from sdp_vs_penalty.problem.load import problem_names
@@ -118,10 +118,9 @@ def test_emps_identification_gives_the_authors_values(fetched):
 @pytest.mark.real_data
 def test_the_verb_prints_paths_and_says_what_it_could_not_use(address, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv(datasets.MIRROR_VARIABLE, address)
-    with pytest.raises(SystemExit) as stop:
-        main(["fetch", "ur10e", "emps", "--folder", str(tmp_path)])
+    code = run_cli("fetch", "ur10e", "emps", "--folder", tmp_path)
     out, err = capsys.readouterr()
-    assert stop.value.code == 0
+    assert code == 0
     paths = [Path(line) for line in out.splitlines()]
     assert len(paths) == 10
     assert all(path.is_file() for path in paths)

@@ -2,16 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-
-seeds = st.integers(0, 2**32 - 1)
-quick = settings(max_examples=25, deadline=None, derandomize=True)
 
 
 def random_run(seed: int, n: int = 3, rows: int = 40, name: str = "run") -> Measurements:
@@ -28,20 +23,6 @@ def assert_same(a: Measurements, b: Measurements) -> None:
         if x is not None:
             np.testing.assert_array_equal(x, y)
             assert y.dtype == np.float64
-
-
-@quick
-@given(seeds, st.integers(1, 12))
-def test_csv_and_both_forms_of_npz_give_back_every_bit(tmp_path_factory, seed, n):
-    folder, run = tmp_path_factory.mktemp("m"), random_run(seed, n)
-    save(run, folder / "run.csv")
-    save(run, folder / "columns.npz")
-    np.savez(folder / "whole.npz", t=run.t, **run.groups)
-    for name in ("run.csv", "whole.npz", "columns.npz"):
-        read = load_measurements(folder / name)
-        assert_same(run, read)
-        assert read.data_hash == run.data_hash
-        assert read.names == (name,)
 
 
 def test_runs_stay_apart_and_in_order(tmp_path):
@@ -98,20 +79,6 @@ def test_windows_without_samples_are_refused(tmp_path):
         InputError, match=r"run\.csv: no samples between 1e\+06 s and its end: the run lasts"
     ):
         load_measurements(tmp_path / "run.csv", start=1e6)
-
-
-@pytest.mark.real_data
-def test_the_real_pandas_log_is_read(panda_run):
-    assert panda_run.q.shape == panda_run.tau.shape == (20_544, 7)
-    assert panda_run.dq is not None
-    assert np.all(np.diff(panda_run.t) > 0.0)
-    assert 20.9 < panda_run.t[-1] - panda_run.t[0] < 21.2
-    # The logged velocity is that of the logged position: their changes over 0.1 s agree.
-    steps = np.diff(panda_run.t)[:, None]
-    travel = np.cumsum(0.5 * (panda_run.dq[1:] + panda_run.dq[:-1]) * steps, axis=0)
-    by_velocity, by_position = travel[100:] - travel[:-100], panda_run.q[101:] - panda_run.q[1:-100]
-    for j in range(7):
-        assert np.corrcoef(by_velocity[:, j], by_position[:, j])[0, 1] > 0.999
 
 
 @pytest.mark.parametrize("suffix", ["csv", "npz", "mat", "parquet"])

@@ -1,15 +1,20 @@
 """Measured against modelled: every figure from its definition, one band for all, one JSON form."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from random_robots import repeating_run
 from random_robots import repeating_run as run_of
+from small_runs import small_run
 
-from sdp_vs_penalty import Estimate, InputError, Problem, identify
+from sdp_vs_penalty import Estimate, InputError, Problem, identify, where_it_fails
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
+from sdp_vs_penalty.diagnosis.where_it_fails import REVERSAL
+from sdp_vs_penalty.paper.tables.table import Column, Table
 from sdp_vs_penalty.signals import Preprocessing, filtered_torque
 
 FIELDS = {
@@ -22,10 +27,7 @@ FIELDS = {
     "noise_floor",
     "relative_error_percent",
     "band_hz",
-} | {
-    "new_motion_share",
-    "outside",
-}
+} | {"new_motion_share", "outside"}
 
 
 @pytest.fixture(scope="module")
@@ -120,3 +122,44 @@ def test_the_real_panda_repeats_and_has_a_floor_below_every_error(panda, panda_r
     for part in (panda_run.window(8.0, 13.2), [panda_run.window(0.0, 5.0), panda_run.window(8.0, 13.2)]):
         (window,) = compare(estimate, part, noise_from=panda_run)
         np.testing.assert_allclose(window.noise_floor, found.noise_floor)
+
+
+def test_frames_hold_the_same_numbers(two_link):
+    run = small_run(two_link)
+    estimate = identify(two_link, run)
+    frame = estimate.to_frame()
+    assert list(frame.index) == [p.name for p in estimate.model.parameters]
+    assert frame.loc["m2", "value"] == estimate.theta[10]
+    assert frame.loc["m2", "unit"] == "kg"
+    comparisons = compare({"a": estimate, "b": estimate}, run)
+    table = comparisons.to_frame()
+    assert table.loc[("b", 2), "rmse"] == comparisons[1].rmse[1]
+
+
+def test_table_frame_keeps_printed_digits():
+    table = Table("X", "title", "caption", (Column("a"), Column("b")), (("1.50", 2.0), (None, 3.0)))
+    frame = table.to_frame()
+    assert frame["a"][0] == "1.50"
+    assert frame["b"].sum() == 5.0
+
+
+def test_an_error_after_reversals_is_seen_there(two_link):
+    run = repeating_run(two_link, 0, noise=0.05)
+    velocity = np.gradient(run.q[:, 1], run.t)
+    turns = np.flatnonzero(np.sign(velocity[1:]) != np.sign(velocity[:-1]))
+    late = np.zeros(len(run.t))
+    for k in turns:  # what a bent asperity does: it takes 0.3 s to follow
+        after = run.t - run.t[k]
+        late += np.where((after >= 0.0) & (after < 0.3), -np.sign(velocity[k + 1]), 0.0)
+    tau = run.tau.copy()
+    tau[:, 1] += 2.0 * late
+    model = identify(two_link, run)
+    first, second = where_it_fails(model, replace(run, tau=tau))
+    assert second.held_out_shares[REVERSAL] > 0.4
+    assert max(second.held_out_shares, key=lambda name: second.held_out_shares[name]) == REVERSAL
+    assert first.held_out_shares[REVERSAL] < 0.1
+    near = [s for s in second.stretches if s.cause == REVERSAL]
+    assert len(near) >= 3
+    instants = run.t[turns]
+    assert all(np.min(np.abs(instants - 0.5 * (s.start + s.stop))) < 0.5 for s in near)
+    assert not any(s.cause == REVERSAL for s in first.stretches)

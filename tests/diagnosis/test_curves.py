@@ -12,9 +12,7 @@ from sdp_vs_penalty import Estimate, add, compare, diagnose, identify, load_prob
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.effects import Motion, effect_from_dict, parse_effects
-from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.simulation.worlds.conditions import Conditions
@@ -149,14 +147,3 @@ def test_a_wave_of_two_joints_is_one_law_of_both():
     assert curve.formula is not None
     numbers = [float(x) for x in re.findall(r"\d+\.?\d*(?= q\d)", curve.formula)]
     assert sorted(numbers) == pytest.approx([3.0, 3.9], rel=0.05)
-
-
-def test_a_curve_levels_off_where_nothing_was_measured():
-    """A straight line over the lower half of the range is not continued beyond it."""
-    axis = Axis(Variable("q"), 0.0, 1.0, 32)
-    x = np.linspace(0.0, 0.5, 200)
-    B = axis.columns(x)
-    c = np.linalg.solve(B.T @ B + 10.0 * axis.penalty + 1e-6 * np.eye(32), B.T @ (4.0 * x))
-    inside, edge, far = axis.columns(np.array([0.25, 0.5, 0.95])) @ c
-    assert inside == pytest.approx(1.0, abs=0.15)
-    assert far - edge < 0.8  # straight on: 1.8

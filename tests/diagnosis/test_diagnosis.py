@@ -9,10 +9,9 @@ import pytest
 from sdp_vs_penalty import Estimate, InputError, Problem, add, diagnose, identify, load_estimate
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis import Diagnosis, diagnosis_rows
+from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.signals import noise_of
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.simulation.worlds.hidden import at_joint
@@ -96,39 +95,6 @@ def test_what_the_links_absorb_is_reported_as_invisible(found):
     assert {("rotor_inertia", (1,)), ("rotor_inertia", (2,)), ("joint_zero_error", (1,))} <= hidden
     assert ("rotor_inertia", (5,)) not in hidden
     assert all(0.99 < i.absorbed_share <= 1.0 for i in found.invisible)
-
-
-def test_the_floor_is_that_of_the_true_noise(stribeck, found):
-    data = concatenate(stribeck.runs[:3])
-    estimate = identified(stribeck, data)
-    logged, ideal = (
-        diagnosis_rows(m, estimate, estimate.preprocessing)
-        for m in (data, concatenate(stribeck.ideal[:3]))
-    )
-    noise = (logged.residual - ideal.residual)[logged.keep[:, 0]]
-    ratio = found.noise_floor / noise.std(axis=0)
-    assert np.median(ratio) == pytest.approx(1.0, abs=0.05)
-    assert np.all((ratio > 0.8) & (ratio < 1.25))
-    assert found.noise_source == "repetition"
-
-
-def test_equal_runs_are_not_more_independent_than_their_number(two_link):
-    """Four runs of the same motion are six pairs, but three differences an instant."""
-    made = hidden_runs(two_link, [], 0.0, seed=31, count=1)
-    run = made.runs[0]
-    rng = np.random.default_rng(0)
-    noisy = [
-        replace(run, t=run.t + 60.0 * k, tau=run.tau + 0.01 * rng.normal(size=run.tau.shape))
-        for k in range(4)
-    ]
-    estimate = identified(made, run)
-    degrees = []
-    for runs in (noisy[:2], noisy):
-        rows = diagnosis_rows(concatenate(runs), estimate, estimate.preprocessing)
-        degrees.append(noise_of(rows).degrees[0])
-    rows_a_run = len(rows.t) / 4
-    assert degrees[0] < 1.4 * rows_a_run  # the run repeats its own first third as well
-    assert degrees[1] < 3.4 * rows_a_run
 
 
 @pytest.mark.long

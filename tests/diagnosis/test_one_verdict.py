@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run_cli
 from random_robots import repeating_run as run_of
 
 from sdp_vs_penalty import Problem, compare, export, identify, load_estimate, report
-from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.measurements import Runs
@@ -53,10 +53,9 @@ def test_one_grade_everywhere(folder, method, effects, judged, tmp_path, capsys)
         ["compare", str(model), "--data", str(folder / f"{judged}.csv"), "--json", str(figures)],
     ):
         capsys.readouterr()
-        with pytest.raises(SystemExit) as stop:
-            main(words)
+        code = run_cli(*words)
         shown = capsys.readouterr()
-        assert stop.value.code == 0, shown.err
+        assert code == 0, shown.err
     run, estimate = load_measurements(folder / f"{judged}.csv"), load_estimate(model)
     mine = identify("two_link", folder / "train.csv", method, effects=effects or None)
     recorded = (Verdict.from_dict(one.provenance["verdict"]) for one in (mine, estimate))

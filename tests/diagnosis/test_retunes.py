@@ -8,11 +8,8 @@ import pytest
 from random_arms import SCARA_FRICTION, run_of, scara
 
 from sdp_vs_penalty import Estimate, InputError, Measurements, add, diagnose, identify
-from sdp_vs_penalty.diagnosis import Diagnosis, diagnosis_rows
-from sdp_vs_penalty.diagnosis.library import own_forms
+from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.retunes import retunes
-from sdp_vs_penalty.diagnosis.whitening import prepare
-from sdp_vs_penalty.effects import Model
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.problem import as_problem
 
@@ -44,19 +41,6 @@ def found(estimate: Estimate, run: Measurements) -> Diagnosis:
     return diagnose(estimate, run, run)
 
 
-def test_known_gains_enter_the_columns_of_a_constant_once(estimate, run):
-    model = Model(estimate.robot, estimate.model.effects, gains=(0.8, 1.0, 1.2, 1.5))
-    known = replace(estimate, model=model)
-    rows = diagnosis_rows(run, known, known.preprocessing.resolve(run))
-    data = prepare(rows, known)
-    for form in own_forms(known):
-        if form.effect.shape["v_s"] == 0.016:
-            (joint,) = form.effect.joints
-            model_s, (place,) = data.X[joint], form.own
-            own = data.columns(form.effect.with_shape(v_s=0.01))[joint]
-            np.testing.assert_allclose(own[:, 0], model_s[:, place], rtol=1e-6, atol=1e-9)
-
-
 def test_no_effect_is_named_for_a_wrong_constant(found):
     assert found.verdict == "nothing_missing"
     assert not found.effects
@@ -83,12 +67,6 @@ def test_add_applies_them_from_the_file_and_by_name(found, estimate, run):
 def test_findings_without_retunes_still_load(found):
     old = {k: v for k, v in found.to_dict().items() if k != "retuned"}
     assert Diagnosis.from_dict(old).retuned == ()
-
-
-def test_the_text_tells_both_values(found):
-    text = next(r.explanation for r in found.retuned if r.joint == 4)
-    assert text.startswith("joint 4: Coulomb turns over 0.0")
-    assert "not 0.01 rad/s" in text
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import nnls
 
 from sdp_vs_penalty.diagnosis.constants import ALPHA
 from sdp_vs_penalty.diagnosis.library import Batch, Form
-from sdp_vs_penalty.diagnosis.score import Fit, Score, _bounded, orthonormal
+from sdp_vs_penalty.diagnosis.score import Fit, Score
 
 n, M, p = 2, 300, 5
 
@@ -134,23 +133,3 @@ def test_screening_is_the_drop_of_the_squared_error():
     drop = np.sum(fit.residual**2) - np.sum(plain(data, fit, z) ** 2)
     assert values[0] == pytest.approx(drop - np.log(fit.degrees[0]), rel=1e-2)
     assert values[1] < 0.0 < values[0]
-
-
-@pytest.mark.parametrize("k", [1, 2, 4])
-def test_signs_of_physics_hold(k):
-    rng = np.random.default_rng(k)
-    Z, y = rng.normal(size=(50, k)), rng.normal(size=50)
-    expected = nnls(Z, y)[0]
-    np.testing.assert_allclose(_bounded(Z.T @ Z, Z.T @ y, [True] * k), expected, atol=1e-8)
-    free = _bounded(Z.T @ Z, Z.T @ y, [False] * k)
-    np.testing.assert_allclose(free, np.linalg.lstsq(Z, y, rcond=None)[0], atol=1e-8)
-
-
-def test_a_basis_spans_its_columns_whatever_their_units():
-    rng = np.random.default_rng(0)
-    A = rng.normal(size=(80, 4)) * np.array([1e-6, 1.0, 1e6, 1.0])
-    A = np.column_stack([A, A @ np.array([1e6, 1.0, 0.0, 2.0]), np.zeros(80)])
-    Q = orthonormal(A)
-    assert Q.shape == (80, 4)
-    np.testing.assert_allclose(Q.T @ Q, np.eye(4), atol=1e-10)
-    np.testing.assert_allclose(Q @ (Q.T @ A), A, rtol=1e-6, atol=1e-8)

@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.diagnosis.conclude import _turning, in_pieces
-from sdp_vs_penalty.diagnosis.events import Event
+from sdp_vs_penalty.diagnosis.conclude import _turning
+from sdp_vs_penalty.diagnosis.held_out import HeldOut, raises
 from sdp_vs_penalty.diagnosis.remaining import remainder
-from sdp_vs_penalty.diagnosis.sentences import event_lines
 from sdp_vs_penalty.signals.noise import REPETITION
 
 FLOOR = np.array([0.2, 3.0])
@@ -76,29 +75,25 @@ def test_events_are_left_out_and_an_unknown_noise_proves_nothing():
     assert remainder(data, fit, residual, ignore).matters == ()
 
 
-def test_waves_that_are_no_harmonics_are_pieces_of_one_function():
-    def wave(k: float | None, joint: int = 0) -> Any:
-        effect = SimpleNamespace(waves=k, joints=(joint,))
-        return SimpleNamespace(key=("wave", joint), form=SimpleNamespace(effect=effect))
+class Told(HeldOut):
+    """Errors by a rule of the effects that are chosen, in the place of fits."""
 
-    def search(terms: list[Any], travel: float = 4.0) -> Any:
-        seen = SimpleNamespace(travel=travel)
-        return SimpleNamespace(
-            terms=terms, data=SimpleNamespace(rows=SimpleNamespace(seen=lambda _: seen))
-        )
+    def __init__(self, rule: Any) -> None:
+        super().__init__(None, False, (), "folds")
+        self.rule = rule
 
-    for orders, pieces in (((2.0,), False), ((2.0, 6.02), False), ((1.9, 2.1), True)):
-        terms = [wave(k) for k in orders]
-        assert [in_pieces(t, search(terms)) for t in terms] == [pieces] * len(terms)
-    assert not in_pieces(wave(1.9), search([wave(1.9), wave(2.1, joint=1)]))
-    assert not in_pieces(wave(None), search([wave(None), wave(None)]))
-    assert in_pieces(wave(2.0), search([wave(2.0)], travel=3.0))  # was not travelled once
+    def errors(self, chosen: Any) -> np.ndarray:
+        return np.array(self.rule(frozenset(chosen)), float)
 
 
-def test_many_events_are_one_line():
-    """The findings stay in sight; every event is still listed where it is asked for."""
-    events = [Event(k % 2 + 1, float(k), k + 0.5, "hum", 12.0) for k in range(4)]
-    (line,) = event_lines(events)
-    assert line == "4 events on joints 1 and 2, 0.00 s to 3.50 s, 4 of them a hum"
-    assert len(event_lines(events, every=True)) == 4
-    assert event_lines(events[:1]) == ["a hum of 12 Hz on joint 1: 0.00 s to 0.50 s"]
+def test_what_raises_any_joint_is_not_offered():
+    judge = Told(lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.05 * (1 in c)])
+    assert judge.offered(2) == [0]
+    assert Told(lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.01 * (1 in c)]).offered(2) == [0, 1]
+    assert Told(lambda c: [1.0]).offered(0) == []
+
+
+def test_a_rise_is_of_any_joint():
+    assert raises(np.array([1.0, 1.0]), np.array([0.95, 1.021]))
+    assert not raises(np.array([1.0, 1.0]), np.array([0.95, 1.019]))
+    assert not raises(np.array([1.0, 1.0]), np.array([0.3, 1.04]))  # repaid by the other joint

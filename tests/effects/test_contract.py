@@ -14,10 +14,7 @@ from effect_contract import (
     variants,
     wide_columns,
 )
-from hidden_contract import (
-    check_columns_are_the_hidden_torque,
-    check_every_form_is_met,
-)
+from hidden_contract import check_columns_are_the_hidden_torque, check_every_form_is_met
 from random_robots import link_parameters, sines
 
 from sdp_vs_penalty import InputError

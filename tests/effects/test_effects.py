@@ -1,106 +1,22 @@
 """Single effects beyond the contracts, what a model makes of several, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_contract import robots, steady_motion, wide_columns
-from numpy.typing import NDArray
-from random_robots import uicker_torques
+from random_robots import sines
 
 from sdp_vs_penalty import InputError, Problem
-from sdp_vs_penalty.effects import CurrentModel, Effect, Model, Motion, Seen, effect_types, parse_effects
-from sdp_vs_penalty.effects.bristles import dahl
+from sdp_vs_penalty.effects import CurrentModel, Model, Motion, Seen, parse_effects
 from sdp_vs_penalty.effects.curve_variable import Variable
-from sdp_vs_penalty.robot import Robot
-
-Array = NDArray[np.float64]
-
-
-def test_rotor_inertia_is_what_a_spinning_link_on_the_axis_makes():
-    """A rotor turns with its own joint only: not the same as Izz of the link, which turns with all."""
-    robot = Robot.from_dh("r", [0.0, 0.3], [0.0, 0.0], [0.2, 0.0], "modified")
-    state = np.random.default_rng(0).normal(size=(3, 4, 2))
-    motion = Motion(np.arange(4.0), *state)
-    rotor = wide_columns(effect_types()["rotor_inertia"](robot), motion)
-    turning = np.zeros((2, 10))
-    turning[0, 9] = 1.0
-    by_link = [uicker_torques(robot, turning.ravel(), *s) for s in zip(*state, strict=True)]
-    np.testing.assert_allclose(rotor[0, :, 0], np.array(by_link)[:, 0], atol=1e-12)
-    np.testing.assert_array_equal(rotor[1, :, 0], 0.0)
-    np.testing.assert_array_equal(rotor[1, :, 1], state[2][:, 1])
-
-
-def harmonic(robot: Robot, t: Array) -> tuple[Array, Array, Array]:
-    """A smooth motion whose derivatives are exact."""
-    n = robot.n
-    w = 0.7 + 0.31 * np.arange(n)
-    phase = np.arange(n)
-    q = 0.6 * np.sin(np.outer(t, w) + phase) + 0.2
-    return (
-        q,
-        0.6 * w * np.cos(np.outer(t, w) + phase),
-        -0.6 * w**2 * np.sin(np.outer(t, w) + phase),
-    )
 
 
 def current_motion(problem: Problem, rate: float = 200.0, duration: float = 4.0) -> Motion:
-    t = np.arange(0.0, duration, 1.0 / rate)
-    q, dq, ddq = harmonic(problem.robot, t)
-    links = problem.nominal_links
-    torque = problem.robot.inverse_dynamics(links.ravel(), q, dq, ddq) + 0.3 * dq
-    return Motion(t, q, dq, ddq, torque, CurrentModel(problem.robot, links))
-
-
-def torque_of(effect: Effect, motion: Motion, theta: Array) -> Array:
-    out = np.zeros_like(motion.q)
-    for block in effect.blocks(motion):
-        out[:, block.joint] += block.columns @ theta[block.parameters]
-    return out
-
-
-def test_external_wrench_does_the_work_of_its_force(panda):
-    """Power of the joint torques balances F . v of the last joint's origin, from finite differences."""
-    problem = panda
-    robot = problem.robot
-    motion = current_motion(problem)
-    force = np.array([3.0, -2.0, 5.0])
-    got = torque_of(
-        effect_types()["external_wrench"](robot), motion, np.concatenate([force, np.zeros(3)])
-    )
-
-    def origin(q: Array) -> Array:
-        pose = np.eye(4)
-        for joint, angle in zip(robot.joints, q, strict=True):
-            turn = np.eye(4)
-            turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-            pose = pose @ joint.placement @ turn
-        return pose[:3, 3]
-
-    for k in range(0, len(motion.t), 97):
-        h = 1e-6
-        velocity = (origin(motion.q[k] + h * motion.dq[k]) - origin(motion.q[k] - h * motion.dq[k])) / (
-            2 * h
-        )
-        assert got[k] @ motion.dq[k] == pytest.approx(-force @ velocity, rel=1e-6, abs=1e-7)
-
-
-def test_dahl_is_the_solution_of_its_differential_equation():
-    from scipy.integrate import solve_ivp
-
-    t = np.linspace(0.0, 6.0, 6001)
-    q, d = 0.02 * np.sin(2.0 * t) + 0.01 * np.sin(5.0 * t), 0.004
-    speed = 0.04 * np.cos(2.0 * t) + 0.05 * np.cos(5.0 * t)
-
-    def rate(now: float, z: Array) -> Array:
-        v = 0.04 * np.cos(2.0 * now) + 0.05 * np.cos(5.0 * now)
-        return (v - z * abs(v)) / d
-
-    exact = solve_ivp(rate, (0.0, 6.0), [0.0], t_eval=t, rtol=1e-9, atol=1e-10, max_step=0.01).y[0]
-    # Turning points lie between samples: there the path is short by what one sample misses.
-    np.testing.assert_allclose(dahl(q, d), exact, atol=2e-3)
-    assert np.ptp(dahl(q, 1e-9)[10:]) == 2.0  # no travel at all: Coulomb
-    assert np.all(
-        np.sign(dahl(q, 1e-9)[np.abs(speed) > 1e-3][1:]) == np.sign(speed[np.abs(speed) > 1e-3][1:])
-    )
+    t, links = np.arange(0.0, duration, 1.0 / rate), problem.nominal_links
+    m = sines(np.random.default_rng(0), problem.robot.n, t)
+    torque = problem.robot.inverse_dynamics(links.ravel(), m.q, m.dq, m.ddq) + 0.3 * m.dq
+    return replace(m, torque=torque, current=CurrentModel(problem.robot, links))
 
 
 def test_a_model_computes_its_current_torque_from_its_own_reference(panda):

@@ -35,7 +35,7 @@ def at_rest(p: Plant, q: float = 0.3) -> State:
 
 def run(p: Plant, state: State, torque: Array, h: float) -> State:
     for row in torque:
-        state = advance([p], state, row[None], h)
+        state = advance(p, state, row[None], h)
     return state
 
 

@@ -7,11 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from effect_contract import check_units_are_those_of_the_columns
-from hidden_contract import (
-    check_columns_are_the_hidden_torque,
-    check_every_form_is_met,
-    hidden_cases,
-)
+from hidden_contract import check_columns_are_the_hidden_torque, check_every_form_is_met, hidden_cases
 from numpy.typing import NDArray
 
 import sdp_vs_penalty.effects as folder

@@ -2,15 +2,16 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_robots import link_parameters, sines, tree
+from random_robots import link_parameters, repeating_run, sines, tree
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, compare, identify, load_estimate
+from sdp_vs_penalty import Estimate, Problem, compare, identify, load_estimate
 from sdp_vs_penalty.effects import Motion, effect_types
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 
@@ -39,14 +40,7 @@ def random_problem(rng: np.random.Generator, n: int) -> Problem:
     return Problem("random", "random", robot, box, nominal, torque_side="link")
 
 
-def noisy_run(problem: Problem, seed: int, seconds: float = 8.0, noise: float = 0.2) -> Measurements:
-    model = problem.model()
-    theta = problem.nominal(model)
-    theta[len(model.rigid_indices) :] = 0.4
-    motion = sines(np.random.default_rng(3), problem.robot.n, np.arange(0.0, seconds, 4e-3), 0.15, 5)
-    tau = model.torque(theta, motion)
-    rng = np.random.default_rng(seed)
-    return Measurements(motion.t, motion.q, tau + noise * rng.normal(size=tau.shape))
+noisy_run = partial(repeating_run, noise=0.2, base=0.15, motion_seed=3, seconds=8.0)
 
 
 def strict(text: str) -> Any:

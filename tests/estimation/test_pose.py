@@ -27,14 +27,12 @@ _FRICTION = ["rigid_body", "viscous_friction", "coulomb_friction"]
 _REAL = ("panda", "ur10e", "tx40", "emps", "ur10")
 
 
-def _arm(name: str, folder: Path) -> tuple[Problem, Measurements, list[str] | None]:
-    if name == "ur10":
-        problem = load_problem(folder / "ur10_salerno" / "robot.urdf")
-        names = problem.robot.joint_names
-        run = load_measurements(folder / "ur10_salerno" / "train.csv", joints=6, names=names)
-        return problem, run, None
-    problem = load_problem(name)
-    return problem, measurements(problem), None
+def _arm(name: str, folder: Path) -> tuple[Problem, Measurements]:
+    if name != "ur10":
+        return (problem := load_problem(name)), measurements(problem)
+    problem = load_problem(folder / "ur10_salerno" / "robot.urdf")
+    names = problem.robot.joint_names
+    return problem, load_measurements(folder / "ur10_salerno" / "train.csv", joints=6, names=names)
 
 
 def _optima(file: Path) -> list[float]:
@@ -75,8 +73,7 @@ def _same(
 @pytest.mark.real_data
 @pytest.mark.parametrize("name", _REAL)
 def test_the_file_holds_the_problem_that_identify_solves(name, data_folder, tmp_path):
-    problem, run, _ = _arm(name, data_folder)
-    _same(problem, run, tmp_path, PoseOptions())
+    _same(*_arm(name, data_folder), tmp_path, PoseOptions())
 
 
 def test_of_a_simulated_arm_with_friction_under_every_option(tmp_path):

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from commands import run_cli
 from lxml import etree
 
 from sdp_vs_penalty import (
@@ -22,7 +23,6 @@ from sdp_vs_penalty import (
     load_estimate,
     report,
 )
-from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation import verify_proof_file
@@ -115,8 +115,7 @@ def test_a_known_mass_gives_the_gains_and_friction(arm, tmp_path, capsys):
     told = follow(found, log(seed=3), drive="servo")
     assert float(told.free[0].rms[0]) < 1e-3
     save(log(seed=3), tmp_path / "other.csv")
-    with pytest.raises(SystemExit, match="0"):
-        main(["compare", str(tmp_path / "model.json"), "--data", str(tmp_path / "other.csv")])
+    assert run_cli("compare", tmp_path / "model.json", "--data", tmp_path / "other.csv") == 0
     assert "the free run stays within" in " ".join(capsys.readouterr().out.split())
 
 

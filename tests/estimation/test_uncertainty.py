@@ -8,13 +8,7 @@ import pytest
 from sdp_vs_penalty import Measurements, Problem, load_problem
 from sdp_vs_penalty.effects import Model, Motion
 from sdp_vs_penalty.estimation.constants import NORMAL_95
-from sdp_vs_penalty.estimation.uncertainty import (
-    IDENTIFIABLE,
-    NOT_SEEN,
-    WEAKLY,
-    counts,
-    of_regression,
-)
+from sdp_vs_penalty.estimation.uncertainty import IDENTIFIABLE, NOT_SEEN, WEAKLY, counts, of_regression
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot import inertia, random_trajectory

@@ -3,26 +3,19 @@
 import dataclasses
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from random_robots import sines
+from random_robots import posed_task, repeating_run, sines
 
-from sdp_vs_penalty import InputError, Measurements, Problem, identify
+from sdp_vs_penalty import InputError, Problem, identify
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.estimation.identify import certify
-from sdp_vs_penalty.estimators import (
-    Estimator,
-    Fit,
-    LmiSdp,
-    Task,
-    estimator_types,
-    make_estimator,
-    make_task,
-)
+from sdp_vs_penalty.estimators import Estimator, Fit, LmiSdp, Task, estimator_types, make_estimator
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain, LmiSdpThickness
-from sdp_vs_penalty.regression import Regression, compress
+from sdp_vs_penalty.regression import Regression
 from sdp_vs_penalty.regression.regression import Factor
 from sdp_vs_penalty.robot import inertia
 
@@ -42,22 +35,12 @@ def quick(method: str) -> Estimator:
     return replace(estimator, **{k: v for k, v in small.items() if k in names})
 
 
-def toy_run(problem: Problem, noise: float, seed: int = 0, seconds: float = 10.0) -> Measurements:
-    model = problem.model()
-    theta = problem.nominal(model)
-    theta[len(model.rigid_indices) :] = 0.4
-    motion = sines(np.random.default_rng(5), problem.robot.n, np.arange(0.0, seconds, 4e-3), 0.1, 5)
-    tau = model.torque(theta, motion)
-    return Measurements(
-        motion.t, motion.q, tau + noise * np.random.default_rng(seed).normal(size=tau.shape)
-    )
+toy_run = partial(repeating_run, seed=0, motion_seed=5, seconds=10.0)
 
 
 @pytest.fixture(scope="module")
 def task(two_link: Problem) -> Task:
-    run = toy_run(two_link, 3.0)
-    model = two_link.model()
-    return make_task(two_link, model, compress(run, model, two_link.preprocessing.resolve(run)), seed=4)
+    return posed_task(two_link, toy_run(two_link, noise=3.0), seed=4)
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +128,7 @@ def test_noise_free_torque_is_reproduced_by_all_that_can(method, two_link):
     """penalty-paper excepted: two runs of annealing need not arrive."""
     if method.startswith("penalty-paper"):
         pytest.skip("a stochastic search with a budget promises nothing")
-    run = toy_run(two_link, 0.0)
+    run = toy_run(two_link, noise=0.0)
     estimate = identify(two_link, run, quick(method))
     motion = sines(np.random.default_rng(8), 2, np.arange(0.0, 5.0, 0.01), 0.13, 5)
     truth = two_link.nominal(two_link.model())
@@ -158,7 +141,7 @@ def test_noise_free_torque_is_reproduced_by_all_that_can(method, two_link):
 @EVERY_MEASURED
 def test_identify_reports_progress_and_keeps_provenance(method, two_link):
     said: list[str] = []
-    run = toy_run(two_link, 1.0)
+    run = toy_run(two_link, noise=1.0)
     estimate = identify(two_link, run, quick(method), seed=3, progress=said.append)
     assert said
     assert all(said)
@@ -170,7 +153,7 @@ def test_identify_reports_progress_and_keeps_provenance(method, two_link):
 
 
 def test_unknown_names_are_refused_with_those_that_exist(two_link):
-    run = toy_run(two_link, 1.0)
+    run = toy_run(two_link, noise=1.0)
     with pytest.raises(InputError, match=r"'magic' is unknown: there are: .*lmi-sdp.*penalty"):
         identify(two_link, run, "magic")
     with pytest.raises(InputError, match="weighting 'x' is unknown"):

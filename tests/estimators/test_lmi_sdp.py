@@ -9,7 +9,7 @@ import pytest
 from cvxpy_model import cvxpy_model
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_robots import link_parameters, sines, tree
+from random_robots import link_parameters, posed_task, sines, tree
 
 from sdp_vs_penalty import Measurements, Problem, identify
 from sdp_vs_penalty.errors import Infeasible, InputError
@@ -65,8 +65,7 @@ def toy_task(two_link: Problem) -> Task:
     """The 2R with noise of a few percent: constraints bind."""
     truth = with_friction(two_link, p_real(two_link))
     run = simulated(two_link, truth, noise=5.0, seconds=6.0)
-    model = two_link.model()
-    return make_task(two_link, model, compress(run, model, two_link.preprocessing.resolve(run)))
+    return posed_task(two_link, run)
 
 
 # --- against CVXPY ----------------------------------------------------------------------------------
@@ -280,9 +279,7 @@ def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(panda, mon
 
 @pytest.fixture(scope="module")
 def real_task(panda: Problem, panda_run: Measurements) -> Task:
-    train = panda_run.window(0.0, 14.0)
-    model = panda.model()
-    return make_task(panda, model, compress(train, model, panda.preprocessing.resolve(train)))
+    return posed_task(panda, panda_run.window(0.0, 14.0))
 
 
 @pytest.mark.long
@@ -314,18 +311,6 @@ def test_figures_on_the_real_panda(panda, panda_run):
 
 
 @pytest.mark.real_data
-def test_the_real_runs_rank_is_that_of_the_paper(panda, real_task):
-    """43 base parameters and 21 of friction and offset, all excited."""
-    data = real_task.data
-    assert real_task.base.shape == (64, 91)
-    norms = np.where(data.column_norms > 0.0, data.column_norms, 1.0)
-    s = np.linalg.svd(data.R / norms, compute_uv=False)
-    assert int(np.sum(s > 1e-9 * s[0])) == 64
-    assert s[63] > 1e3 * s[64]
-    assert panda.robot.n == 7
-
-
-@pytest.mark.real_data
 @pytest.mark.parametrize(
     ("name", "maker"), [("panda", 18.0), ("ur10e", 33.5), ("ur10", 28.9), ("tx40", 27.0)]
 )
@@ -337,3 +322,15 @@ def test_real_arms_weigh_about_what_their_makers_say(data_folder, name, maker):
     posed = pose(one.problem, one.train)
     total = float(LmiSdp().fit(posed.task).theta[posed.task.links[:, 0]].sum())
     assert 1.0 / 1.5 < total / maker < 1.5
+
+
+@pytest.mark.real_data
+def test_the_real_runs_rank_is_that_of_the_paper(panda, real_task):
+    """43 base parameters and 21 of friction and offset, all excited."""
+    data = real_task.data
+    assert real_task.base.shape == (64, 91)
+    norms = np.where(data.column_norms > 0.0, data.column_norms, 1.0)
+    s = np.linalg.svd(data.R / norms, compute_uv=False)
+    assert int(np.sum(s > 1e-9 * s[0])) == 64
+    assert s[63] > 1e3 * s[64]
+    assert panda.robot.n == 7

@@ -5,21 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from random_robots import link_parameters, sines, tree
+from random_robots import link_parameters, posed_task, sines, tree
 
 from sdp_vs_penalty import Measurements, Problem, load_measurements
 from sdp_vs_penalty.estimation.identify import certify
-from sdp_vs_penalty.estimators import (
-    LmiSdp,
-    PenaltyPaper,
-    Task,
-    make_estimator,
-    make_task,
-)
+from sdp_vs_penalty.estimators import LmiSdp, PenaltyPaper, Task, make_estimator
 from sdp_vs_penalty.estimators.barycentric import barycentric_box
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.estimators.penalty import Penalty
-from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]
@@ -33,12 +26,6 @@ def run_of(problem: Problem, links: Array, seed: int = 0, noise: float = 0.1) ->
     tau += 0.3 * motion.dq + 0.2 * np.tanh(motion.dq / 0.01)
     tau += noise * rng.normal(size=tau.shape) * np.std(tau, axis=0)
     return Measurements(motion.t, motion.q, tau, motion.dq)
-
-
-def task_of(problem: Problem, run: Measurements, effects: str | None = None, seed: int = 0) -> Task:
-    model = problem.model(effects)
-    settings = problem.preprocessing.resolve(run)
-    return make_task(problem, model, compress(run, model, settings), seed=seed)
 
 
 def random_problem(seed: int, n: int) -> tuple[Problem, Array]:
@@ -55,9 +42,9 @@ def random_problem(seed: int, n: int) -> tuple[Problem, Array]:
 def task_named(name: str, request: pytest.FixtureRequest) -> Task:
     if name in ("panda", "two_link"):
         problem = request.getfixturevalue(name)
-        return task_of(problem, run_of(problem, problem.nominal_links))
+        return posed_task(problem, run_of(problem, problem.nominal_links))
     problem, links = random_problem(int(name[-1]), int(name[0]))
-    return task_of(problem, run_of(problem, links))
+    return posed_task(problem, run_of(problem, links))
 
 
 #: The SDP that gets the arrays that `penalty` gets, and no more.
@@ -98,7 +85,7 @@ def test_penalty_obeys_bounds_that_no_sdp_can_take(panda):
     box = panda.box.copy()
     box[:, [4, 6, 9], 1], box[:, [5, 7, 8], 0], box[:, [5, 7, 8], 1] = 0.02, -1e-3, 1e-3
     tight = replace(panda, box=box)
-    task = task_of(tight, run_of(panda, panda.nominal_links, noise=0.02))
+    task = posed_task(tight, run_of(panda, panda.nominal_links, noise=0.02))
     _, sdp = certify(task, SAME.fit(task))
     assert sdp.violations["barycentric inertia"] > 1e-3
     theta, certificate = certify(task, Penalty(starts=2).fit(task))
@@ -110,7 +97,7 @@ def test_penalty_obeys_bounds_that_no_sdp_can_take(panda):
 
 
 def test_penalty_two_step_minimises_the_distance_to_the_base_parameters(panda):
-    task = task_of(panda, run_of(panda, panda.nominal_links, noise=0.3))
+    task = posed_task(panda, run_of(panda, panda.nominal_links, noise=0.3))
     theta, certificate = certify(task, make_estimator("penalty-two-step").fit(task))
     assert certificate.worst <= 1e-9
     assert certificate.gap < 1e-3  # of its own objective
@@ -123,7 +110,7 @@ def test_penalty_two_step_minimises_the_distance_to_the_base_parameters(panda):
 def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     said: list[str] = []
     task = replace(
-        task_of(two_link, run_of(two_link, two_link.nominal_links, noise=0.3)), progress=said.append
+        posed_task(two_link, run_of(two_link, two_link.nominal_links, noise=0.3)), progress=said.append
     )
     estimator = replace(make_estimator(method), runs=3, evaluations=1000)
     fit = estimator.fit(task)
@@ -142,7 +129,7 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
 
 def test_penalty_without_links(two_link):
     run = run_of(two_link, two_link.nominal_links)
-    task = task_of(two_link, run, "viscous_friction,torque_offset")
+    task = posed_task(two_link, run, "viscous_friction,torque_offset")
     _, sdp = certify(task, make_estimator("lmi-sdp").fit(task))
     for method in ("penalty", "penalty-paper"):
         _, certificate = certify(task, make_estimator(method).fit(task))
@@ -152,7 +139,7 @@ def test_penalty_without_links(two_link):
 @pytest.mark.real_data
 def test_on_the_real_panda(panda, data_folder):
     run = load_measurements(data_folder / "panda", joints=7, stop=14.0)
-    task = task_of(panda, run, seed=11)
+    task = posed_task(panda, run, seed=11)
     _, sdp = certify(task, SAME.fit(task))
     fit = make_estimator("penalty").fit(task)
     theta, strong = certify(task, fit)

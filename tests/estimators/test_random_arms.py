@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from random_arms import random_arm, random_run, scara
+from random_robots import posed_task
 
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.estimation.identify import certify
-from sdp_vs_penalty.estimators import make_estimator, make_task, solve_sdp
-from sdp_vs_penalty.regression import compress
+from sdp_vs_penalty.estimators import make_estimator, solve_sdp
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 
@@ -34,8 +34,7 @@ def effects(rng: np.random.Generator, n: int) -> str:
 
 def check(path: Path, chosen: str, seed: int, method: str, units: tuple[float, float]) -> None:
     problem = load_problem(str(path))
-    run, model = random_run(problem, seed), problem.model(chosen)
-    task = make_task(problem, model, compress(run, model, problem.preprocessing.resolve(run)))
+    task = posed_task(problem, random_run(problem, seed), chosen)
     objective, constraints = make_estimator(method).posed(task)
     convex = ConstraintSet(constraints.convex)
     made = in_units(Instance("x", replace(task, constraints=convex), objective), *units)

@@ -12,12 +12,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import random_robots
+from commands import run_cli
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from lxml import etree
 
 from sdp_vs_penalty import Estimate, InputError, load_problem
 from sdp_vs_penalty.checks.urdf import check_urdf, massless_links
-from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
 from sdp_vs_penalty.estimation import Certificate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
@@ -70,19 +71,9 @@ def estimate_of(robot: Robot, effects: str, seed: int, links: np.ndarray | None 
     theta[model.rigid_indices] = links.ravel()[: len(model.rigid_indices)]
     if model.needs_reference:
         model = Model(robot, model.effects, theta)
-    certificate = Certificate({}, 0.0, None, None, None, None, None)
-    return Estimate(
-        random_robots.bare(robot),
-        model,
-        theta,
-        Uncertainty.unknown(model, theta),
-        "by hand",
-        certificate,
-        Preprocessing(),
-        {},
-        {},
-        {},
-    )
+    unknown, made = Uncertainty.unknown(model, theta), Certificate({}, 0.0)
+    settings = (Preprocessing(), {}, {}, {})
+    return Estimate(random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings)
 
 
 def emps() -> Robot:
@@ -92,19 +83,16 @@ def emps() -> Robot:
     return Robot("emps", (joint,))
 
 
-def robots(tmp_path: Path, data_folder: Path | None = None) -> dict[str, Robot]:
+def robots(tmp_path: Path) -> dict[str, Robot]:
     tree = tmp_path / "tree.urdf"
     tree.write_bytes(TREE.encode())
-    found = {
+    return {
         "panda": load_problem("panda").robot,
         "two_link": load_problem("two_link").robot,
         "emps": emps(),
         "tree": load_urdf(tree)[0],
         "random": random_robots.tree(np.random.default_rng(5), 6, link_frames=True),
     }
-    if data_folder is not None:
-        found = {"ur10e": load_urdf(data_folder / "ur10e" / "ur10e.urdf")[0]}
-    return found
 
 
 NAMES = ["panda", "two_link", "emps", "tree", "random"]
@@ -135,8 +123,6 @@ def urdf_torques(path: Path, robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: n
 
 
 def dynamics_of(path: Path, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    from lxml import etree
-
     joints = {
         j.get("name"): j.find("dynamics") for j in etree.parse(str(path)).getroot().findall("joint")
     }
@@ -173,7 +159,6 @@ def test_urdf_made_from_a_model(name, tmp_path):
 
 def only_numbers_of_inertials_changed(before: bytes, after: bytes) -> None:
     """Cut the inertials and dynamics elements out of both: the rest is the same to the byte."""
-    import re
 
     def rest(text: bytes) -> bytes:
         text = re.sub(rb"\s*<inertial.*?</inertial>\s*", b"", text, flags=re.S)
@@ -395,9 +380,7 @@ def test_check_urdf_names_the_link_and_mends_it(tmp_path, capsys):
     # Moments (0.02, 0.02, 0.05): the nearest with D1 + D2 = D3 moves each by 0.01 / 3.
     assert checks["upper"].distance == pytest.approx(0.01 / np.sqrt(3.0))
     assert all(c.consistent for name, c in checks.items() if name not in ("upper",))
-    with pytest.raises(SystemExit) as exit_code:
-        cli.main(["check-urdf", str(path), "--json", str(tmp_path / "c.json"), "--fix", str(fixed)])
-    assert exit_code.value.code == 1
+    assert run_cli("check-urdf", path, "--json", tmp_path / "c.json", "--fix", fixed) == 1
     shown = capsys.readouterr().out
     assert "upper" in shown
     assert "Frobenius" in shown
@@ -406,13 +389,9 @@ def test_check_urdf_names_the_link_and_mends_it(tmp_path, capsys):
     assert [x["link"] for x in links if not x["consistent"]] == ["upper"]
     assert all(c.consistent for c in check_urdf(fixed))
     only_numbers_of_inertials_changed(path.read_bytes(), fixed.read_bytes())
-    with pytest.raises(SystemExit) as exit_code:
-        cli.main(["check-urdf", str(fixed)])
-    assert exit_code.value.code == 0
+    assert run_cli("check-urdf", fixed) == 0
     path.write_bytes(TREE.replace("<mass value='2.0' />", "<mass value='-2.0' />").encode())
-    with pytest.raises(SystemExit) as exit_code:
-        cli.main(["check-urdf", str(path), "--fix", str(fixed)])
-    assert exit_code.value.code == 2
+    assert run_cli("check-urdf", path, "--fix", fixed) == 2
 
 
 def test_check_urdf_names_moving_links_without_inertial(tmp_path, capsys):
@@ -431,9 +410,7 @@ def test_check_urdf_names_moving_links_without_inertial(tmp_path, capsys):
         + "</robot>"
     )
     assert massless_links(path) == ["bare"]
-    with pytest.raises(SystemExit) as exit_code:
-        cli.main(["check-urdf", str(path), "--json", str(tmp_path / "c.json")])
-    assert exit_code.value.code == 0
+    assert run_cli("check-urdf", path, "--json", tmp_path / "c.json") == 0
     assert "Moving links without an inertial: bare. " in capsys.readouterr().out
     assert json.loads((tmp_path / "c.json").read_text())["moving_links_without_inertial"] == ["bare"]
 
@@ -442,9 +419,7 @@ def test_the_verb(tmp_path, capsys):
     estimate = estimate_of(load_problem("two_link").robot, f"{FULL},torque_offset", 3)
     model, out = tmp_path / "model.json", tmp_path / "out.urdf"
     estimate.save(model)
-    with pytest.raises(SystemExit) as exit_code:
-        cli.main(["export", str(model), "--out", str(out)])
-    assert exit_code.value.code == 0
+    assert run_cli("export", model, "--out", out) == 0
     shown = capsys.readouterr()
     assert "rotor_inertia" in shown.err
     assert "torque_offset" in shown.err

@@ -1,13 +1,32 @@
-"""Commands, run in this process."""
+"""Commands, run in this process or in one of their own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+import sdp_vs_penalty
 from sdp_vs_penalty.cli.main import main
+
+PROGRAM = ("-m", "sdp_vs_penalty")
+#: Whatever copy these tests have imported, also from another folder.
+HOME = str(Path(sdp_vs_penalty.__file__).parents[1])
 
 
 def run_cli(*words: object) -> int:
     """The exit code of a command."""
     with pytest.raises(SystemExit) as code:
         main([str(word) for word in words])
-    assert isinstance(code.value.code, int)
-    return code.value.code
+    return int(code.value.code or 0)
+
+
+def python(*words: object, path: str = HOME, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Another Python, with the package that lies on this path."""
+    environment = {**os.environ, "PYTHONPATH": path}
+    command = [sys.executable, *map(str, words)]
+    return subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=300, **options
+    )

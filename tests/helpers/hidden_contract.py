@@ -95,12 +95,7 @@ def _width(name: str) -> float:
 
 
 def _case(
-    where: str,
-    robot: Robot,
-    sharp: World,
-    links: Array,
-    hidden: Hidden,
-    trajectory: FourierTrajectory,
+    where: str, robot: Robot, sharp: World, links: Array, hidden: Hidden, trajectory: FourierTrajectory
 ) -> Case:
     kind = effect_types()[hidden.effect]
     width = _width(kind.name)

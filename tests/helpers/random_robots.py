@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.effects import Motion
-from sdp_vs_penalty.estimators import Task
+from sdp_vs_penalty.estimators import Task, make_task
 from sdp_vs_penalty.problem import plausible_links
-from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import Joint, Robot, inertia
 
 Array = NDArray[np.float64]
@@ -157,15 +157,26 @@ def task_of(problem: Problem) -> Task:
     )
 
 
+def posed_task(problem: Problem, run: Measurements, effects: str | None = None, seed: int = 0) -> Task:
+    """What estimators are given of a run, under the problem's own filters."""
+    model = problem.model(effects)
+    return make_task(problem, model, compress(run, model, problem.preprocessing.resolve(run)), seed=seed)
+
+
 def repeating_run(
-    problem: Problem, seed: int, noise: float = 0.5, base: float = 0.1, motion_seed: int = 7
+    problem: Problem,
+    seed: int,
+    noise: float = 0.5,
+    base: float = 0.1,
+    motion_seed: int = 7,
+    seconds: float = 24.0,
 ) -> Measurements:
-    """24 s of the default model with friction of 0.4, a motion of period 1 / base and white noise."""
+    """The default model with friction of 0.4, a motion of period 1 / base and white noise."""
     rng = np.random.default_rng(seed)
     model = problem.model()
     theta = problem.nominal(model)
     theta[len(model.rigid_indices) :] = 0.4
-    t = np.arange(0.0, 24.0, 4e-3)
+    t = np.arange(0.0, seconds, 4e-3)
     motion = sines(np.random.default_rng(motion_seed), problem.robot.n, t, base, 5)
     tau = model.torque(theta, motion)
     return Measurements(t, motion.q, tau + noise * rng.normal(size=tau.shape), None, None, (f"r{seed}",))

@@ -7,18 +7,15 @@ import os
 import pickle
 import re
 import shutil
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from commands import PROGRAM, python
 from page_driver import (
     ARM,
-    ROOT,
-    Server,
     a_context,
     alert,
     busy,
@@ -34,31 +31,7 @@ from page_driver import (
 from sdp_vs_penalty.page.uploads import SILENCE
 
 if TYPE_CHECKING:
-    from playwright.sync_api import BrowserContext, Page
-
-
-def simulating(context: BrowserContext, server: Server, robot: str = "panda", path: str = "new") -> Page:
-    """A page on which runs of a robot are being simulated."""
-    page = open_page(context, server, path)
-    pick(page, robot)
-    page.wait_for_selector(key("simulate"))
-    idle(page)
-    page.click(key("simulate"))
-    return page
-
-
-@pytest.mark.slow
-def test_cancel_ends_the_work(context, server):
-    page = simulating(context, server)
-    page.wait_for_selector(".working .status:has-text('simulating')")
-    (worker,) = busy(server)
-    page.click(key("cancel"))
-    page.wait_for_selector(".notice[role=status] p:has-text('Cancelled: nothing was changed.')")
-    _, alive = psutil.wait_procs([worker], 5.0)
-    assert not alive
-    assert page.locator("table.runs").count() == 0
-    page.click(key("simulate"))  # and it goes on
-    page.wait_for_selector("table.runs")
+    pass
 
 
 @pytest.mark.slow
@@ -97,18 +70,6 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(context, server)
     go(again, "diagnose")
     again.click(key("diagnose"))  # and it goes on
     again.wait_for_selector(key("add-0"))
-
-
-@pytest.mark.slow
-def test_two_tabs_are_independent(context, server):
-    first, second = simulating(context, server), simulating(context, server, "emps", "")
-    assert first.url != second.url
-    for page, joints in ((first, 7), (second, 1)):
-        page.wait_for_selector("table.runs")
-        assert page.locator(f"{key('hide-joint')} option").count() == joints
-        go(page, "measure")
-    assert "torques in N." in second.inner_text("[data-part=robot]")
-    assert "torques in N m." in first.inner_text("[data-part=robot]")
 
 
 def bad_runs(folder: Path) -> dict[str, tuple[Path, str]]:
@@ -270,10 +231,7 @@ def test_the_folder_is_offered_and_kept_as_it_is(browser, files, tmp_path):
 
 
 def test_a_taken_port_is_said(server):
-    code = "from sdp_vs_penalty.cli.main import main; main()"
-    command = [sys.executable, "-c", code, "page", "--no-browser", "--port", str(server.port)]
-    environment = {**os.environ, "PYTHONPATH": ROOT}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    done = python(*PROGRAM, "page", "--no-browser", "--port", server.port)
     assert done.returncode == 2
     assert f"--port {server.port}: is taken: choose another" in done.stderr
     assert done.stderr.count("\n") == 1

@@ -4,14 +4,13 @@ import asyncio
 import base64
 import http.client
 import json
-import os
 import re
 import shutil
 import ssl
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,31 +18,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import python
+from page_sessions import do, finish, opened, saved
 from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty import InputError, Problem, cross_validate, follow, load_estimate
 from sdp_vs_penalty.checks.urdf import check_urdf
 from sdp_vs_penalty.cli.options import declared
 from sdp_vs_penalty.cli.verbs import identify as identify_verb
-from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, load_diagnosis
 from sdp_vs_penalty.page import jobs, uploads, worker
 from sdp_vs_penalty.page import sessions as sessions_module
 from sdp_vs_penalty.page.auth_middleware import guarded
-from sdp_vs_penalty.page.charts import (
-    data_chart,
-    missing_chart,
-    torque_chart,
-)
+from sdp_vs_penalty.page.charts import data_chart, missing_chart, torque_chart
 from sdp_vs_penalty.page.controls import fields_of
 from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
-from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
-from sdp_vs_penalty.reports.plots import (
-    Curves,
-    envelope,
-)
+from sdp_vs_penalty.page.worker import JobProcess
+from sdp_vs_penalty.reports.plots import Curves, envelope
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -55,31 +48,8 @@ LONG = {
 
 
 @pytest.fixture(scope="module")
-def pool() -> Any:
-    made = WorkerPool()
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def sessions(pool: WorkerPool) -> Any:
-    made = Sessions(pool)
-    yield made
-    made.close()
-
-
-@pytest.fixture(scope="module")
 def hidden(two_link: Problem) -> HiddenRuns:
     return hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
-
-
-async def finish(session: Session, act: Callable[[], None]) -> None:
-    """Do something and wait until its job is done; a sentence about an error fails the test."""
-    act()
-    assert session.task is not None
-    await session.task
-    if session.notice is not None and session.notice.error:
-        raise InputError(" ".join(session.notice.texts))
 
 
 def numbers(packed: Any) -> Any:
@@ -87,36 +57,23 @@ def numbers(packed: Any) -> Any:
     return np.frombuffer(base64.b64decode(packed["bdata"]), f"<{packed['dtype']}")
 
 
-def drop(session: Session, path: Path, name: str | None = None) -> None:
-    session.arrived[name or path.name] = path
-
-
 @pytest.mark.long
 def test_what_changes_nothing_is_what_the_verbs_say(sessions, two_link, hidden, tmp_path):
     """Run forward, proof, posed problem and inertials: the numbers of the functions behind the verbs."""
-    names = ("a.csv", "b.csv", "test.csv")  # two for two processes
-    for run, name in zip(hidden.runs[:3], names, strict=True):
-        save(run, tmp_path / name)
     made: list[str] = []
-
-    async def story() -> Session:
-        s = sessions.new()
-        await finish(s, lambda: s.choose_robot("two_link"))
-        for name in names:
-            drop(s, tmp_path / name)
-        await finish(s, s.read_arrived)
-        s.effects, s.options = ["rigid_body", "viscous_friction"], {"window": "0:8", "jobs": "2"}
-        await finish(s, s.identify)
-        await finish(s, lambda: s.ask("forward", "Running forward", drive="torque"))
-        await finish(s, lambda: s.ask("prove", "Proving", made.append))
-        await finish(s, lambda: s.ask("pose", "Posing", made.append, name="problem.cbf"))
-        proof = json.loads((s.folder / "proof.json").read_text())
-        (s.folder / "false.json").write_text(json.dumps({**proof, "lower": "1000000"}))
-        wrong = {"proof": str(s.folder / "false.json")}
-        await finish(s, lambda: s.ask("verify", "Checking", **wrong))
-        return s
-
-    s = asyncio.run(story())
+    # Two to identify from, for two processes.
+    s = opened(sessions, "two_link", **saved(tmp_path, hidden.runs, "a.csv", "b.csv", "test.csv"))
+    s.effects, s.options = ["rigid_body", "viscous_friction"], {"window": "0:8", "jobs": "2"}
+    do(
+        s,
+        s.identify,
+        lambda: s.ask("forward", "Running forward", drive="torque"),
+        lambda: s.ask("prove", "Proving", made.append),
+        lambda: s.ask("pose", "Posing", made.append, name="problem.cbf"),
+    )
+    proof = json.loads((s.folder / "proof.json").read_text())
+    (s.folder / "false.json").write_text(json.dumps({**proof, "lower": "1000000"}))
+    do(s, lambda: s.ask("verify", "Checking", proof=str(s.folder / "false.json")))
     model = load_estimate(s.model.file)
     ahead = s.answer("forward")
     assert ahead["verdict"] == follow(model, tmp_path / "test.csv").verdict
@@ -142,14 +99,12 @@ def test_a_urdf_with_an_impossible_link_is_named_and_mended(sessions, tmp_path):
     wrong = re.sub(r'izz="[^"]*"', 'izz="50"', text, count=1)
     (tmp_path / "arm.urdf").write_text(wrong)
     made: list[str] = []
-
-    async def story() -> Session:
-        s = sessions.new()
-        await finish(s, lambda: s.choose_robot(str(tmp_path / "arm.urdf"), "arm.urdf"))
-        await finish(s, lambda: s.ask("check_urdf", "Checking", made.append))
-        return s
-
-    s = asyncio.run(story())
+    s = sessions.new()
+    do(
+        s,
+        lambda: s.choose_robot(str(tmp_path / "arm.urdf"), "arm.urdf"),
+        lambda: s.ask("check_urdf", "Checking", made.append),
+    )
     found = s.answers["check_urdf"]
     assert not found["possible"]
     assert "physically impossible" in found["said"][0]
@@ -160,24 +115,13 @@ def test_a_urdf_with_an_impossible_link_is_named_and_mended(sessions, tmp_path):
 @pytest.mark.slow
 def test_the_story_without_a_browser(sessions, two_link, hidden, tmp_path):
     """The same models, numbers and files as the functions of the command line give."""
-    for run, name in zip(hidden.runs, ("a.csv", "b.csv", "c.csv", "my test.csv"), strict=True):
-        save(run, tmp_path / name)
-
-    async def story() -> Session:
-        s = sessions.new()
-        await finish(s, lambda: s.choose_robot("two_link"))
-        for name in ("a.csv", "b.csv", "c.csv", "my test.csv"):
-            drop(s, tmp_path / name)
-        await finish(s, s.read_arrived)
-        assert [r["use"] for r in s.runs] == ["train", "train", "train", "test"]
-        await finish(s, s.identify)
-        await finish(s, s.diagnose)
-        found = s.findings.effects[0]
-        assert found.effect == "presliding_hysteresis"
-        await finish(s, lambda: s.add([found.text]))
-        return s
-
-    s = asyncio.run(story())
+    files = saved(tmp_path, hidden.runs, "a.csv", "b.csv", "c.csv", "my test.csv")
+    s = opened(sessions, "two_link", **files)
+    assert [r["use"] for r in s.runs] == ["train", "train", "train", "test"]
+    do(s, s.identify, s.diagnose)
+    found = s.findings.effects[0]
+    assert found.effect == "presliding_hysteresis"
+    do(s, lambda: s.add([found.text]))
     before, after = (m.comparison["rmse"] for m in s.history)
     assert after[0] < 0.6 * before[0]
     assert s.history[1].judged_on == ["my test.csv"]
@@ -191,11 +135,10 @@ def test_the_story_without_a_browser(sessions, two_link, hidden, tmp_path):
     left = read["torque"] - read["modelled"]
     np.testing.assert_allclose(np.sqrt(np.mean(left**2, axis=0)), after, rtol=1e-4)
     assert "--data a.csv b.csv c.csv" in s.commands()[0]
-    again = asyncio.run(taken_and_opened(s, sessions.new()))
+    again = taken_and_opened(s, sessions)
     assert again.history[0].comparison["rmse"] == pytest.approx(after, rel=1e-9)
-    asyncio.run(finish(s, lambda: s.ask("methods", "Comparing", methods=["ols"], folds=True)))
+    do(s, lambda: s.ask("methods", "Comparing", methods=["ols"], folds=True))
     found = s.answer("methods")
-    assert found is not None
     runs = [tmp_path / f"{name}.csv" for name in "abc"]
     effects = estimate.model.effects
     unseen = cross_validate(two_link, runs, "ols", effects=effects).relative_error_percent
@@ -209,87 +152,55 @@ def test_the_story_without_a_browser(sessions, two_link, hidden, tmp_path):
 
 @pytest.mark.slow
 def test_bounds_of_the_page_hold_and_are_on_the_command_line(sessions, hidden, tmp_path):
-    save(hidden.runs[0], tmp_path / "a.csv")
-
-    async def story() -> list[Session]:
-        made = []
-        for bounds in ("", "total=:8"):
-            s = sessions.new()
-            await finish(s, lambda s=s: s.choose_robot("two_link"))
-            drop(s, tmp_path / "a.csv")
-            await finish(s, s.read_arrived)
-            s.asked = fields_of(declared(identify_verb.verb), "bounds")
-            s.options = {"bounds": bounds} if bounds else {}
-            await finish(s, s.identify)
-            made.append(s)
-        return made
-
-    free, bound = asyncio.run(story())
+    free, bound = (opened(sessions, "two_link", **saved(tmp_path, hidden.runs, "a.csv")) for _ in "ab")
+    for s in (free, bound):
+        s.asked = fields_of(declared(identify_verb.verb), "bounds")
+        s.options = {"bounds": "total=:8"} if s is bound else {}
+        do(s, s.identify)
     assert "--bounds total=:8" in bound.commands()[0]
     masses = [float(load_estimate(s.history[0].file).links[:, 0].sum()) for s in (free, bound)]
     assert masses[0] > 8.0 >= masses[1] - 1e-6
 
 
-async def taken_and_opened(s: Session, other: Session) -> Session:
+def taken_and_opened(s: Session, sessions: Sessions) -> Session:
     """The model, the findings and the runs that a session hands out are all that another one needs."""
     ready: list[str] = []
-    await finish(s, lambda: s.take("model.json", ready.append))
-    await finish(s, lambda: s.take("findings.json", ready.append))
-    for k, _ in enumerate(s.runs):
-        await finish(s, lambda k=k: s.take(f"run-{k + 1}.csv", ready.append))
+    for name in ("model.json", "findings.json", *(f"run-{k + 1}.csv" for k in range(len(s.runs)))):
+        do(s, partial(s.take, name, ready.append))
     assert load_diagnosis(s.folder / "findings.json").to_dict() == s.findings.to_dict()
-    await finish(other, lambda: other.choose_robot("two_link"))
-    for run, name in zip(s.runs, ready[2:], strict=True):
-        drop(other, s.folder / name, run["name"])
-    await finish(other, other.read_arrived)
-    await finish(other, lambda: other.open_model(str(s.folder / "model.json"), "model.json"))
+    files = {run["name"]: s.folder / name for run, name in zip(s.runs, ready[2:], strict=True)}
+    other = opened(sessions, "two_link", **files)
+    do(other, lambda: other.open_model(str(s.folder / "model.json"), "model.json"))
     return other
 
 
 def test_a_turned_robot_is_set_upright_by_the_check(sessions, hidden, tmp_path):
     """The check's finding carries the gravity that it proposes; changing the robot can be undone."""
-    save(hidden.runs[0], tmp_path / "a.csv")
-
-    async def story() -> tuple[Session, list[Any]]:
-        s = sessions.new()
-        await finish(s, lambda: s.choose_robot("two_link"))
-        drop(s, tmp_path / "a.csv")
-        await finish(s, s.read_arrived)
-        own = s.robot["own_gravity"]
-        assert not any(f["gravity"] for f in s.runs[0]["findings"])
-        await finish(s, lambda: s.mount(",".join(str(-g) for g in own)))
-        (found,) = (f for f in s.runs[0]["findings"] if f["gravity"])
-        await finish(s, lambda: s.mount(",".join(map(str, found["gravity"]))))
-        assert s.robot["gravity"] == pytest.approx(own, abs=0.02)
-        await finish(s, lambda: s.choose_robot("emps"))
-        assert s.runs == []
-        assert s.notice.undo
-        s.bring_back()
-        return s, s.runs
-
-    s, runs = asyncio.run(story())
-    assert not runs[0]["findings"]
+    s = opened(sessions, "two_link", **saved(tmp_path, hidden.runs, "a.csv"))
+    own = s.robot["own_gravity"]
+    assert not any(f["gravity"] for f in s.runs[0]["findings"])
+    do(s, lambda: s.mount(",".join(str(-g) for g in own)))
+    (found,) = (f for f in s.runs[0]["findings"] if f["gravity"])
+    do(s, lambda: s.mount(",".join(map(str, found["gravity"]))))
+    assert s.robot["gravity"] == pytest.approx(own, abs=0.02)
+    do(s, lambda: s.choose_robot("emps"))
+    assert s.runs == []
+    assert s.notice.undo
+    s.bring_back()
+    assert not s.runs[0]["findings"]
     assert s.robot["name"] == "two_link"
 
 
 def test_meaningless_runs_are_identified_only_when_asked_twice(sessions, hidden, tmp_path):
     """Torques with the wrong sign: refused with the reason, as on the command line."""
     run = hidden.runs[0]
-    save(replace(run, tau=-run.tau), tmp_path / "flipped.csv")
-
-    async def story() -> Session:
-        s = sessions.new()
-        await finish(s, lambda: s.choose_robot("two_link"))
-        drop(s, tmp_path / "flipped.csv")
-        await finish(s, s.read_arrived)
-        with pytest.raises(InputError, match=r"flipped.csv: .*wrong sign.*Identify anyway"):
-            await finish(s, s.identify)
-        assert not s.history
-        s.anyway = True
-        await finish(s, s.identify)
-        return s
-
-    s = asyncio.run(story())
+    files = saved(tmp_path, [replace(run, tau=-run.tau)], "flipped.csv")
+    s = opened(sessions, "two_link", **files)
+    with pytest.raises(InputError, match=r"flipped.csv: .*wrong sign.*Identify anyway"):
+        do(s, s.identify)
+    assert not s.history
+    s.anyway = True
+    do(s, s.identify)
     assert len(s.history) == 1
     assert "--no-check" in s.commands()[0]
 
@@ -299,22 +210,13 @@ def test_a_run_is_repaired_where_it_is_certain(sessions, hidden, tmp_path):
     run = hidden.runs[0]
     tau = run.tau.copy()
     tau[[500, 900, 1300], 1] += 500.0
-    save(replace(run, tau=tau), tmp_path / "spikes.csv")
-
-    async def story() -> Session:
-        s = sessions.new()
-        await finish(s, lambda: s.choose_robot("two_link"))
-        drop(s, tmp_path / "spikes.csv")
-        await finish(s, s.read_arrived)
-        (before,) = s.runs
-        assert [f["kind"] for f in before["findings"] if f["mends"]] == ["spikes"]
-        drawn = data_chart(s.arrays(str(s.folder / before["view"]), 0), ["N m", "N m"])
-        (crosses,) = (d for d in drawn["data"] if d["name"] == "joint 2, repaired")
-        np.testing.assert_allclose(numbers(crosses["x"]), run.t[[500, 900, 1300]] - run.t[0], rtol=1e-4)
-        await finish(s, lambda: s.mend(before["file"]))
-        return s
-
-    s = asyncio.run(story())
+    s = opened(sessions, "two_link", **saved(tmp_path, [replace(run, tau=tau)], "spikes.csv"))
+    (before,) = s.runs
+    assert [f["kind"] for f in before["findings"] if f["mends"]] == ["spikes"]
+    drawn = data_chart(s.arrays(str(s.folder / before["view"]), 0), ["N m", "N m"])
+    (crosses,) = (d for d in drawn["data"] if d["name"] == "joint 2, repaired")
+    np.testing.assert_allclose(numbers(crosses["x"]), run.t[[500, 900, 1300]] - run.t[0], rtol=1e-4)
+    do(s, lambda: s.mend(before["file"]))
     (run,) = s.runs
     assert run["name"] == "spikes_fixed.csv"
     assert run["findings"] == []
@@ -324,22 +226,18 @@ def test_a_run_is_repaired_where_it_is_certain(sessions, hidden, tmp_path):
 
 
 def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions):
-    async def story() -> tuple[Session, JobProcess, float]:
-        s = sessions.new()
-        await finish(s, lambda: s.choose_robot("panda"))
-        s.simulate("joint_spring", [3], "strong", 0)
-        assert s.working is not None
-        while "simulating" not in (s.working.status if s.working else "simulating"):
-            await asyncio.sleep(0.01)
-        work = s.working.work
-        assert work is not None
-        begin = time.perf_counter()
-        s.cancel()
-        assert s.task is not None
-        await s.task
-        return s, work, time.perf_counter() - begin
+    s = opened(sessions, "panda")
 
-    s, work, seconds = asyncio.run(story())
+    async def story() -> tuple[JobProcess, float]:
+        s.simulate("joint_spring", [3], "strong", 0)
+        while "simulating" not in s.working.status:
+            await asyncio.sleep(0.01)
+        work, begin = s.working.work, time.perf_counter()
+        s.cancel()
+        await s.task
+        return work, time.perf_counter() - begin
+
+    work, seconds = asyncio.run(story())
     assert seconds < 1.0
     assert s.runs == []
     assert s.notice.texts == ("Cancelled: nothing was changed.",)
@@ -360,19 +258,18 @@ async def put(session: Session, name: str, kind: str, content: bytes = b"x") -> 
 
 
 def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions):
-    async def story() -> Session:
-        s = sessions.new()
-        await finish(s, lambda: s.choose_robot("two_link"))
+    s = opened(sessions, "two_link")
+
+    async def story() -> None:
         s.simulate("joint_spring", [1], "strong", 0)
         assert await put(s, "arm.urdf", "robot") == 400
         assert s.notice.texts[0].startswith("arm.urdf: a job is running")
         assert await put(s, "run.csv", "runs") == 200  # read when the work is done
-        assert s.task is not None
         s.cancel()
         await s.task
-        return s
 
-    assert asyncio.run(story()).robot is not None
+    asyncio.run(story())
+    assert s.robot is not None
 
 
 def test_a_full_disk_is_said(sessions, monkeypatch):
@@ -390,20 +287,14 @@ def test_a_full_disk_is_said(sessions, monkeypatch):
 
 def test_of_a_dropped_run_only_its_samples_are_kept(sessions, hidden, tmp_path):
     """The file's copy goes when it was read, or refused; a file of the person's own stays."""
-    save(hidden.runs[0], tmp_path / "own.csv")
-    save(hidden.runs[1], tmp_path / "dropped.csv")
-
-    async def story() -> Session:
-        s = sessions.new()
-        await finish(s, lambda: s.choose_robot("two_link"))
-        assert await put(s, "dropped.csv", "runs", (tmp_path / "dropped.csv").read_bytes()) == 200
-        assert await put(s, "broken.csv", "runs", b"no table") == 200
-        drop(s, tmp_path / "own.csv")
-        with pytest.raises(InputError, match=r"broken\.csv"):
-            await finish(s, s.read_arrived)
-        return s
-
-    s = asyncio.run(story())
+    files = saved(tmp_path, hidden.runs, "own.csv", "dropped.csv")
+    s = opened(sessions, "two_link")
+    for name in ("dropped.csv", "broken.csv"):
+        content = files[name].read_bytes() if name in files else b"no table"
+        assert asyncio.run(put(s, name, "runs", content)) == 200
+    s.arrived["own.csv"] = files["own.csv"]
+    with pytest.raises(InputError, match=r"broken\.csv"):
+        do(s, s.read_arrived)
     assert [run["name"] for run in s.runs] == ["dropped.csv", "own.csv"]
     kept = [run[what] for run in s.runs for what in ("file", "view")]
     assert sorted(p.name for p in s.folder.iterdir()) == sorted(kept)
@@ -561,6 +452,29 @@ def test_the_authors_four_files_are_one_run(tmp_path):
     assert all((tmp_path / f"user-{name}").exists() for name in uploads.LOG_FILES)
 
 
+def answer(
+    headers: dict[str, str], gate: Any = guarded, error: Exception | None = None, **scope: Any
+) -> tuple[bool, list[Any]]:
+    """Whether a request with these headers reaches the page, and what is answered."""
+    reached, sent = [], []
+    kind = scope.pop("kind", "http")
+
+    async def app(asked: Any, receive: Any, send: Any) -> None:
+        reached.append(asked)
+        if error is not None:
+            raise error
+        if kind == "http":
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    scope = {"type": kind, "method": "GET", "path": "/", "query_string": b"", **scope}
+    scope["headers"] = [(k.encode(), v.encode()) for k, v in headers.items()]
+    asyncio.run(gate(app, 99, "secret")(scope, None, send))
+    return bool(reached), sent
+
+
 @pytest.mark.parametrize(
     ("headers", "allowed"),
     [
@@ -583,24 +497,12 @@ def test_the_authors_four_files_are_one_run(tmp_path):
 )
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 def test_only_this_page_may_ask(headers, allowed, kind):
-    reached, sent = [], []
-
-    async def app(scope: Any, receive: Any, send: Any) -> None:
-        reached.append(scope)
-        if kind == "http":
-            await send({"type": "http.response.start", "status": 200, "headers": []})
-
-    async def send(message: Any) -> None:
-        sent.append(message)
-
     if kind == "websocket":
         headers = {"origin": "http://127.0.0.1:99", **headers}
     headers = {"cookie": "other=1; sdp-vs-penalty-key-99=secret", **headers}
-    scope: dict[str, Any] = {"type": kind, "method": "GET", "path": "/", "query_string": b""}
-    scope["headers"] = [(k.encode(), v.encode()) for k, v in headers.items()]
-    asyncio.run(guarded(app, 99, "secret")(scope, None, send))
+    reached, sent = answer(headers, kind=kind)
     allowed = kind == "http" if allowed is None else allowed  # a socket names where it comes from
-    assert bool(reached) == allowed
+    assert reached == allowed
     if not allowed:
         assert sent[0] == {"type": "websocket.close", "code": 1008} or sent[0]["status"] in (400, 403)
     elif kind == "http":
@@ -608,12 +510,8 @@ def test_only_this_page_may_ask(headers, allowed, kind):
 
 
 def test_an_error_of_a_request_is_one_line(capsys):
-    async def app(scope: Any, receive: Any, send: Any) -> None:
-        raise KeyError("Session is disconnected")  # what engine.io does to a tab that was silent
-
-    headers = [(b"host", b"127.0.0.1"), (b"cookie", b"sdp-vs-penalty-key-99=secret")]
-    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": headers}
-    asyncio.run(guarded(app, 99, "secret")(scope, None, None))
+    silent = KeyError("Session is disconnected")  # what engine.io does to a tab that was silent
+    answer({"host": "127.0.0.1", "cookie": "sdp-vs-penalty-key-99=secret"}, error=silent)
     said = capsys.readouterr().err
     assert said == "sdp-vs-penalty: page: KeyError: 'Session is disconnected'\n"
 
@@ -621,27 +519,17 @@ def test_an_error_of_a_request_is_one_line(capsys):
 @pytest.mark.parametrize(
     ("path", "query", "to"),
     [
-        ("/", "key=secret", b"/"),
-        ("/s/abc", "a=1&key=secret", b"/s/abc?a=1"),
-        ("//evil.example", "key=secret", b"/evil.example"),
-        ("/", "key=guess", None),
-        ("/", "", None),
+        ("/", b"key=secret", b"/"),
+        ("/s/abc", b"a=1&key=secret", b"/s/abc?a=1"),
+        ("//evil.example", b"key=secret", b"/evil.example"),
+        ("/", b"key=guess", None),
+        ("/", b"", None),
     ],
 )
 def test_the_printed_address_lets_in_once(path, query, to):
     """The key leaves the address bar, and stays in a cookie that scripts and other sites do not get."""
-    sent: list[Any] = []
-
-    async def app(scope: Any, receive: Any, send: Any) -> None:
-        raise AssertionError("nobody is let in without the cookie")
-
-    async def send(message: Any) -> None:
-        sent.append(message)
-
-    scope = {"type": "http", "method": "GET", "path": path, "query_string": query.encode()}
-    asyncio.run(
-        guarded(app, 99, "secret")({**scope, "headers": [(b"host", b"127.0.0.1:99")]}, None, send)
-    )
+    reached, sent = answer({"host": "127.0.0.1:99"}, path=path, query_string=query)
+    assert not reached  # without the cookie
     headers = dict(sent[0]["headers"])
     if to is None:
         assert sent[0]["status"] == 403
@@ -653,17 +541,13 @@ def test_the_printed_address_lets_in_once(path, query, to):
 
 
 def test_over_tls_only_the_named_host_is_asked_and_the_cookie_stays_there():
-    sent: list[Any] = []
-
-    async def send(message: Any) -> None:
-        sent.append(message)
-
-    gate = guarded(None, 99, "secret", "lab.example", tls=True)
-    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"key=secret"}
-    for host in (b"127.0.0.1:99", b"lab.example:99"):
-        asyncio.run(gate({**scope, "headers": [(b"host", host)]}, None, send))
-    assert sent[0]["status"] == 400
-    headers = dict(sent[2]["headers"])
+    gate = partial(guarded, host="lab.example", tls=True)
+    other, own = (
+        answer({"host": host}, gate, query_string=b"key=secret")[1][0]
+        for host in ("127.0.0.1:99", "lab.example:99")
+    )
+    assert other["status"] == 400
+    headers = dict(own["headers"])
     assert headers[b"set-cookie"].endswith(b"Secure")
     assert b"connect-src 'self' wss://lab.example:99 data:;" in headers[b"content-security-policy"]
 
@@ -809,10 +693,7 @@ def test_without_the_extra_it_says_what_to_install():
         "import sys; sys.modules['nicegui'] = None; "
         "from sdp_vs_penalty.cli.main import main; main(['page'])"
     )
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60
-    )
+    done = python("-c", code)
     assert done.returncode == 2
     assert "pip install '.[page]'" in done.stderr
     assert "Traceback" not in done.stderr

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
-from sdp_vs_penalty.paper import figures, wrenches
+from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
+from sdp_vs_penalty.paper import figures
 from sdp_vs_penalty.paper.figures import FIGURES, make_figures, save
 from sdp_vs_penalty.paper.figures import two_link as drawn
-from sdp_vs_penalty.paper.tables import study, table_v
+from sdp_vs_penalty.paper.tables import study
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
 
 pytest.importorskip("matplotlib")
@@ -28,10 +29,9 @@ class SimulatedStudy(Study):
 @pytest.fixture(scope="module")
 def studies() -> Iterator[dict[str, Study]]:
     patch = pytest.MonkeyPatch()
-    patch.setitem(table_v.DURATION, "quick", 0.2)
-    patch.setitem(wrenches.INSTANTS, "quick", 3)
-    patch.setitem(wrenches.RETRIEVALS, "quick", 2)
-    patch.setattr(wrenches, "PENALTY_RUNS", 2)
+    small = replace(study.BUDGETS["quick"], duration=0.2, instants=3, retrievals=2)
+    patch.setitem(study.BUDGETS, "quick", small)
+    patch.setattr(PenaltyPaper, "runs", 2)
     # The paper's own method is slow, and the figures need its estimate for nothing but one line.
     patch.setattr(study, "METHODS", {k: m for k, m in METHODS.items() if k != "penalty_paper"})
     yield {name: SimulatedStudy(load_problem(name)) for name in ("panda", "two_link")}

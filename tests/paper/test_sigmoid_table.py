@@ -5,10 +5,7 @@ import pytest
 
 from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.effects import Motion
-from sdp_vs_penalty.paper.sigmoid_friction import (
-    exact_rows,
-    fit_sigmoid,
-)
+from sdp_vs_penalty.paper.sigmoid_friction import exact_rows, fit_sigmoid
 from sdp_vs_penalty.simulation import Experiment, experiment
 
 

@@ -8,20 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import THREE, write_urdf
 
 from sdp_vs_penalty import InputError, Measurements, load_problem
 from sdp_vs_penalty.estimators import Estimator, PenaltyPaper
 from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
 from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
-from sdp_vs_penalty.paper.tables.table import (
-    Column,
-    Table,
-    escape_latex,
-    number_column,
-    plain_number,
-    text,
-)
+from sdp_vs_penalty.paper.tables.table import Table
 from sdp_vs_penalty.problem.published import barycentric_names
 from sdp_vs_penalty.regression import LeastSquares, triangular
 from sdp_vs_penalty.robot import inertia
@@ -101,21 +95,6 @@ def test_all_three_forms_hold_the_same_cells(tables):
         assert [line.count(" & ") for line in lines] == [len(table.columns) - 1] * len(cells)
 
 
-def test_escaping_and_number_columns():
-    assert escape_latex(r"a_b 5 % & ^ { \x") == (r"a\_b 5 \% \& \textasciicircum{} \{ \textbackslash{}x")
-    assert number_column(["-12.345", "1.2e-05", "", "inf"]) == "S[table-format=-2.3e-1]"
-    assert number_column(["3", "14"]) == "S[table-format=2.0]"
-    assert plain_number("5.4615e-01") == "0.54615"
-    assert plain_number("-2.991e-05") == "-0.00002991"
-    assert plain_number("3e-10") == "3e-10"
-    assert plain_number("inf") == "inf"
-    assert text(-0.0) == "0"
-    assert text(float("nan")) == ""
-    assert text("-1.0517e-02") == "-1.0517e-02"
-    with pytest.raises(ValueError, match="2 cells in 1 columns"):
-        Table("X", "x", "x", (Column("a"),), (("1", "2"),))
-
-
 def test_files_of_the_names_asked_for_are_written(tmp_path, without_data):
     out = tmp_path / "new"
     ((_, paths),) = make_tables(["viii"], problem="two_link", out=out)
@@ -134,15 +113,7 @@ def test_unknown_names_are_refused_before_anything_is_written(tmp_path):
 
 
 def test_any_urdf_has_tables_too(tmp_path, without_data):
-    urdf = tmp_path / "arm.urdf"
-    urdf.write_text(
-        """<robot name="arm"><link name="base"/><link name="a"/><link name="b"/>
-        <joint name="j1" type="revolute"><parent link="base"/><child link="a"/>
-          <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="9"/></joint>
-        <joint name="j2" type="revolute"><parent link="a"/><child link="b"/>
-          <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
-          <limit lower="-2" upper="2" velocity="1" effort="9"/></joint></robot>"""
-    )
+    urdf = write_urdf(tmp_path / "arm.urdf", "arm", THREE[1:])
     made = build_tables(None, SmallStudy(load_problem(urdf)))
     assert [table.name for table in made] == list(DEFAULT_TABLES)
     assert "the problem's nominal links" in made[0].caption

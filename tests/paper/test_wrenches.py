@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.paper.wrenches import (
@@ -90,29 +88,6 @@ def test_interval_contains_the_truth_and_is_certified(
     assert np.all(intervals.lower_bound <= intervals.lower)
     assert np.all(intervals.upper <= intervals.upper_bound)
     assert intervals.slack < 1e-6
-
-
-@pytest.mark.long
-@settings(max_examples=25, deadline=None)
-@given(direction=st.lists(st.floats(-1, 1), min_size=12, max_size=12), share=st.floats(0.05, 0.999))
-def test_every_feasible_parameter_of_equal_torque_lies_inside(
-    direction: list[float], share: float
-) -> None:
-    problem = load_problem("two_link")
-    feasible = links_slice(problem, published_links(problem, "p_real"))
-    step = feasible.basis @ np.array(direction)
-    if np.linalg.norm(direction) < 1e-3:
-        return
-    reach = 1e6
-    while feasible.constraints.margin(feasible.interior + reach * step) < 0.0:
-        reach *= 0.7
-    theta = feasible.interior + share * reach * step
-    at = states(problem, 1)
-    found = wrench_intervals(problem.robot, feasible, *at)
-    wrench = joint_wrenches(problem.robot, theta, *at)
-    tiny = 1e-9 * np.abs(wrench).max()
-    assert np.all(found.lower_bound - tiny <= wrench)
-    assert np.all(wrench <= found.upper_bound + tiny)
 
 
 def test_a_slice_without_interior_is_refused(two_link: Problem, real: np.ndarray) -> None:

@@ -39,21 +39,6 @@ def test_as_printed_the_known_rows_and_no_others_differ(panda):
     assert empty == EMPTY
 
 
-def test_published_values_stay_as_printed(panda):
-    assert published_values(panda, "p_hat", corrected=False)["c6z"] == -1.0517e-02
-    assert published_values(panda, "p_hat", corrected=True)["c6z"] == -0.01924
-    row = next(r for r in panda.published["table_VIII"] if r["parameter"] == "c6z")
-    assert row["p_hat"] == "-1.0517e-02"
-
-
-def test_the_symbol_of_row_two_counts_m3_once(panda):
-    base, _ = base_parameters(panda.model(), panda.independent)
-    m3 = base[1, 20]
-    assert m3 == pytest.approx(0.316**2)  # 0.0998 m3 and nothing more
-    np.testing.assert_allclose(base[1, [30, 40, 50, 60]], 0.316**2 + 0.0825**2)
-    np.testing.assert_allclose(base[1, 20:] - base[5, 20:], 0.0, atol=1e-12)
-
-
 def test_delta_is_not_consistent_at_its_printed_digits(panda):
     links = published_links(panda, "delta")
     moments = np.linalg.eigvalsh(inertia.inertia_matrix(inertia.barycentric_from_standard(links[1])[4:]))

@@ -9,10 +9,7 @@ from hypothesis import strategies as st
 from sdp_vs_penalty import InputError, Problem, identify, load_estimate, load_problem
 from sdp_vs_penalty.regression import BlackBox, load_answers
 from sdp_vs_penalty.regression.base_parameters import base_parameters
-from sdp_vs_penalty.regression.black_box import (
-    compress_black_box,
-    load_configurations,
-)
+from sdp_vs_penalty.regression.black_box import compress_black_box, load_configurations
 from sdp_vs_penalty.simulation import experiment
 
 

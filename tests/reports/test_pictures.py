@@ -1,11 +1,10 @@
 """Bars cut at the noise floor, a finding's joint lit, causes that explain nothing hidden."""
 
 import re
-from types import SimpleNamespace
 
 import pytest
 
-from sdp_vs_penalty.reports.pictures import bars, found_shares, heat_map, heat_rows, legend, shades
+from sdp_vs_penalty.reports.pictures import bars
 
 UNITS = ["N*m", "N*m"]
 
@@ -21,26 +20,3 @@ def test_bars_are_errors_over_noise_cut_at_the_floor():
     assert "noise floor unknown" in alone
     assert 'class="noise"' not in alone
     assert "1.25 N m" in alone
-
-
-def test_a_confident_finding_is_lit_by_construction():
-    found = SimpleNamespace(effect="presliding_hysteresis", joints=(2,), confidence="confident")
-    found.held_out_rmse_before, found.held_out_rmse_after = [1.0, 2.0], [0.9, 1.0]
-    weak = SimpleNamespace(**{**vars(found), "effect": "spring", "confidence": "weak"})
-    shares = found_shares(SimpleNamespace(effects=[found, weak]), 2)
-    assert shares == {"found: presliding_hysteresis": [0.0, pytest.approx(0.75)]}
-    failures = [{"held_out_shares": {"reversal": 0.5, "time": 0.004}} for _ in range(2)]
-    rows = heat_rows(failures, shares)
-    assert [name for name, _ in rows] == ["found: presliding_hysteresis", "reversal"]
-    assert ">75<" in heat_map("model", rows, 2)
-    assert "No cause explains" in heat_map("model", [], 2)
-
-
-def test_stretches_are_shaded_on_each_axis():
-    drawn = shades([(1.0, 2.0, "reversal")], ("x", "x2"))
-    assert [(s["xref"], s["yref"], s["x0"], s["x1"]) for s in drawn] == [
-        ("x", "y domain", 1.0, 2.0),
-        ("x2", "y2 domain", 1.0, 2.0),
-    ]
-    assert "reversal" in legend(["reversal"])
-    assert legend([]) == ""

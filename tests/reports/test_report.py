@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import run_cli
 
 from sdp_vs_penalty import Estimate, Measurements, Problem, follow, identify, report
-from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.reports.parameters import ellipsoid
@@ -146,25 +146,6 @@ def test_the_ellipsoid_has_the_links_inertia(made):
     assert ellipsoid(np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])) is None  # a rod
 
 
-def test_poses_are_the_robots(two_link):
-    """Gravity torque by the drawn poses: potential energy's slope."""
-    robot, links = two_link.robot, two_link.nominal_links
-    q, step = np.array([0.3, -0.7]), 1e-6
-
-    def energy(at: np.ndarray) -> float:
-        total = 0.0
-        for pose, joint, link in zip(robot.poses(at[None])[0], robot.joints, links, strict=True):
-            com = (pose @ joint.link_frame @ np.append(link[1:4] / link[0], 1.0))[:3]
-            total -= link[0] * float(np.array(robot.gravity) @ com)
-        return total
-
-    zero = np.zeros((1, 2))
-    torque = robot.inverse_dynamics(links.ravel(), q[None, :], zero, zero)[0]
-    for j in range(2):
-        move = step * np.eye(2)[j]
-        assert (energy(q + move) - energy(q - move)) / (2 * step) == pytest.approx(torque[j], abs=1e-6)
-
-
 def test_the_verb_and_short_runs(two_link, tmp_path):
     run = experiment(two_link).training_run(0)
     keep = (run.t > run.t[0] + 2.0) & (run.t < run.t[0] + 3.8)
@@ -175,9 +156,7 @@ def test_the_verb_and_short_runs(two_link, tmp_path):
     for name, words in (("run", "identifiable"), ("short", "from the runs that it was identified")):
         out = tmp_path / f"{name}.html"
         arguments = ["report", tmp_path / "model.json", "--data", tmp_path / f"{name}.csv", "--out", out]
-        with pytest.raises(SystemExit) as code:
-            cli.main([str(a) for a in arguments])
-        assert code.value.code == 0
+        assert run_cli(*arguments) == 0
         assert words in out.read_text()
 
 

@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from random_robots import sines
 
-from sdp_vs_penalty import InputError, Measurements, identify, load_problem
-from sdp_vs_penalty.robot import inertia, load_urdf
+from sdp_vs_penalty import InputError
+from sdp_vs_penalty.robot import load_urdf
 from sdp_vs_penalty.robot._pinocchio import pin
 
 
@@ -103,29 +102,6 @@ def test_torques_equal_those_of_pinocchios_own_parser(arm):
         expected = [expected[reference.joints[i].idx_v] for i in order]
         found = robot.inverse_dynamics(theta, q, dq, ddq)[0]
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
-
-
-def test_an_unseen_arm_is_identified_in_one_call(arm):
-    problem = load_problem(arm, gravity=(0.4, -0.2, -9.7))
-    truth = problem.nominal_links.copy()
-    truth[1] = inertia.standard_from_barycentric(
-        [2.2, 0.12, 0.01, -0.02, 0.006, 0.0004, 0.021, -0.0003, 0.0006, 0.022]
-    )
-    model = problem.model()
-    theta = np.zeros(len(model.parameters))
-    theta[model.rigid_indices] = truth.ravel()
-    friction = [k for k, p in enumerate(model.parameters) if p.effect != "rigid_body"]
-    theta[friction] = np.random.default_rng(1).uniform(0.1, 1.0, len(friction))
-    t = np.arange(0.0, 16.0, 0.004)
-    motion = sines(np.random.default_rng(3), 4, t, 0.15, 5)
-    measurements = Measurements(t, motion.q, model.torque(theta, motion))
-    estimate = identify(problem, measurements, seed=1)
-    other = sines(np.random.default_rng(4), 4, t, 0.13, 5)
-    torque = model.torque(theta, other)
-    error = np.linalg.norm(estimate.torque(other) - torque) / np.linalg.norm(torque)
-    assert error < 2e-3
-    assert np.all(np.linalg.eigvalsh(inertia.pseudo_inertia(estimate.links)) > 0.0)
-    assert estimate.certificate.gap < 1e-6
 
 
 def change(old: str, new: str) -> str:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run_cli
 from sdp_readers import read_cbf, read_sdpa
 
 from sdp_vs_penalty import InputError
-from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.shootout import instances, library
 from sdp_vs_penalty.solvers import clarabel, verify_proof
 from sdp_vs_penalty.solvers.rewrite import reorder
@@ -32,9 +32,7 @@ NAMES = (
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict[str, str]]]:
     folder = tmp_path_factory.mktemp("library")
-    with pytest.raises(SystemExit) as stop:
-        main(["shootout", "--export", str(folder), "--problems", ",".join(NAMES)])
-    assert not stop.value.code
+    assert run_cli("shootout", "--export", folder, "--problems", ",".join(NAMES)) == 0
     with (folder / "index.csv").open() as file:
         rows = {row["name"]: row for row in csv.DictReader(file)}
     assert set(rows) == set(NAMES)

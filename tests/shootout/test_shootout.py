@@ -16,13 +16,7 @@ from sdp_vs_penalty.shootout import profile, standard_instances, summary
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.shootout.instances import catalogue, instance, selected
-from sdp_vs_penalty.shootout.judge import (
-    CLASSES,
-    Answer,
-    dimacs_error,
-    judge,
-    relative_violation,
-)
+from sdp_vs_penalty.shootout.judge import CLASSES, Answer, dimacs_error, judge, relative_violation
 from sdp_vs_penalty.shootout.reference import Reference, reference
 from sdp_vs_penalty.shootout.results import table_text
 from sdp_vs_penalty.shootout.work import Assignment, in_child, run
@@ -271,22 +265,23 @@ def test_names_that_do_not_exist_are_refused(monkeypatch):
         instance("x")
 
 
-def test_summary_of_known_runs(tmp_path):
-    def row(
-        problem: str, solver: str, kind: str, seconds: float, gap: float = 1e-9
-    ) -> dict[str, object]:
-        claimed = "failed" if kind == "failed" else "optimal"
-        return {
-            "problem": problem, "group": "g", "hash": "h", "solver": solver, "settings": "1e-06",
-            "accuracy": 1e-6, "claimed": claimed, "class": kind, "objective_error": gap,
-            "violation": 0.0, "own_gap": np.inf, "dimacs": 1e-7, "seconds": seconds, "version": "1",
-            "machine": "m", "lower": 1.0, "upper": 1.0, "attempts": 1,
-        }  # fmt: skip
+def _run(problem: str, solver: str, **changes: object) -> dict[str, object]:
+    row: dict[str, object] = {
+        "problem": problem, "group": "panda", "solver": solver, "settings": "1e-06", "accuracy": 1e-6,
+        "claimed": "optimal", "class": "right", "objective_error": 1e-6, "violation": 0.0,
+        "lower": 1.0, "upper": 1.0, "attempts": 1, "seconds": 0.1, "hash": "h", "own_gap": np.inf,
+        "dimacs": 1e-7, "version": "1", "machine": "m",
+    }  # fmt: skip
+    return row | changes
 
+
+def test_summary_of_known_runs(tmp_path):
+    liar = {"class": "silently_wrong", "seconds": 0.01}
     rows = [
-        row("a", "good", "right", 0.1), row("b", "good", "right", 0.4),
-        row("a", "fast", "right", 0.05), row("b", "fast", "failed", 0.01),
-        row("a", "liar", "silently_wrong", 0.01, 0.3), row("b", "liar", "silently_wrong", 0.01, 0.2),
+        _run("a", "good"), _run("b", "good", seconds=0.4),
+        _run("a", "fast", seconds=0.05),
+        _run("b", "fast", **{"class": "failed", "claimed": "failed", "seconds": 0.01}),
+        _run("a", "liar", **liar, objective_error=0.3), _run("b", "liar", **liar, objective_error=0.2),
     ]  # fmt: skip
     table = {r["solver"]: r for r in summary.summary_rows(rows, 10.0)}
     assert table["good"]["success_percent"] == 100.0
@@ -310,15 +305,6 @@ def test_summary_of_known_runs(tmp_path):
     assert "**WRONG** 3e-01" in text
     assert "mosek: no licence" in text
     assert (tmp_path / "profile.svg").read_text().startswith("<?xml")
-
-
-def _run(problem: str, solver: str, **changes: object) -> dict[str, object]:
-    row: dict[str, object] = {
-        "problem": problem, "group": "panda", "solver": solver, "settings": "1e-06", "accuracy": 1e-6,
-        "claimed": "optimal", "class": "right", "objective_error": 1e-6, "violation": 0.0,
-        "lower": 1.0, "attempts": 1, "seconds": 0.1,
-    }  # fmt: skip
-    return row | changes
 
 
 def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time():

@@ -1,8 +1,6 @@
 """Runs of the shootout: resuming, killed processes and workers; nothing is lost."""
 
 import csv
-import os
-import signal
 from pathlib import Path
 
 import pytest
@@ -10,7 +8,7 @@ import pytest
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty import parallel as cluster
 from sdp_vs_penalty.shootout import runner
-from sdp_vs_penalty.shootout.results import COLUMNS, Results, key
+from sdp_vs_penalty.shootout.results import COLUMNS, Results
 from sdp_vs_penalty.shootout.runner import Shootout
 
 PROBLEM = "two_link one-step gyration"
@@ -88,35 +86,6 @@ def test_the_time_limit_ends_one_cell_and_tighter_ones_are_not_tried(tmp_path):
 def test_senseless_settings_are_refused(tmp_path, accuracies):
     with pytest.raises(InputError, match="--accuracy"):
         setup(tmp_path, accuracies=accuracies)
-
-
-@pytest.mark.slow
-def test_a_cluster_loses_nothing_when_a_worker_is_killed(tmp_path):
-    distributed = pytest.importorskip("distributed")
-    quiet = {"silence_logs": 50, "dashboard_address": None}
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as local:
-        workers = [w.pid for w in local.workers.values()]
-        killed: list[int] = []
-
-        def watch(what: str, done: int, total: int) -> None:
-            # After the first finished run one worker dies, with whatever it is doing.
-            if done >= 1 and "proving" not in what and what != "runs" and not killed:
-                killed.append(workers[0])
-                os.kill(workers[0], signal.SIGKILL)
-
-        outcome = runner.run(
-            setup(
-                tmp_path / "s",
-                solvers=["clarabel", "scs", "cvxopt", "penalty"],
-                problems=["two_link one-step plain", PROBLEM],
-                scheduler=local.scheduler_address,
-            ),
-            watch,
-        )
-    assert killed
-    assert not outcome.notes
-    assert len({key(r) for r in outcome.results.rows}) == len(outcome.results.rows) == 16
-    assert {r["class"] for r in outcome.results.rows} == {"right"}
 
 
 def test_nobody_at_the_address(tmp_path, monkeypatch):

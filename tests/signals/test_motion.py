@@ -48,6 +48,17 @@ def test_other_motion_is_new():
     assert share(once, slower) > 0.8
 
 
+@pytest.mark.real_data
+def test_the_panda_repeats_itself_after_a_period(data_folder):
+    """14.2-20.9 s are 0.9-7.6 s again; what lies between them is another motion."""
+    problem = load_problem("panda")
+    run = load_measurements(data_folder / "panda")
+    settings = problem.preprocessing.resolve(run)
+    for train, judged, new in (((0, 14), (14.2, 20.9), 0.0), ((0, 7.6), (8, 13.2), 1.0)):
+        record = record_motion(run.window(*train), settings)
+        assert record.new_share_of(run.window(*judged), settings) == pytest.approx(new, abs=0.01)
+
+
 def test_the_record_is_bounded(monkeypatch):
     """Periods add nothing; much motion is kept more coarsely, and stays known, or not at all."""
     one, ten = (record_motion(run_of(10, s), SETTINGS) for s in (11.0, 96.0))
@@ -63,24 +74,3 @@ def test_the_record_is_bounded(monkeypatch):
     assert record.new_share_of(wild, SETTINGS) == 0.0
     monkeypatch.setattr(motion, "_MOST", 100)
     assert record_motion(wild, SETTINGS) is None
-
-
-def test_records_join():
-    a, b = (record_motion(run_of(seed, 11.0), SETTINGS) for seed in (10, 20))
-    assert b is not None
-    both = a.joined(b)
-    assert both is not None
-    for seed in (11, 21):
-        assert both.new_share_of(run_of(seed, 9.0, 0.5), SETTINGS) == 0.0
-    assert both.new_share_of(run_of(30, 9.0), SETTINGS) > 0.9
-
-
-@pytest.mark.real_data
-def test_the_panda_repeats_itself_after_a_period(data_folder):
-    """14.2-20.9 s are 0.9-7.6 s again; what lies between them is another motion."""
-    problem = load_problem("panda")
-    run = load_measurements(data_folder / "panda")
-    settings = problem.preprocessing.resolve(run)
-    for train, judged, new in (((0, 14), (14.2, 20.9), 0.0), ((0, 7.6), (8, 13.2), 1.0)):
-        record = record_motion(run.window(*train), settings)
-        assert record.new_share_of(run.window(*judged), settings) == pytest.approx(new, abs=0.01)

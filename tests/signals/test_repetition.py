@@ -38,35 +38,28 @@ def test_motion_without_repetition_has_no_period(seed):
     assert repeat_period(t, q + 0.3 * t[:, None]) is None
 
 
-def test_one_joint_that_does_not_repeat_is_enough_however_small_its_motion():
-    rng = np.random.default_rng(0)
-    t = np.arange(0.0, 20.0, 0.03)
-    q = periodic(rng, t, 5.0)
-    assert repeat_period(t, q) == pytest.approx(5.0, abs=2e-3)
-    q[:, 2] = 0.01 * np.sin(1.1 * t) * t / 20.0
-    assert repeat_period(t, q) is None
+T = np.arange(0.0, 20.0, 0.03)
+FIVE = periodic(np.random.default_rng(0), T, 5.0)
+NOISE = np.random.default_rng(1).normal(size=len(T))
+SLOW = np.arange(0.0, 300.0, 0.1)
+#: name : (instants, positions, period or None)
+MOTIONS = {
+    "all joints repeat": (T, FIVE, 5.0),
+    "one does not, however small its motion": (
+        T, np.column_stack([FIVE[:, :2], 0.01 * np.sin(1.1 * T) * T / 20.0]), None,
+    ),
+    "one only flickers": (T, np.column_stack([FIVE[:, :2], 1e-6 * NOISE]), 5.0),
+    "standing still": (T, np.zeros((len(T), 2)), None),
+    "too short": (T[T < 2.5], periodic(np.random.default_rng(0), T[T < 2.5], 1.0), None),
+    # Neighbouring samples are alike; only a valley of the difference is a repeat.
+    "slow": (SLOW, np.sin(2.0 * np.pi * SLOW / 400.0)[:, None], None),
+}  # fmt: skip
 
 
-def test_a_joint_that_only_flickers_does_not_hide_the_period():
-    rng = np.random.default_rng(0)
-    t = np.arange(0.0, 20.0, 0.03)
-    q = periodic(rng, t, 5.0)
-    q[:, 2] = 1e-6 * rng.normal(size=len(t))
-    assert repeat_period(t, q) == pytest.approx(5.0, abs=2e-3)
-
-
-def test_standing_still_and_short_runs_have_no_period():
-    t = np.arange(0.0, 10.0, 0.03)
-    assert repeat_period(t, np.zeros((len(t), 2))) is None
-    short = t[t < 2.5]
-    assert repeat_period(short, periodic(np.random.default_rng(0), short, 1.0)) is None
-
-
-def test_slow_motion_is_not_its_own_repetition():
-    """Neighbouring samples of a slow motion are alike; only a valley of the difference is a repeat."""
-    t = np.arange(0.0, 300.0, 0.1)
-    q = np.sin(2.0 * np.pi * t / 400.0)[:, None]
-    assert repeat_period(t, q) is None
+@pytest.mark.parametrize("name", MOTIONS)
+def test_what_has_a_period(name):
+    t, q, period = MOTIONS[name]
+    assert repeat_period(t, q) == (None if period is None else pytest.approx(period, abs=2e-3))
 
 
 def test_long_logs_take_no_quadratic_time():

@@ -7,18 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from challenge import judge
-from challenge.cases import (
-    VERSION,
-    Case,
-    run_case,
-    run_challenge,
-    simulate_case,
-    wanted,
-)
+from challenge.cases import VERSION, Case, run_case, run_challenge, simulate_case, wanted
 from challenge.classes import CLASSES, EFFECTS, USUAL
 from challenge.report import report_text
 
-from sdp_vs_penalty import InputError, diagnose, identify
+from sdp_vs_penalty import InputError
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.parallel import ALONE
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
@@ -180,22 +173,3 @@ def approximately(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: approximately(v) for k, v in value.items()}
     return [approximately(v) for v in value] if isinstance(value, list) else value
-
-
-@pytest.mark.slow
-@pytest.mark.real_data
-def test_the_real_panda_misses_presliding_hysteresis(panda, panda_run):
-    train, test = panda_run.window(0.0, 14.0), panda_run.window(14.2, 100.0)
-    effects = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
-    estimate = identify(panda, train, "ols", effects=effects)
-    result = diagnose(estimate, train, test)
-    # Of the wrist's coupled joints a gain of the sixth explains as much as its hysteresis does.
-    assert result.effects[0].confidence == "confident"
-    first = next(f for f in result.effects[:2] if f.effect == "presliding_hysteresis")
-    assert first.joints == (7,)
-    assert first.shape["d"] == pytest.approx(0.003, abs=0.001)
-    assert first.held_out_rmse_after[6] < 0.55 * first.held_out_rmse_before[6]
-    early = {(f.joints[0], f.effect) for f in result.effects[:4]}
-    dahl = "presliding_hysteresis"
-    assert early == {(5, dahl), (6, dahl), (6, "torque_gain"), (7, dahl)}
-    assert (result.held_out_rmse / result.held_out_rmse_before).mean() < 0.82

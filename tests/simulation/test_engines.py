@@ -118,19 +118,9 @@ def test_an_absent_engine_is_listed_as_absent(two_link, monkeypatch):
     kind = engine_types()["DART"]
     monkeypatch.setattr(kind, "version", classmethod(lambda cls: None))
     study: Any = SimpleNamespace(problem=two_link, progress=lambda _: None)
-    motion = Sinusoids.over_range(two_link.robot)
-    result = table_v._result(study, "DART", "simulated", true_links(two_link), motion, 0.1, 1e-3)
+    study.links = lambda *_: true_links(two_link)
+    study.simulated, study.effort = SimpleNamespace(label="simulated"), SimpleNamespace(duration=0.1)
+    (result,) = (r for r in table_v.sinusoidal_runs(study) if r.engine == "DART")
     assert result.run is None
     assert result.status.startswith("absent")
     assert "sdp-vs-penalty[engines]" in result.status
-
-
-def test_a_rejected_robot_keeps_its_row_and_says_which_link(two_link):
-    present("MuJoCo")
-    links = true_links(two_link).copy()
-    links[1, 9] = -1.0
-    study: Any = SimpleNamespace(problem=two_link, progress=lambda _: None)
-    motion = Sinusoids.over_range(two_link.robot)
-    result = table_v._result(study, "MuJoCo", "simulated", links, motion, 0.1, 1e-3)
-    assert result.run is None
-    assert result.status.startswith("rejected: link 2")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from arms import SCARA, write_urdf
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
@@ -112,35 +113,8 @@ def test_the_committed_sensor_is_what_the_real_run_shows(panda, panda_run):
     assert sensor.log_jitter == pytest.approx(steps.std(), rel=1e-3)
 
 
-@pytest.mark.real_data
-def test_simulated_noise_reads_like_the_real_one(panda, panda_run):
-    """Estimated from a simulated run as from the real one, and behind the filters of `compare`."""
-    x = experiment(panda)
-    run = x.training_run()
-    std, _ = repetition_noise(run, 2.0 / 0.15, x.sensor.rate)
-    np.testing.assert_allclose(std, x.sensor.torque_std, rtol=0.1)
-    floors = []
-    for data in (run, panda_run):
-        floor = compare(identify(panda, data, "ols"), data)[0].noise_floor
-        assert floor is not None
-        floors.append(floor)
-    # The autoregression of order 4 holds at the full rate; below 8 Hz it is right to a factor of two
-    # (100 rows repeat, from which a floor beside drift is known to a tenth).
-    ratio = floors[0] / floors[1]
-    assert np.all((ratio > 0.5) & (ratio < 2.0))
-
-
 def test_any_robot_has_an_experiment(tmp_path):
-    urdf = tmp_path / "arm.urdf"
-    urdf.write_text(
-        """<robot name="arm">
-        <link name="base"/><link name="a"/><link name="b"/>
-        <joint name="j1" type="revolute"><parent link="base"/><child link="a"/>
-          <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="9"/></joint>
-        <joint name="j2" type="prismatic"><parent link="a"/><child link="b"/>
-          <origin xyz="0.4 0 0"/><axis xyz="1 0 0"/>
-          <limit lower="0" upper="0.3" velocity="0.5" effort="9"/></joint></robot>"""
-    )
+    urdf = write_urdf(tmp_path / "arm.urdf", "arm", SCARA[1:3])
     problem = load_problem(urdf)
     x = experiment(problem)
     estimate = identify(problem, x.training_run(), effects=x.effects)

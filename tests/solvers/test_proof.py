@@ -1,7 +1,6 @@
 """Proofs that travel: true ones pass, changed ones never, false claims are refused by arithmetic."""
 
 import copy
-import hashlib
 import json
 import random
 import subprocess
@@ -14,15 +13,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import run_cli
+from proofs import FALSE, judged, signed
+from random_robots import posed_task
 
 from sdp_vs_penalty import identify, load_problem
-from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.identify import certify
-from sdp_vs_penalty.estimators import make_estimator, make_task
-from sdp_vs_penalty.regression import LeastSquares, compress
+from sdp_vs_penalty.estimators import make_estimator
+from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.simulation import experiment
@@ -44,9 +45,7 @@ Proof = dict[str, Any]
 def proofs() -> dict[str, Proof]:
     """One of each formulation: matrices, cones and bounds, with and without the entropy."""
     problem = load_problem("two_link")
-    run = experiment(problem).training_run(seed=1)
-    model = problem.model()
-    task = make_task(problem, model, compress(run, model, problem.preprocessing.resolve(run)))
+    task = posed_task(problem, experiment(problem).training_run(seed=1))
     made = {}
     for method in METHODS:
         fit = make_estimator(method).fit(task)
@@ -61,54 +60,11 @@ def proofs() -> dict[str, Proof]:
     return made
 
 
-def signed(proof: Proof) -> Proof:
-    body = {k: v for k, v in proof.items() if k != "sha256"}
-    text = json.dumps(body, sort_keys=True)
-    return {**body, "sha256": hashlib.sha256(text.encode()).hexdigest()}
-
-
-def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Where every single text or number of a proof is."""
-    if isinstance(value, dict):
-        return [p for k, v in value.items() for p in places(v, (*path, k))]
-    if isinstance(value, list):
-        return [p for k, v in enumerate(value) for p in places(v, (*path, k))]
-    return [path]
-
-
-def changed(proof: Proof, rng: random.Random) -> Proof:
-    """The proof with one entry replaced by another one, big or small changes alike."""
-    out = copy.deepcopy(proof)
-    *way, last = rng.choice(places({k: v for k, v in out.items() if k != "sha256"}))
-    parent = out
-    for step in way:
-        parent = parent[step]
-    old = parent[last]
-    try:
-        number = Fraction(old)
-    except (ValueError, TypeError):
-        parent[last] = f"{old}x"
-        return out
-    step = rng.choice([Fraction(1, 10**9), Fraction(1, 100), Fraction(-1), Fraction(7)])
-    new = number + step * max(abs(number), 1)
-    parent[last] = int(new) if isinstance(old, int) and int(new) != old else str(new)
-    return out
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_true_proof_holds_and_its_interval_is_tight(proofs, method):
     lower, upper = verify_proof.check(proofs[method])
     assert 0 < lower <= upper
     assert float((upper - lower) / upper) < 1e-6
-
-
-@pytest.mark.long
-def test_no_change_goes_unnoticed(proofs):
-    rng = random.Random(0)
-    for k in range(1000):
-        mutant = changed(proofs[METHODS[k % len(METHODS)]], rng)
-        with pytest.raises(ValueError, match=r"."):
-            verify_proof.check(mutant)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -183,12 +139,6 @@ def test_the_checker_stands_alone(proofs, tmp_path):
     assert done.returncode == 1
 
 
-def verified(*words: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main(["verify", *map(str, words)])
-    return int(ended.value.code or 0)
-
-
 def test_identify_writes_a_proof_and_verify_accepts_it(tmp_path, capsys):
     problem, path = load_problem("two_link"), tmp_path / "proof.json"
     run = experiment(problem).training_run(seed=2)
@@ -198,19 +148,19 @@ def test_identify_writes_a_proof_and_verify_accepts_it(tmp_path, capsys):
     estimate.save(model)
     save(run, data)
     save(experiment(problem).training_run(seed=3), other)
-    assert verified(path) == 0
+    assert run_cli("verify", path) == 0
     assert "the model describes the robot is not" in capsys.readouterr().out
     # A file of decimals is the same numbers: the run is read back to the last bit.
-    assert verified(path, "--model", model, "--data", data) == 0
+    assert run_cli("verify", path, "--model", model, "--data", data) == 0
     assert "make its numbers" in capsys.readouterr().out
-    assert verified(path, "--model", model, "--data", other) == 1
+    assert run_cli("verify", path, "--model", model, "--data", other) == 1
     assert "other measurements" in capsys.readouterr().out
     identify(problem, run, "lmi-sdp-plain").save(model)
-    assert verified(path, "--model", model) == 1
-    assert verified(path, "--data", data) == 2
-    assert verified(tmp_path / "absent.json") == 2
+    assert run_cli("verify", path, "--model", model) == 1
+    assert run_cli("verify", path, "--data", data) == 2
+    assert run_cli("verify", tmp_path / "absent.json") == 2
     path.write_text(path.read_text().replace('"floor": "', '"floor": "1'))
-    assert verified(path) == 1
+    assert run_cli("verify", path) == 1
     with pytest.raises(InputError, match="no lower bound"):
         identify(problem, run, "ols", proof=path)
 
@@ -304,8 +254,6 @@ def test_a_byte_order_mark_is_no_json(proofs, tmp_path, encoding):
 
 def test_no_false_proof_is_accepted_and_no_genuine_one_refused():
     """A sample of `benchmarks/proofs.py`, whose truth is known."""
-    from proofs import FALSE, judged
-
     right, wrong, longest = judged(500, seed=7)
     assert not wrong
     assert longest < 2.0

@@ -14,14 +14,11 @@ from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.solvers import (
-    Cone,
-    ConicProblem,
     Entropy,
     Objective,
     Solution,
     absent,
     certificate,
-    largest_margin,
     least_squares_sdp,
     rewrite,
     solver,
@@ -29,7 +26,6 @@ from sdp_vs_penalty.solvers import (
     verified,
     version,
 )
-from sdp_vs_penalty.solvers.conic_files import cbf_text, sdpa_text
 from sdp_vs_penalty.solvers.identification import SdpProblem
 
 SOLVERS = solver_modules()
@@ -143,17 +139,6 @@ def test_data_without_any_scale_end_in_a_claim_not_in_a_panic():
     assert solution.x.shape == conic.q.shape
 
 
-def test_the_dual_of_the_largest_margin_proves_infeasibility():
-    link = Link()
-    heavy = build.linear("total mass", "robot", [0], [[1.0]], [-3.01])
-    constraints = link.constraints.plus([heavy])
-    sdp = largest_margin(constraints.convex, link.nominal, link.bound)
-    solution = solver("clarabel").solve(sdp.conic, 1e-9)
-    multipliers = sdp.multipliers(solution)
-    assert verified.proves_infeasible(constraints.convex, multipliers, link.bound)
-    assert not verified.proves_infeasible(link.constraints.convex, multipliers[:-1], link.bound)
-
-
 @pytest.mark.parametrize(
     "step",
     [
@@ -176,16 +161,6 @@ def test_rewriting_keeps_the_solution_and_its_multipliers(step):
     full = sparse.triu(conic.P) + sparse.triu(conic.P, 1).T
     slope = full @ x + conic.q + conic.A.T @ z
     np.testing.assert_allclose(slope, 0.0, atol=1e-5)
-
-
-def test_a_gram_matrix_is_factorised():
-    rng = np.random.default_rng(0)
-    R = rng.normal(size=(6, 4))
-    P = sparse.csc_matrix(np.triu(2.0 * R.T @ R))
-    q = rng.normal(size=4)
-    conic = ConicProblem(P, q, sparse.csc_matrix(-np.eye(4)), np.ones(4), (Cone("nonnegative", 4),))
-    factor = rewrite.quadratic_factor(conic).toarray()
-    np.testing.assert_allclose(factor.T @ factor, 2.0 * R.T @ R, atol=1e-12)
 
 
 @pytest.mark.parametrize("ending", [".dat-s", ".cbf"])
@@ -220,23 +195,6 @@ def test_the_entropic_problem_is_exported_to_cbf_only(tmp_path):
     sent = rewrite.reorder(rewrite.linear_objective(conic).problem, kinds).problem
     assert found.cones == sent.cones
     assert abs(found.A - sent.A).max() <= 1e-15 * abs(sent.A).max()
-
-
-def test_files_that_are_not_of_the_format_are_refused(tmp_path):
-    path = tmp_path / "a.dat-s"
-    path.write_text("hello\n")
-    with pytest.raises(InputError, match="header"):
-        read_sdpa(path)
-    text = sdpa_text(rewrite.linear_matrix_inequalities(Link().sdp.conic).problem)
-    path.write_text(text + "1 99 1 1 2.0\n")
-    with pytest.raises(InputError, match=r"line \d+"):
-        read_sdpa(path)
-    with pytest.raises(InputError, match=r"\.dat-s"):
-        export_sdp(Link().sdp, tmp_path / "a.mps", None)
-    broken = cbf_text(rewrite.linear_objective(Link().sdp.conic).problem).replace("OBJSENSE\nMIN", "")
-    (tmp_path / "a.cbf").write_text(broken)
-    with pytest.raises(InputError, match="CBF"):
-        read_cbf(tmp_path / "a.cbf")
 
 
 def test_unknown_and_absent_solvers_are_named(monkeypatch):

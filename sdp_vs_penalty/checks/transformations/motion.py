@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 
@@ -19,10 +19,8 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 _QUARTER = 0.5 * np.pi
-#: True time over the file's that is tried; those of doubled and halved rates come first.
-_RATES, _ROUND = (0.5, 0.75, 1.4, 2.0), (0.5, 2.0)
-#: All sets of signs are tried of arms with at most so many joints; of larger ones joint by joint.
-_MANY = 8
+#: True time over the file's that is tried.
+_RATES = (0.5, 0.75, 1.4, 2.0)
 #: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
 _EARTH = max(map(abs, STANDARD_GRAVITY))
 
@@ -31,7 +29,7 @@ class Degrees(Transformation):
     """Positions in degrees: of all revolute joints, or of one of them."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        far = [j for j in scene.revolute if np.abs(scene.reach(now)[:, j]).max() > 4.0 * _QUARTER]
+        far = [j for j in scene.revolute if scene.reach(now)[j] > 4.0 * _QUARTER]
         for joints in [scene.revolute, *([j] for j in far if scene.n > 1)] if far else ():
             yield now.times("scale", joints, float(np.radians(1.0)))
 
@@ -40,7 +38,7 @@ class Degrees(Transformation):
         if not joints:
             return
         without = repair.times("scale", joints, float(np.degrees(1.0)))
-        reach = float(np.abs(scene.reach(without))[:, joints].max())
+        reach = float(scene.reach(without)[list(joints)].max())
         every, named = joints == tuple(scene.revolute), ", ".join(f"q{j + 1}" for j in joints)
         what = f"the position of {joints_text(joints)} is in degrees, not in radians"
         yield Element(
@@ -76,7 +74,7 @@ class Clock(Transformation):
             f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
             "torques does not fit the weight.",
             f"multiply t by {factor:.3g} (find out the log's true rate)", c.ODDS,
-            Number.factor(factor, lambda x: replace(repair, rate=x), c.CALIBRATED_GAIN, 0.4, _ROUND),
+            Number.factor(factor, lambda x: replace(repair, rate=x), c.CALIBRATED_GAIN, 0.4, _RATES),
             place="column t", figures={"factor": factor},
         )  # fmt: skip
 
@@ -85,12 +83,9 @@ class Sign(Transformation):
     """Joints and torques that count the other way: the torque's sign, the position's, or both."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        n = scene.n
-        many = n <= _MANY and scene.poor(score).any()
-        sets = product((False, True), repeat=n) if many else [*np.eye(n, dtype=bool), (True,) * n]
-        for turned in sets:
-            yield now.times("gain", np.flatnonzero(turned).tolist(), -1.0)
-        for j in scene.joints if scene.poor(score).any() else ():
+        for turned in (range(scene.n), *((j,) for j in range(scene.n))):
+            yield now.times("gain", turned, -1.0)
+        for j in np.flatnonzero(scene.poor(score)).tolist():
             yield now.times("scale", (j,), -1.0)
             yield now.times("scale", (j,), -1.0).times("gain", (j,), -1.0)
 
@@ -151,12 +146,13 @@ class Zero(Transformation):
     joint's position [rad]; of prismatic joints in lengths of the arm."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        poor = scene.poor(score).any()
         for j in scene.joints:
             at, unit = partial(_at, scene, now, j), _unit(scene, j)
-            step, _ = scene.tried.change(at, now.zero[j], 0.01 * unit)
+            step, _ = scene.screen.change(at, now.zero[j], 0.01 * unit)
             steps = [float(np.clip(step, -0.7 * unit, 0.7 * unit))]
-            steps += [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and poor else []
+            steps += (
+                [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and scene.poor(score).any() else []
+            )
             yield from (at(now.zero[j] + x) for x in steps if x)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
@@ -169,13 +165,13 @@ class Zero(Transformation):
                 "encoder offset", "error" if abs(x) > gross else "warning", (j,),
                 f"the zero of {joints_text([j])} is {text(-x)} away from the robot's kinematics.",
                 f"add {x:+.5g} {scene.problem.robot.position_units[j]} to q{j + 1}", choices(scene.n),
-                Number(x, partial(_at, scene, repair, j), tolerance, 0.35 * unit, text, snaps, _QUARTER),
+                Number(x, partial(_at, scene, repair, j), tolerance, 0.35 * unit, text, snaps),
                 figures={"shifts": [x]},
             )  # fmt: skip
 
 
 def _unit(scene: Scene, j: int) -> float:
-    return 1.0 if j in scene.revolute else 0.3 * scene.length
+    return 1.0 if j in scene.revolute else 0.3 * float(scene.problem.robot.link_reach().sum())
 
 
 def _at(scene: Scene, now: Repair, j: int, x: float) -> Repair:
@@ -198,7 +194,7 @@ class Mounting(Transformation):
         if known:
             turned = given
             for across in np.linalg.svd(given[None, :])[2][1:]:
-                step, _ = scene.tried.change(_turned(now, given, given + size * across), 0.0, 0.02)
+                step, _ = scene.screen.change(_turned(now, given, given + size * across), 0.0, 0.02)
                 turned = turned + size * np.clip(step, -0.5, 0.5) * across
             yield replace(now, gravity=_vector(size * turned / np.linalg.norm(turned)))
 

@@ -86,12 +86,7 @@ class Weight(Transformation):
     """The arm's weight taken out of one channel, or of all, by the controller."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        # The weight that a wrist's last link holds is within the error of its friction's law: of one
-        # channel alone it has to be half.
-        held = np.sqrt(np.mean(scene.tried.nominal(now, still=True) ** 2, axis=0))
-        logged = np.sqrt(np.mean(scene.tried.data.torque(scene.tried.data.motion.t) ** 2, axis=0))
-        each = [(j,) for j in np.flatnonzero(held > 0.5 * logged).tolist()]
-        for joints in (range(scene.n), *each) if any(now.gravity) else ():
+        for joints in (range(scene.n), *((j,) for j in scene.joints)) if any(now.gravity) else ():
             yield now.with_entries("weight", joints, 0.0)
 
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
@@ -121,7 +116,7 @@ class Saturation(Transformation):
     def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(repair.bend).tolist():
             x, k = repair.bend[j], repair.tau_order[j]
-            limit, unit = scene.judged.data.largest[k] / x, scene.problem.robot.torque_units[j]
+            limit, unit = scene.likelihood.data.largest[k] / x, scene.problem.robot.torque_units[j]
             at = lambda v, j=j: repair.with_entries("bend", (j,), float(np.clip(v, 0.0, 0.995)))  # noqa: E731
             what = f"the torque of {joints_text([j])} bends towards a limit of {limit:.3g} {unit}"
             yield Element(
@@ -137,12 +132,12 @@ class Change(Transformation):
     by a score test: of each shape the part that the arm leaves, against the residual."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        motion = scene.tried.data.motion
+        motion = scene.likelihood.data.motion
         t, span = motion.t, float(np.ptp(motion.t))
         steps = np.linspace(0.12, 0.88, c.STEPS)
         events = [None, *(float(t[0] + s * span) for s in steps)]
         shapes = np.column_stack([Event(0, at).shape(t) for at in events])
-        heard = scene.tried.data.heard.T[list(now.order)]
+        heard = scene.likelihood.data.heard.T[list(now.order)]
         x = score.rows.rest(heard[:, :, None] * shapes)
         pull = np.einsum("jm,jmk->jk", score.residual, x) ** 2
         found = np.log1p(pull / np.maximum(np.sum(x**2, axis=1) * score.left[:, None], 1e-280))
@@ -180,9 +175,9 @@ class Change(Transformation):
 
 def _size(scene: Scene, repair: Repair, without: Repair, event: Event) -> float:
     """How far the torque drifts or steps [N m, N]: by how much the fit of its joint needs it."""
-    score, j = scene.judged.score(repair), event.joint
-    lacking, shape = scene.judged.rows(without), event.shape(scene.judged.data.motion.t)
-    heard = scene.judged.data.heard[:, repair.order[j]]
+    score, j = scene.likelihood.score(repair), event.joint
+    lacking, shape = scene.likelihood.rows(without), event.shape(scene.likelihood.data.motion.t)
+    heard = scene.likelihood.data.heard[:, repair.order[j]]
     x = lacking.rest(np.repeat((heard * shape)[None, :, None], scene.n, axis=0))[j, :, 0]
     away = score.channels[j] - lacking.raw[j] @ score.theta
     return float(x @ away / max(x @ x, 1e-300))

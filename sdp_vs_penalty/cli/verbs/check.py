@@ -41,7 +41,6 @@ def verb(
 
     robot = as_told(problem, gravity)
     data = [file for path in data for file in run_files(path)]
-    folder = fix is not None and (len(data) > 1 or not fix.suffix or fix.is_dir())
     if fix is not None and len(data) > 1 and fix.suffix:
         raise InputError(f"--fix {fix}: {len(data)} runs are given", "name a folder for their copies")
     if fix is not None and any(path.resolve() == fix.resolve() for path in data):
@@ -55,15 +54,12 @@ def verb(
     for report in reports:
         _show(report, verbose)
     mounting = [] if gravity is None else ["--gravity", gravity]
-    if fix is None and any(f.mends for report in reports for f in report.problems):
-        to = _beside(data)
-        console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", to])
-    elif fix is None and not any(report.meaningless for report in reports):
-        train = [path for path in data if not for_testing(path)] or data
-        console.next_step(["identify", problem, "--data", *train, *mounting, "--out", "model.json"])
-    if fix is not None and len(reports) > len(data):
-        raise InputError("--fix: a run is too long to be repaired", "cut it into files of 250 000 rows")
+    meaningless = any(report.meaningless for report in reports)
     if fix is not None:
+        if len(reports) > len(data):
+            remedy = "cut it into files of 250 000 rows"
+            raise InputError("--fix: a run is too long to be repaired", remedy)
+        folder = len(data) > 1 or not fix.suffix or fix.is_dir()
         for path, report in zip(data, reports, strict=True):
             target = fix / f"{path.stem}.csv" if folder else fix
             save(report.fixed, target)
@@ -71,8 +67,14 @@ def verb(
             note = target.with_name(f"{target.stem}_changes.txt")
             write_text(note, report.changes(path.name))
             console.written(note)
+    elif any(f.mends for report in reports for f in report.problems):
+        to = _beside(data)
+        console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", to])
+    elif not meaningless:
+        train = [path for path in data if not for_testing(path)] or data
+        console.next_step(["identify", problem, "--data", *train, *mounting, "--out", "model.json"])
     console.save_json(json_, {"problem": robot.name, "runs": [r.to_dict() for r in reports]})
-    if any(report.meaningless for report in reports):
+    if meaningless:
         raise typer.Exit(1)
 
 

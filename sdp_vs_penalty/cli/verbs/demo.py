@@ -59,17 +59,9 @@ def _methods(made: Demo) -> None:
     for c in made.compared:
         certificate, figure = c.estimate.certificate, formatting.number
         over = None if c.noise_floor is None else float((c.rmse / c.noise_floor).max())
-        thin = certificate.smallest_thickness
-        rows.append(
-            (
-                c.name,
-                c.verdict.grade,
-                figure(c.relative_error_percent),
-                "-" if over is None else figure(over),
-                "yes" if certificate.worst <= 1e-9 else "no",
-                "-" if thin is None else figure(1e3 * thin),
-                "-" if certificate.gap is None else f"{certificate.gap:.0e}",
-            )
-        )
+        thin, gap = certificate.smallest_thickness, certificate.gap
+        cells = [c.name, c.verdict.grade, figure(c.relative_error_percent), figure(over)]
+        cells += ["yes" if certificate.worst <= 1e-9 else "no", figure(thin and 1e3 * thin)]
+        rows.append([*cells, "-" if gap is None else f"{gap:.0e}"])
     heads = ("method", "verdict", "error %", "worst/noise", "possible", "thinnest mm", "gap")
     console.table("On motion that no model has seen", heads, rows, words=2)

@@ -51,22 +51,18 @@ def verb(
             noise_from=given.whole,
             gain_uncertainty=gain_uncertainty,
         )
-    words = ["--data", *data_words(data, window)]
-    words += [] if test is None else ["--test", str(test)]
-    words += [] if test_window is None else ["--test-window", test_window]
-    words += ["--frozen"] if frozen else []
-    words += [] if gain_uncertainty is None else ["--gain-uncertainty", f"{gain_uncertainty:g}"]
-    add: list[str] = []
-    if result.effects or result.retuned:
-        shown = printing.worth_showing(result.effects)
+    words = ["--data", *data_words(data, window), *["--frozen"] * frozen]
+    gain = None if gain_uncertainty is None else f"{gain_uncertainty:g}"
+    asked = {"--test": test, "--test-window": test_window, "--gain-uncertainty": gain}
+    words += [str(word) for pair in asked.items() if pair[1] is not None for word in pair]
+    shown, what = printing.worth_showing(result.effects), list[str]()
+    if json_ is not None and (result.effects or result.retuned or result.curves):
+        what = ["--from", str(json_)]
+        if len(shown) < len(result.effects) and not result.curves:
+            what += ["--only", ",".join(str(k + 1) for k in range(len(shown)))]
+    elif result.effects or result.retuned:
         what = [",".join([*(r.text for r in result.retuned), *(f.text for f in shown)])]
-        if json_ is not None:
-            what = ["--from", str(json_)]
-            if len(shown) < len(result.effects) and not result.curves:
-                what += ["--only", ",".join(str(k + 1) for k in range(len(shown)))]
-        add = ["add", str(model), *what, *words, "--out", str(_next_to(model))]
-    elif result.curves and json_ is not None:
-        add = ["add", str(model), "--from", str(json_), *words, "--out", str(_next_to(model))]
+    add = ["add", str(model), *what, *words, "--out", str(_next_to(model))] if what else []
     printing.diagnosis(result, estimate.robot.torque_units, add, verbose)
     printing.undecided(result, model)
     console.save_json(json_, result.to_dict())

@@ -44,20 +44,21 @@ def verb(
     --joints J+J: With --payload: joints that move, such as 5+6; default: the last three.
     --urdf ARM.urdf: With --separate: shapes for the check of self-collision.
     """
-    settings: dict[str, Any] = {"seed": seed}
-    settings["duration"] = duration or (2.0 if payload and separate is None else 21.0)
+    usual = 2.0 if payload and separate is None else 21.0
+    rounds = 60 if separate is None else 200
+    how: dict[str, Any] = {"duration": duration or usual, "iterations": iterations or rounds}
+    how["seed"] = seed
     if separate is not None:
-        _separate(Path(problem), separate, out, urdf, level, iterations=iterations or 200, **settings)
+        _separate(Path(problem), separate, out, urdf, level=level, **how)
         return
-    settings["iterations"] = iterations or 60
     if payload:
-        _payload(Path(problem), joints, out, **settings)
+        _payload(Path(problem), joints, out, **how)
         return
     from sdp_vs_penalty.estimation.excitation import excite
 
-    settings |= {"objective": objective, "harmonics": harmonics, "frequency": frequency}
+    how |= {"objective": objective, "harmonics": harmonics, "frequency": frequency}
     with console.progress("excitation") as progress:
-        found = excite(problem, progress=progress, **settings)
+        found = excite(problem, progress=progress, **how)
     found.save(out)
     console.say(
         f"condition number of the base regressor: {found.history[0]:.1f} at the start, "
@@ -96,9 +97,7 @@ def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> Non
     console.written(out)
 
 
-def _separate(
-    model: Path, effects: str, out: Path, urdf: Path | None, level: float, **settings: Any
-) -> None:
+def _separate(model: Path, effects: str, out: Path, urdf: Path | None, **settings: Any) -> None:
     """The run that would tell: trajectory as CSV and, beside it, as ROS text."""
     from sdp_vs_penalty.estimation.constants import LEVEL
     from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -111,7 +110,7 @@ def _separate(
     estimate = load_estimate(model)
     shapes = None if urdf is None else SelfCollision.of_urdf(urdf, estimate.robot.n)
     with console.progress("separating") as progress:
-        found = separate(estimate, effects, level=level, collision=shapes, progress=progress, **settings)
+        found = separate(estimate, effects, collision=shapes, progress=progress, **settings)
     ros = out.with_suffix(".yaml")
     save_trajectory(found.trajectory, out)
     write_text(ros, joint_trajectory(estimate.robot.joint_names, found.trajectory))
@@ -125,8 +124,8 @@ def _separate(
     squares = [f"{d:.3g}" for d in (found.default_delta2, found.delta2)]
     console.say(f"squared distance of the two, in noise variances: {squares[0]} and {squares[1]}")
     console.explain(
-        f"Effects of {level:g} noise standard deviations (root mean square) on the default excitation; "
-        "longer runs repeat the motion."
+        f"Effects of {settings['level']:g} noise standard deviations (root mean square) on the default "
+        "excitation; longer runs repeat the motion."
     )
     if not found.collisions:
         why = "no --urdf is named" if urdf is None else f"{urdf.name} has no collision shapes"

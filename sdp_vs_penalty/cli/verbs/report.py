@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
+from typing import Any
 
 
 def verb(
@@ -33,17 +34,9 @@ def verb(
     check_name(out)  # before the minutes that a report may take
     short = len({path.name for path in models}) == len(models)
     estimates = {path.name if short else str(path): load_estimate(path) for path in models}
+    how: dict[str, Any] = {"findings": findings, "forward": forward}
+    how["commands"] = [shlex.join(["sdp-vs-penalty", *sys.argv[1:]])]
     with console.progress("reading the measurements") as progress:
         given = runs_for(next(iter(estimates.values())), data, window)
-        command = shlex.join(["sdp-vs-penalty", *sys.argv[1:]])
-        report(
-            estimates,
-            given.train,
-            out,
-            commands=[command],
-            noise_from=given.whole,
-            findings=findings,
-            forward=forward,
-            progress=progress,
-        )
+        report(estimates, given.train, out, noise_from=given.whole, progress=progress, **how)
     console.written(out)

@@ -7,8 +7,6 @@ from pathlib import Path
 from sdp_vs_penalty.cli.options import Budget
 from sdp_vs_penalty.errors import InputError
 
-_TABLES_HELP = "Tables, of `sdp-vs-penalty list tables`; default: these four."
-
 
 def verb(
     names: list[str] | None = None,
@@ -34,9 +32,7 @@ def verb(
 
     if all_:
         if names or problem:
-            raise InputError(
-                "--all makes all_ table with its own problem", "leave out names and --problem"
-            )
+            raise InputError("--all makes every table", "leave out names and --problem")
         names = list(all_tables())
     with console.progress("tables") as progress:
         workers = Workers(jobs, scheduler)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from functools import partial
 
-import numpy as np
-
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import data_chart
@@ -23,7 +21,7 @@ def _draw_check(view: View) -> None:
     def look(run: str) -> None:
         read = session.arrays(views[run], 0)
         drawn.update_figure(data_chart(read, units))
-        move(read, np.zeros((len(read["tf"]), 1)))
+        move(run, read)
 
     if len(views) > 1:
         with tag("div", style="pick"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from functools import partial
 
@@ -9,7 +10,7 @@ import numpy as np
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.sentences import event_lines
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number as figure
@@ -26,8 +27,7 @@ from sdp_vs_penalty.page.controls import (
     text_field,
 )
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import Stage, Verdict, View, after_model
-from sdp_vs_penalty.page.wording import physics, plain_name, where
+from sdp_vs_penalty.page.view import Stage, Verdict, View, after_model, plain_name
 from sdp_vs_penalty.reports.pictures import bars, change_of
 
 
@@ -96,13 +96,13 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
     units = session.arm["units"]
     with tag("li", style="card finding-card" + (" done" if added else "")):
         with tag("div", style="head"):
-            tag("h4", f"{plain_name(finding.effect)} · {where(finding.joints)}")
+            tag("h4", f"{plain_name(finding.effect)} · {_where(finding.joints)}")
             tag("span", finding.confidence, f"badge {finding.confidence}")
         size = f"{finding.size:.4g} ± {finding.std:.1g} {formatting.plain_unit(finding.unit)}".strip()
         tag("p", f"Size {'; '.join(filter(None, (size, finding.constants)))}", "size")
         again = finding.effect in [f.effect for f in found.effects[:k]]
         with details("What it is", f"physics-{k}") if again else nullcontext():
-            tag("p", physics(finding))
+            tag("p", _physics(finding))
         if rivals := finding.indistinguishable_from:
             tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
         if finding.undecided is not None:
@@ -121,9 +121,19 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         if added:
             tag("p", "Added to the model.", "chosen")
         else:
-            name = f"Add {plain_name(finding.effect)} on {where(finding.joints)}"
+            name = f"Add {plain_name(finding.effect)} on {_where(finding.joints)}"
             first, add = "primary" if k == 0 else "", partial(session.add, [finding.text])
             button("Add", add, f"add-{k}", first, aria_label=name)
+
+
+def _where(joints: Sequence[int]) -> str:
+    return formatting.joints(joints) if joints else "whole robot"
+
+
+def _physics(finding: Finding) -> str:
+    """The sentences of a finding that say what it is, without its size and its rivals."""
+    text = finding.explanation.partition(". ")[2]
+    return text.partition(" Indistinguishable in these data from")[0]
 
 
 def _telling(view: View, effects: str, k: int) -> None:
@@ -181,7 +191,7 @@ def _rest(found: Diagnosis) -> None:
             note("The model's existing parameters absorb the torque of:")
             with tag("ul"):
                 for item in found.invisible:
-                    tag("li", f"{plain_name(item.effect)}, {where(item.joints)}")
+                    tag("li", f"{plain_name(item.effect)}, {_where(item.joints)}")
 
 
 def _diagnosed(session: Session) -> Verdict | None:

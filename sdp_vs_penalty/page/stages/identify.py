@@ -9,16 +9,12 @@ from typing import Any
 
 from nicegui import ui
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.sentences import new_motion
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page.arm import draw_arm, torque_errors
-from sdp_vs_penalty.page.charts import (
-    asked_span,
-    ready,
-    residual_chart,
-    torque_chart,
-)
+from sdp_vs_penalty.page.charts import asked_span, ready, residual_chart, torque_chart
 from sdp_vs_penalty.page.controls import (
     button,
     chart,
@@ -27,7 +23,6 @@ from sdp_vs_penalty.page.controls import (
     details,
     draw_form,
     drop,
-    figures,
     framed,
     note,
     number,
@@ -38,8 +33,7 @@ from sdp_vs_penalty.page.controls import (
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.uploads import SUFFIXES
-from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified
-from sdp_vs_penalty.page.wording import plain_name, spoken, with_unit
+from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified, plain_name, spoken
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
 from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
@@ -212,10 +206,9 @@ def fit(view: View) -> None:
         causes = {cause for *_, cause in _stretches(view, model)}
         parts["legend"].content = legend([cause for cause in SHADES if cause in causes])
         parts["words"].text = _words(model, j, units[j])
-        if "arm" in parts and parts.get("run") != view.run:
+        if "arm" in parts:
             read = session.recording(model, view.run)
-            parts["arm"](read, torque_errors(model, read))
-            parts["run"] = view.run
+            parts["arm"](view.run, read, torque_errors(model, read))
 
     with tag("div", style="pair"):
         parts["chart"] = chart(torques(), "Measured and modelled torque, and the residual")
@@ -243,17 +236,20 @@ def fit(view: View) -> None:
 def _figures(model: ModelStep) -> None:
     """How well the model does, in a line."""
     comparison = model.comparison
-    figures(
-        {
+    runs, added = model.judged_on, " of what was added" * model.frozen
+    with tag("dl", style="figures"):
+        for name, value in {
             "relative error": f"{figure(comparison['relative_error_percent'])} %",
-            "judged on": _names(model.judged_on),
+            "judged on": ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs",
             "new motion": new_motion(comparison["new_motion_share"]),
             "below": f"{figure(comparison['band_hz'])} Hz",
             "constraints": model.constraints,
-            "certified gap" + (" of what was added" if model.frozen else ""): figure(model.gap, 2),
+            f"certified gap{added}": figure(model.gap, 2),
             "time": f"{model.seconds:.2g} s",
-        }
-    )
+        }.items():
+            with tag("div"):
+                tag("dt", name)
+                tag("dd", value)
     for line in comparison["verdict"]["lines"][1:]:  # the first one stands above
         tag("p", f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}", "line")
 
@@ -267,23 +263,23 @@ def _chips(view: View, model: ModelStep, units: list[str]) -> list[Any]:
             look = partial(view.look, joint=j)
             with button("", look, f"joint-{j + 1}", "chip", aria_pressed="false") as chip:
                 tag("strong", f"Joint {j + 1}")
-                tag("span", with_unit(error, units[j]), "rmse")
+                tag("span", _with_unit(error, units[j]), "rmse")
                 floor = comparison["noise_floor"][j]
                 tag("span", "noise unknown" if floor is None else f"noise {figure(floor)}", "soft")
             chips.append(chip)
     return chips
 
 
-def _names(names: list[str]) -> str:
-    return ", ".join(names) if len(names) <= 3 else f"{len(names)} runs"
+def _with_unit(value: float | None, unit: str) -> str:
+    return f"{figure(value)} {formatting.plain_unit(unit)}".strip()
 
 
 def _words(model: ModelStep, j: int, unit: str) -> str:
     """What can be said of a joint's error in a sentence or two."""
     error, floor = model.comparison["rmse"][j], model.comparison["noise_floor"][j]
-    text = f"Joint {j + 1}: the error is {with_unit(error, unit)}"
+    text = f"Joint {j + 1}: the error is {_with_unit(error, unit)}"
     if floor:
-        text += f", {figure(error / floor, 2)} times the noise floor of {with_unit(floor, unit)}"
+        text += f", {figure(error / floor, 2)} times the noise floor of {_with_unit(floor, unit)}"
     said = model.failures[j]["sentences"] if model.failures else ()
     return " ".join([f"{text}.", *said])
 

@@ -24,8 +24,7 @@ from sdp_vs_penalty.page.controls import (
 )
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES, RUN_SUFFIXES
-from sdp_vs_penalty.page.view import Part, Stage, Verdict, View
-from sdp_vs_penalty.page.wording import plain_name
+from sdp_vs_penalty.page.view import Part, Stage, Verdict, View, plain_name
 
 
 def _robot_depends(session: Session) -> Any:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import torque_chart
@@ -76,17 +74,16 @@ _SERVO = ("servo", "the commands alone, through the model's servos")
 @after_model("forward", "Run forward", lambda s: s.answer("forward"))
 def forward(view: View) -> None:
     """The model run along the judged runs."""
-    session, asked = view.session, {"drive": view.drive}
+    session = view.session
     drives = [_SERVO] * session.current.servo + list(_DRIVES)
     if view.drive not in dict(drives):
-        view.drive = asked["drive"] = drives[0][0]
+        view.drive = drives[0][0]
 
     def run() -> None:
-        view.drive = asked["drive"]
         session.ask("forward", "Running the model forward", drive=view.drive)
 
     with tag("div", style="fields pick"):
-        choice("Driven by", drives, view.drive, lambda v: asked.update(drive=v), "drive")
+        choice("Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive")
     made = session.answer("forward")
     button("Run it forward", run, "forward", "primary" if made is None else "")
     if made is None:
@@ -106,35 +103,33 @@ def forward(view: View) -> None:
 
 def _replay(view: View, made: dict[str, Any]) -> None:
     """A free run of one joint as curves, and of the arm in 3D."""
-    session = view.session
-    model, shown, parts = session.current, {"run": 0, "drawn": -1}, dict[str, Any]()
+    session, about, units = view.session, view.session.current.about, made["units"]
+    shown, joint = {"run": 0}, min(view.joint or 0, len(units) - 1)
 
-    def options() -> dict[str, Any]:
-        read, j = session.arrays(made["file"], shown["run"]), view.joint or 0
-        curves = Curves(read["t"], read["measured"], {"simulated": read["simulated"]})
-        return torque_chart(curves, min(j, len(made["units"]) - 1), made["units"])
+    def curves(j: int) -> dict[str, Any]:
+        read = session.arrays(made["file"], shown["run"])
+        modelled = {"simulated": read["simulated"]}
+        return torque_chart(Curves(read["t"], read["measured"], modelled), j, units)
 
     def follow() -> None:
-        parts["chart"].update_figure(options())
-        if "arm" in parts and shown["drawn"] != shown["run"]:
-            read = session.arrays(made["file"], shown["run"])
-            parts["arm"](read, np.zeros((len(read["tf"]), 1)))
-            shown["drawn"] = shown["run"]
+        drawn.update_figure(curves(min(view.joint or 0, len(units) - 1)))
+        if arm is not None:
+            arm(str(shown["run"]), session.arrays(made["file"], shown["run"]))
 
     def look(run: str) -> None:
         shown["run"] = int(run)
         follow()
 
     with tag("div", style="fields pick"):
-        joints = [(str(j), f"{j + 1}") for j in range(len(made["units"]))]
-        choice("Joint", joints, str(view.joint or 0), lambda j: view.look(joint=int(j)), "forward-joint")
+        joints = [(str(j), f"{j + 1}") for j in range(len(units))]
+        choice("Joint", joints, str(joint), lambda j: view.look(joint=int(j)), "forward-joint")
         if len(made["runs"]) > 1:
             choice("Free run", [(str(k), n) for k, n in enumerate(made["runs"])], "0", look, "free-run")
     with tag("div", style="pair"):
-        parts["chart"] = chart(options(), "Measured and simulated position, and what is left")
-        parts["chart"].classes("timed")
-        if model.about["bodies"]:
-            parts["arm"] = draw_arm(view, model.about, "blue: measured, orange: simulated", arms=2)
+        said = "blue: measured, orange: simulated"
+        drawn = chart(curves(joint), "Measured and simulated position, and what is left")
+        drawn.classes("timed")
+        arm = draw_arm(view, about, said, arms=2) if about["bodies"] else None
     view.followers["forward"] = follow
     follow()
 

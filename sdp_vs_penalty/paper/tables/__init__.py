@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -18,7 +19,7 @@ from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Table, is_measured
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import marked
-from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 
 #: What `tables` without names makes.
@@ -36,8 +37,8 @@ def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
     """The tables as data. Raises InputError for a table that does not exist for the problem."""
     chosen = _chosen(names or DEFAULT_TABLES)
     for module in chosen:
-        where = getattr(module, "PROBLEMS", None)
-        if where is not None and study.problem.name not in where:
+        where = getattr(module, "PROBLEMS", (study.problem.name,))
+        if study.problem.name not in where:
             raise InputError(
                 f"table {module.NAME} belongs to {' and '.join(where)}",
                 "choose it with --problem, or leave the table out",
@@ -55,26 +56,11 @@ def all_tables() -> tuple[str, ...]:
 
 
 def _chosen(names: Sequence[str]) -> list[ModuleType]:
-    modules = table_modules()
-    known = {name.lower(): name for name in modules}
-    chosen: list[ModuleType] = []
+    known = {name.lower(): module for name, module in table_modules().items()}
     for name in names:
         if name.lower() not in known:
-            raise unknown("table", name, modules)
-        module = modules[known[name.lower()]]
-        if module not in chosen:
-            chosen.append(module)
-    return chosen
-
-
-def _by_problem(names: Sequence[str]) -> dict[str, list[str]]:
-    """The tables under the default problem where they apply to it, else under their own."""
-    out: dict[str, list[str]] = {}
-    for module in _chosen(names):
-        where = getattr(module, "PROBLEMS", (DEFAULT_PROBLEM,))
-        name = DEFAULT_PROBLEM if DEFAULT_PROBLEM in where else where[0]
-        out.setdefault(name, []).append(module.NAME)
-    return out
+            raise unknown("table", name, table_modules())
+    return list(dict.fromkeys(known[name.lower()] for name in names))
 
 
 def make_tables(
@@ -97,15 +83,16 @@ def make_tables(
     allow; workers : who estimates, a method on a data set each. Raises InputError for names that do not
     exist, before anything is computed or written.
     """
-    if problem is None:
-        groups = [(load_problem(k), group) for k, group in _by_problem(names or DEFAULT_TABLES).items()]
-    else:
-        chosen = problem if isinstance(problem, Problem) else load_problem(problem)
-        groups = [(chosen, list(names or DEFAULT_TABLES))]
+    groups: dict[Any, list[str]] = {}
+    for module in _chosen(names or DEFAULT_TABLES):
+        # The default problem where the table applies to it, else its own.
+        where = getattr(module, "PROBLEMS", (DEFAULT_PROBLEM,))
+        own = DEFAULT_PROBLEM if DEFAULT_PROBLEM in where else where[0]
+        groups.setdefault(own if problem is None else "", []).append(module.NAME)
     made = []
-    for one, group in groups:
-        for table in build_tables(group, Study(one, budget, seed, progress, workers)):
-            made.append((table, table.write(_folder(table, Path(out)))))
+    for name, group in groups.items():
+        study = Study(as_problem(problem or name), budget, seed, progress, workers)
+        made += [(t, t.write(_folder(t, Path(out)))) for t in build_tables(group, study)]
     return made
 
 

@@ -34,7 +34,26 @@ from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 from sdp_vs_penalty.solvers.objective import Objective
 
 Made = TypeVar("Made")
-BUDGETS = ("quick", "paper")
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What a budget stands for: noisy runs behind Table I's coverage, iterations of Table II's search,
+    seconds of Table V's sinusoids, instants and relaxed retrievals of the wrenches, loss evaluations of
+    a run of the paper's method."""
+
+    replicates: int
+    iterations: int
+    duration: float
+    instants: int
+    retrievals: int
+    evaluations: int
+
+
+BUDGETS = {
+    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations),
+    "paper": Effort(40, 150, 30.0, 201, 50, PAPER_BUDGET),
+}
 _PLACED = by_word(
     ((kind.table_place, kind) for kind in estimator_types().values() if kind.table_place), "table_place"
 )
@@ -128,7 +147,7 @@ class Study:
         if budget not in BUDGETS:
             raise unknown("budget", budget, BUDGETS)
         self.problem, self.budget, self.seed, self.progress = problem, budget, seed, progress
-        self.workers = workers
+        self.workers, self.effort = workers, BUDGETS[budget]
         self._results: dict[tuple[str, Data], Result] = {}
         self._tasks: dict[Data, Task] = {}
         self._made: dict[object, Any] = {}
@@ -190,12 +209,12 @@ class Study:
     @property
     def whole(self) -> list[Data]:
         """What Tables III, VII, VIII and IX are identified from."""
-        return [self.simulated, *([] if self.measured is None else [self.measured])]
+        return [data for data in (self.simulated, self.measured) if data is not None]
 
     @property
     def judged(self) -> list[Data]:
         """Where one estimate is judged by other rows than its own; the real one's are its repetition."""
-        return [self.simulated, *([] if self.repeated is None else [self.repeated])]
+        return [data for data in (self.simulated, self.repeated) if data is not None]
 
     def task(self, data: Data) -> Task:
         if data not in self._tasks:
@@ -271,7 +290,7 @@ class Study:
         if prior:
             return cast(Estimator, kind(joint_prior=1.0))
         if issubclass(kind, PenaltyPaper):
-            return kind(evaluations=PAPER_BUDGET if self.budget == "paper" else kind.evaluations)
+            return kind(evaluations=self.effort.evaluations)
         return cast(Estimator, kind())
 
     @cached_property

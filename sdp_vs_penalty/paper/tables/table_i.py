@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
@@ -14,9 +16,8 @@ from sdp_vs_penalty.paper.sigmoid_friction import (
     fit_sigmoid,
     residual_rms,
 )
-from sdp_vs_penalty.paper.tables.study import Data, Study, torque_errors
+from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
-from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import filtered_torque, rows_per_sample
 
@@ -34,20 +35,20 @@ def build(study: Study) -> Table:
     columns = [Column(name, 5) for name in published[0]]
     columns += [Column("what", 5), Column("covered_percent", 3)]
     rows: list[tuple[Cell, ...]] = [(*row.values(), "published", None) for row in published]
-    rows += _values("simulated, without noise", _exact(study).phi)
+    rows += _rows_of("simulated, without noise", _exact(study), parts=1)
     fits = _replicates(study)
     truth = study.experiment.friction
     assert truth is not None
     # Share of the intervals of phi_1, phi_2, phi_3, over joints and fits, that hold the truth.
     share = np.mean([(fit.lower <= truth) & (truth <= fit.upper) for fit in fits], axis=(0, 1))
-    rows += _with_interval("simulated", fits[0], 100.0 * share)
+    rows += _rows_of("simulated", fits[0], 100.0 * share)
     # Half width [%] of the 95 % range of a share counted from so many intervals.
     expected = 196.0 * float(np.sqrt(0.95 * 0.05 / (len(fits) * n)))
     notes = _steps("simulated", fits[0])
     if study.measured is not None:
         study.progress("sigmoid friction of the real run")
         fit = _fit(study, study.measured, study.measured.train)
-        rows += _with_interval("measured", fit, None)
+        rows += _rows_of("measured", fit)
         notes += _steps("measured", fit)
     for data in study.judged:
         rows += [
@@ -86,7 +87,7 @@ def _exact(study: Study) -> SigmoidFit:
 
 def _replicates(study: Study) -> list[SigmoidFit]:
     # Simulated runs with different noise from which the coverage of the intervals is counted.
-    fits, count = [], {"quick": 4, "paper": 40}[study.budget]
+    fits, count = [], study.effort.replicates
     for k in range(count):
         study.progress(f"sigmoid friction: simulated run {k + 1} of {count}")
         run = study.simulated.train if k == 0 else study.experiment.training_run(study.seed + k)
@@ -98,17 +99,16 @@ def _rows(data: Data, run: Measurements) -> RowsOf:
     return lambda model: filtered_torque(run, model, data.preprocessing)
 
 
-def _values(what: str, phi: Array) -> list[tuple[Cell, ...]]:
-    return [(f"phi_{k + 1}", *(float(x) for x in phi[:, k]), _UNITS[k], what, None) for k in range(3)]
-
-
-def _with_interval(what: str, fit: SigmoidFit, covered: Array | None) -> list[tuple[Cell, ...]]:
+def _rows_of(
+    what: str, fit: SigmoidFit, covered: Array | None = None, parts: int = 3
+) -> list[tuple[Cell, ...]]:
+    """phi_1, phi_2, phi_3, each with its interval where all three parts are asked for."""
     rows: list[tuple[Cell, ...]] = []
-    for k in range(3):
+    for k, unit in enumerate(_UNITS):
         share = None if covered is None else float(covered[k])
-        for part, values in (("", fit.phi), (", lower", fit.lower), (", upper", fit.upper)):
-            cells = (float(x) for x in values[:, k])
-            rows.append((f"phi_{k + 1}", *cells, _UNITS[k], what + part, None if part else share))
+        for part, values in (("", fit.phi), (", lower", fit.lower), (", upper", fit.upper))[:parts]:
+            cells = map(float, values[:, k])
+            rows.append((f"phi_{k + 1}", *cells, unit, what + part, None if part else share))
     return rows
 
 
@@ -144,9 +144,7 @@ def _held_out(study: Study, data: Data) -> list[tuple[str, Array]]:
 
 def _ordinary(study: Study, data: Data, effects: str) -> tuple[float, Array]:
     """Training loss and held-out RMSE (n,) of ordinary least squares with these effects."""
-    assert data.test is not None
-    model = study.problem.model(effects)
-    train = compress(data.train, model, data.preprocessing).least_squares()
+    own = replace(data, model=study.problem.model(effects))
+    train = own.regression.least_squares()
     theta = np.asarray(np.linalg.lstsq(train.R, train.rho, rcond=1e-10)[0], float)
-    rows = compress(data.test, model, data.preprocessing, blocks_per_run=1)
-    return train.loss(theta), np.sqrt(torque_errors(rows, theta)[0])
+    return train.loss(theta), np.sqrt(own.errors(theta)[0])

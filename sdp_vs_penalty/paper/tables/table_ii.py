@@ -66,7 +66,7 @@ def optimised(study: Study) -> dict[str, Excitation]:
             problem,
             limits=limit,
             start=paper,
-            iterations={"quick": 25, "paper": 150}[study.budget],
+            iterations=study.effort.iterations,
             progress=study.progress,
         )
         for name, limit in limits.items()

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table import Row, Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
@@ -22,8 +23,6 @@ from sdp_vs_penalty.simulation.engines.comparison import (
 
 NAME = "V"
 PROBLEMS = ("panda",)
-#: Of the sinusoidal motion [s].
-DURATION = {"quick": 10.0, "paper": 30.0}
 #: Time step along the real run, and what is left out of the comparison at its start [s].
 MEASURED_STEP, _SETTLE = 2e-3, 0.1
 #: The method whose links the engines get.
@@ -47,64 +46,51 @@ class EngineResult:
     inverse_error: float | None = None
 
 
-def sinusoidal_runs(study: Study) -> tuple[EngineResult, ...]:
+def sinusoidal_runs(study: Study) -> list[EngineResult]:
     """Sinusoidal velocities over the range, with the links identified from the simulated run."""
-    links = study.links(METHOD, study.simulated)
     motion = Sinusoids.over_range(study.problem.robot)
-    return tuple(
-        _result(study, name, "simulated", links, motion, DURATION[study.budget], 1e-3)
-        for name in engine_types()
-    )
+    return _played(study, study.simulated, motion, study.effort.duration, 1e-3)
 
 
-def measured_runs(study: Study) -> tuple[EngineResult, ...]:
+def measured_runs(study: Study) -> list[EngineResult]:
     """The motion of the real run, with the links identified from it; empty without a real run."""
     data = study.measured
     if data is None:
-        return ()
-    links = study.links(METHOD, data)
+        return []
     # Decimated: dense enough for splines through the positions.
     rows = filtered_torque(data.train, data.model, data.preprocessing)
-    theta = study.result(METHOD, data).theta.copy()
+    theta = study.theta(METHOD, data).copy()
     theta[data.model.rigid_indices] = 0.0
-    friction = np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])
+    reference = rows.torque - predicted(rows, theta)
     t = rows.motion.t - rows.motion.t[0]
-    motion = PlayedMotion(t, rows.motion.q)
-    out = []
-    for name in engine_types():
-        result = _result(study, name, "measured", links, motion, float(t[-1]), MEASURED_STEP)
+    out = _played(study, data, PlayedMotion(t, rows.motion.q), float(t[-1]), MEASURED_STEP)
+    for k, result in enumerate(out):
         if result.run is not None:
-            reference = rows.torque - friction
             at = np.column_stack([np.interp(result.run.t, t, column) for column in reference.T])
             error = result.run.followed.torque - at
             # From rest to the run's velocity, within the first steps, is no motion of the robot's.
-            moving = result.run.t > _SETTLE
-            result = replace(result, torque_error=error[moving])
-        out.append(result)
-    return tuple(out)
+            out[k] = replace(result, torque_error=error[result.run.t > _SETTLE])
+    return out
 
 
-def _result(
-    study: Study,
-    name: str,
-    what: str,
-    links: Array,
-    motion: Sinusoids | PlayedMotion,
-    duration: float,
-    step: float,
-) -> EngineResult:
-    kind = engine_types()[name]
-    version = kind.version()
-    if version is None:
-        return EngineResult(name, "", what, f"absent ({kind.install})")
-    study.progress(f"engine {name}, {what} motion")
-    robot = study.problem.robot
-    try:
-        run = play(kind, robot, links, motion, duration, step)
-        inverse = inverse_dynamics_error(kind, robot, links)
-    except InputError as error:
-        return EngineResult(name, version, what, f"rejected: {error}")
-    return EngineResult(name, version, what, "run", run, run.error, inverse)
+def _played(
+    study: Study, data: Data, motion: Sinusoids | PlayedMotion, duration: float, step: float
+) -> list[EngineResult]:
+    """Every engine with the links identified from a data set."""
+    links, out = study.links(METHOD, data), []
+    for name, kind in engine_types().items():
+        version = kind.version()
+        if version is None:
+            out.append(EngineResult(name, "", data.label, f"absent ({kind.install})"))
+            continue
+        study.progress(f"engine {name}, {data.label} motion")
+        try:
+            run = play(kind, study.problem.robot, links, motion, duration, step)
+            more = run, run.error, inverse_dynamics_error(kind, study.problem.robot, links)
+            out.append(EngineResult(name, version, data.label, "run", *more))
+        except InputError as error:
+            out.append(EngineResult(name, version, data.label, f"rejected: {error}"))
+    return out
 
 
 def build(study: Study) -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
@@ -12,37 +13,32 @@ from sdp_vs_penalty.paper.tables.table import Table
 NAME = "weight"
 SLOW = True
 
-#: Final weights [(N m)^2 per kg m^2, kg or m]; the authors' is 40. Loss evaluations of a run.
-WEIGHTS, BUDGETS = (
-    (40.0, 126.0, 400.0, 1260.0, 4000.0),
-    (PenaltyPaper.evaluations, 10 * PenaltyPaper.evaluations),
-)
-_RUNS = 2
+#: Final weights [(N m)^2 per kg m^2, kg or m]; the authors' is 40. Runs of each.
+WEIGHTS, _RUNS = (40.0, 126.0, 400.0, 1260.0, 4000.0), 2
 
 
 def build(study: Study) -> Table:
     rows: list[dict[str, Any]] = []
     for data in study.judged:
         optimum = certified_optimum(study, data)
-        for weight in WEIGHTS:
-            for budget in BUDGETS:
-                study.progress(f"weight {weight:g}, {budget} evaluations, {data.label}")
-                steps = tuple(weight * share for share in (0.0, 0.25, 0.5, 0.75, 1.0))
-                method = PenaltyPaper(runs=_RUNS, evaluations=budget, weights=steps)
-                task = study.task(data)
-                runs = method.fit(task).details["runs"]
-                best = min(runs, key=lambda run: run["penalised"])
-                # Violations below this are rounding of the search.
-                rows.append(
-                    {
-                        "data": data.label,
-                        "weight_xi": weight,
-                        "evaluations": budget,
-                        "feasible_runs": sum(run["violation"] < 1e-6 for run in runs),
-                        "violation": float(best["violation"]),
-                        "excess_loss_percent": 100.0 * (float(best["loss"]) / optimum - 1.0),
-                    }
-                )
+        for weight, more in product(WEIGHTS, (1, 10)):
+            budget = more * PenaltyPaper.evaluations  # loss evaluations of a run
+            study.progress(f"weight {weight:g}, {budget} evaluations, {data.label}")
+            steps = tuple(weight * share for share in (0.0, 0.25, 0.5, 0.75, 1.0))
+            method = PenaltyPaper(runs=_RUNS, evaluations=budget, weights=steps)
+            runs = method.fit(study.task(data)).details["runs"]
+            best = min(runs, key=lambda run: run["penalised"])
+            rows.append(
+                {
+                    "data": data.label,
+                    "weight_xi": weight,
+                    "evaluations": budget,
+                    # Violations below this are rounding of the search.
+                    "feasible_runs": sum(run["violation"] < 1e-6 for run in runs),
+                    "violation": float(best["violation"]),
+                    "excess_loss_percent": 100.0 * (float(best["loss"]) / optimum - 1.0),
+                }
+            )
     return Table.of(
         NAME,
         f"The penalty method's weight on {study.problem.title}",

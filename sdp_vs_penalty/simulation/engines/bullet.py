@@ -7,6 +7,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,65 +26,41 @@ class Bullet(Engine):
 
     @classmethod
     def version(cls) -> str | None:
-        try:
-            with _silence():
-                import pybullet
-        except ImportError:
-            return None
         from importlib.metadata import PackageNotFoundError, version
 
         try:
             return version("pybullet")
         except PackageNotFoundError:
-            return str(pybullet.getAPIVersion())
+            return None
 
     def load(self) -> None:
         with _silence():
             import pybullet
+            from pybullet_utils.bullet_client import BulletClient
 
-            self.bullet: Any = pybullet
-            self.client = pybullet.connect(pybullet.DIRECT)
+            self.bullet: Any = BulletClient(pybullet.DIRECT)  # disconnects when it goes
             with tempfile.TemporaryDirectory() as folder:
-                path = os.path.join(folder, "robot.urdf")
-                with open(path, "wb") as file:
-                    file.write(make_urdf(self.robot, self.content))
-                self.body = pybullet.loadURDF(
-                    path,
-                    useFixedBase=True,
-                    flags=pybullet.URDF_USE_INERTIA_FROM_FILE,
-                    physicsClientId=self.client,
+                path = Path(folder, "robot.urdf")
+                path.write_bytes(make_urdf(self.robot, self.content))
+                self.body = self.bullet.loadURDF(
+                    str(path), useFixedBase=True, flags=pybullet.URDF_USE_INERTIA_FROM_FILE
                 )
+        # Bullet damps every body and joint by default.
+        free = dict.fromkeys(("linearDamping", "angularDamping", "jointDamping"), 0.0)
+        free |= {"jointLowerLimit": 1.0, "jointUpperLimit": -1.0, "maxJointVelocity": 1e6}
         for k in range(-1, self.robot.n):
-            # Bullet damps every body and joint by default.
-            pybullet.changeDynamics(
-                self.body,
-                k,
-                linearDamping=0.0,
-                angularDamping=0.0,
-                jointDamping=0.0,
-                jointLowerLimit=1.0,
-                jointUpperLimit=-1.0,
-                maxJointVelocity=1e6,
-                physicsClientId=self.client,
-            )
-        pybullet.setGravity(*self.robot.gravity, physicsClientId=self.client)
+            self.bullet.changeDynamics(self.body, k, **free)
+        self.bullet.setGravity(*self.robot.gravity)
 
     def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array:
-        return np.array(
-            [
-                self.bullet.calculateInverseDynamics(
-                    self.body, *(row.tolist() for row in rows), physicsClientId=self.client
-                )
-                for rows in zip(q, dq, ddq, strict=True)
-            ]
-        )
+        states = zip(q.tolist(), dq.tolist(), ddq.tolist(), strict=True)
+        return np.array([self.bullet.calculateInverseDynamics(self.body, *rows) for rows in states])
 
     def follow(self, start: Array, velocities: Array, step: float) -> Followed:
-        bullet, client = self.bullet, self.client
-        joints = list(range(self.robot.n))
-        bullet.setTimeStep(step, physicsClientId=client)
+        bullet, joints = self.bullet, list(range(self.robot.n))
+        bullet.setTimeStep(step)
         for j in joints:
-            bullet.resetJointState(self.body, j, start[j], 0.0, physicsClientId=client)
+            bullet.resetJointState(self.body, j, start[j], 0.0)
         torque = np.empty_like(velocities)
         pose = np.tile(np.eye(4), (len(velocities), 1, 1))
         for k, velocity in enumerate(velocities):
@@ -93,21 +70,13 @@ class Bullet(Engine):
                 bullet.VELOCITY_CONTROL,
                 targetVelocities=velocity.tolist(),
                 forces=[STRONG] * len(joints),
-                physicsClientId=client,
             )
-            bullet.stepSimulation(physicsClientId=client)
-            states = bullet.getJointStates(self.body, joints, physicsClientId=client)
-            torque[k] = [state[3] for state in states]
-            link = bullet.getLinkState(
-                self.body, joints[-1], computeForwardKinematics=1, physicsClientId=client
-            )
+            bullet.stepSimulation()
+            torque[k] = [state[3] for state in bullet.getJointStates(self.body, joints)]
+            link = bullet.getLinkState(self.body, joints[-1], computeForwardKinematics=1)
             pose[k, :3, 3] = link[4]
             pose[k, :3, :3] = np.reshape(bullet.getMatrixFromQuaternion(link[5]), (3, 3))
         return Followed(step, torque, pose)
-
-    def __del__(self) -> None:
-        if hasattr(self, "client"):
-            self.bullet.disconnect(physicsClientId=self.client)
 
 
 @contextmanager
