@@ -16,13 +16,12 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import channel_rules, residual
-from sdp_vs_penalty.checks.constants import LOUDEST, PARTS, SPARE
-from sdp_vs_penalty.checks.glance import Glance
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.constants import LOUDEST, PARTS
+from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.rules import mended
+from sdp_vs_penalty.checks.rules import Glance, mended
 from sdp_vs_penalty.checks.search import Search
 from sdp_vs_penalty.checks.several import compare
 from sdp_vs_penalty.checks.transformation import Scene
@@ -142,17 +141,20 @@ def check(
     if measurements.n != problem.robot.n:
         raise other_robot(measurements.n, problem.robot.n, measurements.names[0])
     settings = preprocessing or problem.preprocessing
-    reports: list[Report] = []
+    reports, windows_of_long = list[Report](), PARTS // 2
     for run in measurements.runs():
         windows = [run]
-        if run.samples > PARTS * PART:  # so many windows, whose rows count from their first
+        if run.samples > windows_of_long * PART:  # so many windows, whose rows count from their first
             try:
                 check_usable(run.names[0], run)
             except InputError as error:
                 issue = _stopped("unusable rows", error, "certain: read from the file")
                 reports.append(Report(run.names[0], (issue,), run, run))
                 continue
-            name, starts = run.names[0], np.linspace(0, run.samples - PART, PARTS).astype(int).tolist()
+            name, starts = (
+                run.names[0],
+                np.linspace(0, run.samples - PART, windows_of_long).astype(int).tolist(),
+            )
             windows = [run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on") for k in starts]
         reports += [_check_run(problem, window, settings, thorough) for window in windows]
     return of_one_arm(reports)
@@ -232,7 +234,7 @@ def _channels(
     parameters = int(data.independent.sum()) + scene.n * data.own.shape[2]
     assert settings.torque_cutoff is not None
     samples = 2.0 * settings.torque_cutoff * float(np.ptp(data.motion.t)) * len(scene.joints)
-    settled = samples > SPARE * parameters
+    settled = samples > parameters
     issues = [*first, *stated, *told, *sizes, *residual.find(scene, net, score, settled)]
     if any(i.kind == "torque channel kind" for i in sizes):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
@@ -266,7 +268,7 @@ def _stated(search: Search, net: Repair) -> tuple[list[Issue], Repair]:
         if change[j] < 0.05:  # the fit is the same: physics alone tells
             text = f"{word}: as recorded, friction would drive the motion, or inertia be negative"
         figures = {"joints": [j + 1 for j in e.joints], **e.figures, "net": True, "log_odds": gain}
-        what = e.what
+        what, where = e.what, e.place or joints_text(e.joints)
         if e.number is not None:
             reach = 2.0 * search.deviation(e.number)
             low, high = e.number.value - reach, e.number.value + reach
@@ -276,7 +278,7 @@ def _stated(search: Search, net: Repair) -> tuple[list[Issue], Repair]:
         if e.kind.startswith("gravity"):
             share = net.weight[0] if len(set(net.weight)) == 1 else 1.0
             gravity = tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
-        out.append(Issue(e.kind, e.severity, e.where, what, text, e.remedy, mend, figures, gravity))
+        out.append(Issue(e.kind, e.severity, where, what, text, e.remedy, mend, figures, gravity))
         if not out[-1].mends:
             certain = next((x.without for x in search.elements(certain) if x.name == e.name), certain)
     return out, certain

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdp_vs_penalty.checks.constants import SAMPLES_A_PERIOD, STUCK, TIMES, TYPICAL
-from sdp_vs_penalty.checks.glance import Glance, constant_parts, lattice_step
 from sdp_vs_penalty.checks.issue import Issue, joints_text
+from sdp_vs_penalty.checks.rules import Glance, constant_parts, lattice_step
 from sdp_vs_penalty.data.plausibility import beside_range
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, low_passed

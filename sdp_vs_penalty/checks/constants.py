@@ -8,8 +8,6 @@ import numpy as np
 # -- rows and columns that hypotheses are judged on ----------------------------------------------------
 #: Rows that hypotheses are judged on.
 ROWS = 320
-#: Rows for each independent sample of the low-passed torque.
-DENSE = 1.2
 #: A joint slides at this share of its usual speed: slower, dry friction holds any torque between limits.
 SLIDES = 0.2
 #: Velocities over which Coulomb friction may turn [rad/s, m/s]: from a sign to a smooth one.
@@ -18,8 +16,6 @@ COULOMB_WIDTHS = (0.002, 0.03, 0.1)
 BRISTLE_TRAVELS = (5e-4, 5e-3)
 
 # -- the likelihood ------------------------------------------------------------------------------------
-#: Relative ridge of the normal equations: directions that the motion does not excite stay quiet.
-RIDGE = 1e-9
 #: A residual below 0.3 % of the torque is explained: friction laws and filters are no better.
 FLOOR = 1e-5
 #: Rounds of reweighting each joint by its own residual.
@@ -31,10 +27,9 @@ PARTS = 8
 LOUDEST = 60.0
 
 # -- the search ----------------------------------------------------------------------------------------
-#: Prior odds against any repair, by which its posterior odds have to exceed one, too, and against one
-#: whose number is no round one (natural logarithms): one log in some hundred has a given fault;
-#: multiples of 90 degrees and powers of ten come first.
-ODDS, ODD_NUMBER = 6.0, 3.0
+#: Prior odds against any repair, by which its posterior odds have to exceed one, too (natural
+#: logarithm): one log in some hundred has a given fault.
+ODDS = 6.0
 #: Friction that warms up and slow noise look like a drift or a step (natural logarithm of the odds).
 SLOW_ODDS = 15.0
 #: Instants of a log at which a step of a torque is tried.
@@ -57,8 +52,6 @@ CALIBRATED_GAIN = 0.06
 USUAL_DELAY = 0.01
 
 # -- what is left over
-#: Independent samples for each parameter, below which a good fit says nothing.
-SPARE = 1.5
 #: What an arm leaves of its torques (root mean square, all joints together): with joint torque sensors,
 #: and with torques from motor currents, whose friction is part of them. Twice as much is a warning, and
 #: so is quantisation that adds as much noise.
@@ -68,7 +61,7 @@ TYPICAL = {"link": 0.05, "unknown": 0.05, "motor": 0.1}
 UNRELATED = 0.25
 #: A joint contradicts its neighbours where one arm leaves so many times the energy that the joint's own
 #: model leaves of it, and at least this share of the torque's energy.
-CONTRADICTS = (6.0, 4e-4)
+CONTRADICTS = (2.0, 1e-4)
 #: Natural logarithm of the energy by which two arms in turn have to explain a log better than in
 #: stripes.
 TWO_ARMS = 1.5

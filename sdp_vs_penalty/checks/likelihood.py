@@ -25,13 +25,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
+from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, under_gravity
 from sdp_vs_penalty.checks.repair import Event, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array, or_one
-
-_WEIGHTLESS = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -157,8 +155,8 @@ class Likelihood:
         whole = replace(repair.of_motion, weight=(1.0,) * self.data.n, events=())
         columns = self._columns_of(whole)
         if np.any(weight != 1.0):
-            none = self._columns_of(replace(whole, gravity=_WEIGHTLESS))
-            columns = weight * columns + (1.0 - weight) * none
+            weightless = self._columns_of(replace(whole, gravity=(0.0, 0.0, 0.0)))
+            columns = weight * columns + (1.0 - weight) * weightless
         return np.asarray(self.heard(repair)[:, :, None] * columns)
 
     def _columns(self, repair: Repair) -> Array:
@@ -266,7 +264,7 @@ class Likelihood:
     def _pushed(self, repair: Repair) -> Array:
         m = self.motion(repair)
         rest, loads = np.zeros_like(m.q), self.nominal(repair, still=True)
-        ways = ((_WEIGHTLESS, m.ddq, m.ddq), (repair.gravity, rest, loads))
+        ways = (((0.0, 0.0, 0.0), m.ddq, m.ddq), (repair.gravity, rest, loads))
         made = [
             np.einsum("jms,mj->s", self._shared(gravity, Motion(m.t, m.q, rest, ddq)), along)
             for gravity, ddq, along in ways
@@ -357,10 +355,10 @@ def independent_samples(residual: Array, asked: NDArray[np.bool_]) -> float:
 
 def solve(gram: Array, right: Array) -> Array:
     """(..., s, r) (G + ridge)^-1 B with columns of G (..., s, s) scaled to one; zero for those that are
-    not there."""
+    not there. The ridge is what rounding leaves: directions that are not excited stay quiet."""
     norms = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 0.0))
     seen = norms > 1e-9 * norms.max(axis=-1, keepdims=True, initial=0.0)
     scale = np.where(seen, 1.0 / np.where(seen, norms, 1.0), 0.0)[..., None]
     unit = scale * gram * np.swapaxes(scale, -1, -2)
-    np.einsum("...ii->...i", unit)[...] += np.where(seen, RIDGE, 1.0)
+    np.einsum("...ii->...i", unit)[...] += np.where(seen, np.sqrt(np.finfo(float).eps), 1.0)
     return np.asarray(scale * np.linalg.solve(unit, scale * right))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import BRISTLE_TRAVELS, COULOMB_WIDTHS, DENSE, ROWS, SLIDES
+from sdp_vs_penalty.checks.constants import BRISTLE_TRAVELS, COULOMB_WIDTHS, ROWS, SLIDES
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
@@ -68,18 +68,15 @@ class RegressionData:
         return replace(self, motion=motion, own=self.own[:, ::step], heard=self.heard[::step])
 
     @classmethod
-    def of(
-        cls, problem: Problem, run: Measurements, settings: Preprocessing, rows: int = ROWS
-    ) -> RegressionData:
-        """At most so many instants; ``settings`` resolved. Raises InputError for a log that is shorter
-        than the filters need."""
+    def of(cls, problem: Problem, run: Measurements, settings: Preprocessing) -> RegressionData:
+        """``settings`` resolved. Raises InputError for a log that is shorter than the filters need."""
         from scipy.interpolate import CubicSpline
 
         assert settings.torque_cutoff is not None
         # As much of the band as the rows can hold, each row independent of the next.
-        band = rows / (2.0 * DENSE * max(float(run.t[-1] - run.t[0]), 1e-9))
+        band = ROWS / (2.0 * max(float(run.t[-1] - run.t[0]), 1e-9))
         settings = replace(settings, torque_cutoff=min(settings.torque_cutoff, band))
-        filters, model = RunFilter(run, settings), problem.model()
+        filters, (laws, shared) = RunFilter(run, settings), split(problem.model())
         margin = filters.state.half + filters.column.half
         places = filters.moving(margin)
         count = sum(len(k) for _, k in places)
@@ -87,17 +84,14 @@ class RegressionData:
             raise no_rows(run, 2 * margin * filters.dt)
         pieces, grid = [], []
         for part, k in places:
-            some = min(round(rows * len(k) / count), len(k))
-            if some:
-                pieces.append(
-                    _piece(filters, part, k[np.linspace(0, len(k) - 1, some).astype(int)], model)
-                )
+            if some := min(round(ROWS * len(k) / count), len(k)):
+                spread = k[np.linspace(0, len(k) - 1, some).astype(int)]
+                pieces.append(_piece(filters, part, spread, laws))
                 at = np.arange(filters.column.half, part.count - filters.column.half, filters.stride)
                 grid.append((part.clock(at), filters.torque(part, at)))
         t, q, dq, ddq = (np.concatenate(x) for x in list(zip(*pieces, strict=True))[:4])
         own = np.concatenate([piece[4] for piece in pieces], axis=1)
         times, torque = (np.concatenate(x) for x in zip(*grid, strict=True))
-        shared = shared_model(model)
         kept = np.zeros(0, bool) if shared is None else independent_columns(shared)
         moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)  # and its channel is not dead
         slides = np.abs(dq) > SLIDES * np.sqrt(np.mean(dq**2, axis=0))
@@ -113,7 +107,9 @@ class RegressionData:
         return cls(shared, kept, motion, spline, own[:, asked], heard, moving, nominal, largest)
 
 
-def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Model) -> tuple[Array, ...]:
+def _piece(
+    filters: RunFilter, part: Stretch, at: NDArray[np.int64], laws: Sequence[JointEffect]
+) -> tuple[Array, ...]:
     """t, q, dq, ddq and own columns (n, M, k) of one stretch."""
     half, reach = filters.coarse.half, filters.stride * filters.coarse.half
     dense = filters.motion(part, at[0] - reach, at[-1] + reach)
@@ -121,37 +117,29 @@ def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Mode
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
     local = np.clip(local, half, len(dense.t) - 1 - half)
     low_pass = filters.coarse.decimator(local)
-    own = np.stack([(low_pass @ c).T for c in own_columns(model, dense)], axis=2)
+    own = np.stack([(low_pass @ c).T for c in own_columns(laws, dense)], axis=2)
     return dense.t[local], dense.q[local], dense.dq[local], dense.ddq[local], own
 
 
-def own_effects(model: Model) -> list[int]:
-    """Which of the model's effects have one column on every joint, made by that joint's motion."""
+def split(model: Model) -> tuple[list[JointEffect], Model | None]:
+    """Frictions of every joint by its own motion; the model without all that has one column on every
+    joint, made by that joint's motion: the links, couplings."""
     every = list(range(model.robot.n))
-    return [
-        k for k, e in enumerate(model.effects) if isinstance(e, JointEffect) and list(e.joints) == every
-    ]
+    own = [e for e in model.effects if isinstance(e, JointEffect) and list(e.joints) == every]
+    rest = tuple(e for e in model.effects if e not in own)
+    return [e for e in own if "friction" in e.name], Model(model.robot, rest) if rest else None
 
 
-def shared_model(model: Model) -> Model | None:
-    """The model without these: the links, couplings."""
-    own = own_effects(model)
-    rest = tuple(e for k, e in enumerate(model.effects) if k not in own)
-    return Model(model.robot, rest) if rest else None
-
-
-def own_columns(model: Model, motion: Motion) -> list[Array]:
+def own_columns(friction: Sequence[JointEffect], motion: Motion) -> list[Array]:
     """(N, n) blocks: a rotor, an offset, then everything that resists the motion."""
-    effects = [e for k in own_effects(model) if isinstance(e := model.effects[k], JointEffect)]
-    friction = [e for e in effects if "friction" in e.name]
-    laws = [np.column_stack([e.column(motion, j) for j in range(model.robot.n)]) for e in friction]
+    laws = [np.column_stack([e.column(motion, j) for j in e.joints]) for e in friction]
     laws += [np.tanh(motion.dq / w) for w in COULOMB_WIDTHS]
     laws += [np.column_stack([dahl(q, d) for q in motion.q.T]) for d in BRISTLE_TRAVELS]
     return [motion.ddq, np.ones_like(motion.q), motion.dq, *laws]
 
 
 def independent_columns(model: Model) -> NDArray[np.bool_]:
-    """(p,) which parameters of :func:`shared_model` stand for all, wherever gravity points: 30 to 40 %
+    """(p,) which parameters of :func:`split` stand for all, wherever gravity points: 30 to 40 %
     of the links' follow from the others."""
     links = model.rigid_indices
     kept = np.ones(len(model.parameters), bool)

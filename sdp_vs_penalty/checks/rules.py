@@ -1,10 +1,11 @@
-"""The rules about rows and clock, each on the run as those before have mended it."""
+"""The rules about rows and clock, each on the run as those before have mended it; what they look at is
+worked out once."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -12,23 +13,88 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import LONG, RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
-from sdp_vs_penalty.checks.glance import Glance, constant_parts, lattice_step, with_steps
 from sdp_vs_penalty.checks.issue import Issue, joints_text, rows_text
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.runs import spans
+from sdp_vs_penalty.signals.runs import Movement, movement, moving_joints, spans
 
 Rows = NDArray[np.bool_]
 #: Units of time that loggers write, in seconds.
 _UNITS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 #: Time steps [s] of a log that somebody would identify from.
 _STEPS = (2e-5, 0.5)
-#: Share of rows from which on an odd one is a signal, and a row that repeats the one before no accident.
-_FEW = 1 / RUN
-#: The samples of the median that a spike is measured from.
-_WIDTH = 7
 _READ, _DELETE = "certain: read from the file", "delete these rows"
+
+
+@dataclass(frozen=True)
+class Glance:
+    """A run, the robot it is of, and the share of its speed below which the robot stands still."""
+
+    run: Measurements
+    robot: Robot
+    standstill: float
+
+    @cached_property
+    def steps(self) -> Array:
+        """(N - 1,) time steps [s]."""
+        return np.diff(self.run.t)
+
+    @cached_property
+    def step(self) -> float:
+        """The usual one, 0 where time does not advance."""
+        forward = self.steps[self.steps > 0.0]
+        return float(np.median(forward)) if len(forward) else 0.0
+
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        return moving_joints(self.run)
+
+    @cached_property
+    def movement(self) -> Movement:
+        return movement(self.run, self.standstill)
+
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """(N,) rows in which the arm moves, half a second off every start and stop."""
+        m, t = self.movement, self.run.t
+        return np.asarray(m.at(t - 0.5) & m.moves & m.at(t + 0.5))
+
+    @cached_property
+    def row_numbers(self) -> NDArray[np.int64]:
+        """(N,) equal numbers for rows that are the same, bit by bit, in every column but t."""
+        rows = np.ascontiguousarray(np.column_stack([*self.run.groups.values()]))
+        packed = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
+        return np.unique(packed, return_inverse=True)[1].ravel()
+
+    @cached_property
+    def held(self) -> NDArray[np.bool_]:
+        """(N,) rows that are copies of the one before."""
+        return np.concatenate([[False], np.diff(self.row_numbers) == 0])
+
+    @property
+    def channels(self) -> list[tuple[str, int, Array]]:
+        """Name, joint and values of each position and torque."""
+        pairs = (("q", self.run.q), *([("tau", self.run.tau)] if self.run.torque_logged else []))
+        return [(f"{name}{j + 1}", j, x[:, j]) for name, x in pairs for j in range(self.run.n)]
+
+
+def constant_parts(x: Array) -> NDArray[np.intp]:
+    """(K, 2) first and last row of each stretch in which a channel (N,) keeps its value."""
+    return spans(np.diff(x) == 0.0)
+
+
+def lattice_step(values: Array) -> float:
+    """The smallest step between different values of a channel, rounding errors of the file apart."""
+    levels = np.unique(values)
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * (levels[-1] - levels[0])]
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def with_steps(run: Measurements, steps: Array) -> Measurements:
+    """The same rows, so far apart (N - 1,)."""
+    return replace(run, t=run.t[0] + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
 def _listed(rows: NDArray[np.intp]) -> dict[str, Any]:
@@ -136,7 +202,7 @@ def uneven(g: Glance) -> Iterator[Issue]:
     pause = LONG * max(g.step, float(np.quantile(steps, 0.97)))  # packets, too, may come in bursts
     even, usual = (steps[1:] < pause) & (steps[:-1] < pause), steps[steps < pause]
     spread = float(np.std(usual) / np.mean(usual))
-    if spread < _FEW or np.count_nonzero(even) < RUN:
+    if spread < 1 / RUN or np.count_nonzero(even) < RUN:
         return
     share = (steps[:-1] / (g.run.t[2:] - g.run.t[:-2]))[:, None]
     rough_time, rough_rows = (
@@ -263,11 +329,11 @@ def doubled(g: Glance) -> Iterator[Issue]:
     same, span = g.held & g.movement.moves, 2 * STUCK
     at = np.flatnonzero(same[span:-span]) + span
     at = at[~same[at - 1] & ~same[at + 1]]
-    if not 0.1 * _FEW <= same.mean() <= 0.8 or not len(at):
+    if not 0.1 * 1 / RUN <= same.mean() <= 0.8 or not len(at):
         return
     near, far = (np.linalg.norm(g.run.q[at + k] - g.run.q[at - k], axis=1) / k for k in (1, span))
     skips = bool(np.median(near / np.maximum(far, 1e-300)) > 0.75)
-    if skips and not _FEW < same.mean() < 0.5:  # from half of the rows on the source is slower
+    if skips and not 1 / RUN < same.mean() < 0.5:  # from half of the rows on the source is slower
         return
     severity, remedy = "error", "delete the copies and their time"
     how = "and the motion does not skip ahead after them: rows were doubled and the clock was made again"
@@ -332,15 +398,15 @@ def _filled(x: Array) -> Rows:
 
 def spikes(g: Glance) -> Iterator[Issue]:
     """Single samples far from the median around them: bits turned, packets torn."""
-    found, half = {}, _WIDTH // 2
+    found, half = {}, STUCK // 2
     for name, j, x in g.channels:
-        least = SPIKE[1] * float(np.ptp(np.quantile(x, [_FEW, 1.0 - _FEW]))) + 1e-9
+        least = SPIKE[1] * float(np.ptp(np.quantile(x, [1 / RUN, 1.0 - 1 / RUN]))) + 1e-9
         # Without such a step no sample can be that far from the median.
         if g.moving[j] and np.abs(np.diff(x)).max() > least / half:
-            around = sliding_window_view(np.pad(x, half, "edge"), _WIDTH)
+            around = sliding_window_view(np.pad(x, half, "edge"), 2 * half + 1)
             off = np.abs(x - np.median(around, axis=1))
             bad = (off > max(SPIKE[0] * np.quantile(off, 0.9), least)) & g.inside
-            found[name] = bad & (bad.mean() <= _FEW)
+            found[name] = bad & (bad.mean() <= 1 / RUN)
     what = "{rows} samples of {named} lie far from the samples on both sides."
     yield from _deleted(g, found, "spikes", what, "certain: no joint moves like that")
 
@@ -366,7 +432,7 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
     skips, told = np.sum(np.round(ratio) > 2.0, axis=1), tells.sum(axis=1)  # one row could be noise
     enough = (told >= max(2, (q.shape[1] + 1) // 2)) & (skips > 0.74 * told)
     rows = np.flatnonzero(enough & (steps < 3.0 * np.median(steps)))
-    if 0 < len(rows) <= _FEW * len(steps):
+    if 0 < len(rows) <= 1 / RUN * len(steps):
         lost = np.round(np.nanmedian(ratio[rows], axis=1) - 1.0)
         added, rows = np.zeros(len(g.steps)), fresh[rows + 1] - 1
         added[rows] = lost * np.median(steps)

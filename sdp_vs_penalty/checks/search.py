@@ -116,7 +116,7 @@ class Search:
             assert number is not None
             ends = number.value - number.reach, number.value + number.reach
             best = float(minimize_scalar(
-                lambda x, at=number.at: self.scene.likelihood.score(at(float(x))).score,
+                lambda x, at=number.at: self.scene.screen.score(at(float(x))).score,
                 bounds=ends, method="bounded", options={"xatol": 0.05 * number.tolerance, "maxiter": 14},
             ).x)  # fmt: skip
             near = [x for x in number.snaps if abs(x - best) < number.tolerance]

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import CONTRADICTS, ODD_NUMBER, ODDS
-from sdp_vs_penalty.checks.issue import joints_text
+from sdp_vs_penalty.checks.constants import CONTRADICTS, ODDS
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score, independent_samples
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.problem.problem import Problem
@@ -24,6 +23,7 @@ class Number:
     """One number of a repair, 0 where the log is right; ``at`` gives the repair with another one.
 
     tolerance : what arms and loggers differ by themselves, in the number's own unit; text : with unit;
+    reach : how far to either side the best value is looked for; snaps : round values, tried beside it.
     """
 
     value: float
@@ -32,11 +32,6 @@ class Number:
     reach: float
     text: Callable[[float], str]
     snaps: tuple[float, ...] = ()
-
-    @property
-    def odd(self) -> bool:
-        """Whether it is none of the round values."""
-        return all(abs(self.value - x) > 1e-9 for x in self.snaps)
 
     @classmethod
     def factor(
@@ -51,11 +46,10 @@ class Number:
 
 @dataclass(frozen=True)
 class Element:
-    """One thing that a repair does: what is said of it, and the repair without it (``plain``;
-    default: its number at 0).
+    """One thing that a repair does: what is said of it, and the repair ``without`` it.
 
-    prior : natural logarithm of the odds against it, its number apart; place : default: the joints;
-    mends : whether a repaired log can be written.
+    cost : natural logarithm of the odds against it; place : default: the joints; mends : whether a
+    repaired log can be written.
     """
 
     kind: str
@@ -63,9 +57,9 @@ class Element:
     joints: tuple[int, ...]
     what: str
     remedy: str
-    prior: float
+    cost: float
+    without: Repair
     number: Number | None = None
-    plain: Repair | None = None
     mends: bool = True
     place: str = ""
     figures: Mapping[str, Any] = field(default_factory=dict)
@@ -73,21 +67,6 @@ class Element:
     @property
     def name(self) -> tuple[str, tuple[int, ...]]:
         return self.kind, self.joints
-
-    @property
-    def cost(self) -> float:
-        return self.prior + (ODD_NUMBER if self.number and self.number.odd else 0.0)
-
-    @property
-    def without(self) -> Repair:
-        if self.plain is None and self.number is not None:
-            return self.number.at(0.0)
-        assert self.plain is not None
-        return self.plain
-
-    @property
-    def where(self) -> str:
-        return self.place or joints_text(self.joints)
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,7 @@ import pytest
 
 from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.checks import Issue, mended
-from sdp_vs_penalty.checks.glance import Glance
-from sdp_vs_penalty.checks.rules import MOTION
+from sdp_vs_penalty.checks.rules import MOTION, Glance
 
 ROBOT, RATE, PERIOD, STANDSTILL = load_problem("two_link").robot, 250, 8.0, 0.02
 

@@ -44,7 +44,7 @@ class Degrees(Transformation):
         yield Element(
             "positions in degrees" if every else "position unit", "error", joints,
             f"{what} (reaching {reach:.4g}).", f"multiply {named} (and dq) by pi / 180",
-            c.ODDS if every else len(joints) * choices(scene.n), plain=without, place=named,
+            c.ODDS if every else len(joints) * choices(scene.n), without, place=named,
             figures={"largest": reach},
         )  # fmt: skip
 
@@ -63,18 +63,18 @@ class Clock(Transformation):
             yield Element(
                 "time reversed", "error", (),
                 "the rows are in reverse order: friction would drive the motion.",
-                "reverse q and tau in time", c.ODDS, plain=replace(repair, reversed=False),
+                "reverse q and tau in time", c.ODDS, replace(repair, reversed=False),
                 place="all rows",
             )  # fmt: skip
         if (factor := repair.rate) == 1.0:
             return
-        word = "fast" if factor < 1.0 else "slow"
+        word, at = "fast" if factor < 1.0 else "slow", lambda x: replace(repair, rate=x)
         yield Element(
             "clock rate", "error", (),
             f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
             "torques does not fit the weight.",
             f"multiply t by {factor:.3g} (find out the log's true rate)", c.ODDS,
-            Number.factor(factor, lambda x: replace(repair, rate=x), c.CALIBRATED_GAIN, 0.4, _RATES),
+            at(1.0), Number.factor(factor, at, c.CALIBRATED_GAIN, 0.4, _RATES),
             place="column t", figures={"factor": factor},
         )  # fmt: skip
 
@@ -99,14 +99,14 @@ class Sign(Transformation):
                 without = without.times("gain", (j,), -1.0)
                 kind, what = "joint sign", f"joint {k} counts the other way, position and torque alike."
                 remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
-            yield Element(kind, "error", (j,), what, remedy, choices(scene.n), plain=without)
+            yield Element(kind, "error", (j,), what, remedy, choices(scene.n), without)
         if alone := tuple(np.flatnonzero(tau & ~q).tolist()):
             every = len(alone) == scene.n
             cost = choices(1) if every else len(alone) * choices(scene.n)
             what = f"the torque of {'every joint' if every else joints_text(alone)} has the wrong sign."
             remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
             without = repair.times("gain", alone, -1.0)
-            yield Element("torque sign", "error", alone, what, remedy, cost, plain=without)
+            yield Element("torque sign", "error", alone, what, remedy, cost, without)
 
 
 class Exchange(Transformation):
@@ -136,7 +136,7 @@ class Exchange(Transformation):
                 yield Element(
                     kind, "error", changed, f"{what}{'' if len(changed) == 2 else f': {how}'}.",
                     f"rename the columns of {names}",
-                    (len(changed) - 1) * choices(scene.n * (scene.n - 1) // 2), plain=without,
+                    (len(changed) - 1) * choices(scene.n * (scene.n - 1) // 2), without,
                     figures={"order": [k + 1 for k in order]},
                 )  # fmt: skip
 
@@ -159,13 +159,14 @@ class Zero(Transformation):
         for j in np.flatnonzero(repair.zero).tolist():
             x, turns, unit = repair.zero[j], j in scene.revolute, _unit(scene, j)
             tolerance, gross = (x * unit * (1.0 if turns else 0.25) for x in (c.CALIBRATED, c.GROSS))
+            at = partial(_at, scene, repair, j)
             text = _degrees if turns else "{:.4g} m".format
             snaps = tuple(_QUARTER * k for k in (-1, 1, 2)) if turns else ()
             yield Element(
                 "encoder offset", "error" if abs(x) > gross else "warning", (j,),
                 f"the zero of {joints_text([j])} is {text(-x)} away from the robot's kinematics.",
                 f"add {x:+.5g} {scene.problem.robot.position_units[j]} to q{j + 1}", choices(scene.n),
-                Number(x, partial(_at, scene, repair, j), tolerance, 0.35 * unit, text, snaps),
+                at(0.0), Number(x, at, tolerance, 0.35 * unit, text, snaps),
                 figures={"shifts": [x]},
             )  # fmt: skip
 
@@ -187,7 +188,7 @@ class Mounting(Transformation):
         given = np.array(now.gravity)
         size = float(np.linalg.norm(given))
         known = _earthly(size)
-        if any(w != 1.0 for w in now.weight) or 0.0 < size < 1.0:
+        if any(w != 1.0 for w in now.weight):
             return
         for axis in (*np.eye(3), *-np.eye(3)):
             yield replace(now, gravity=_vector((size if known else _EARTH) * axis))
@@ -215,7 +216,7 @@ class Mounting(Transformation):
             kind, "warning" if earthly and angle < c.GROSS else "error", (),
             f"the weight in the torques points along {_text(g)} m/s^2, {np.degrees(angle):.0f} degrees "
             f"away from the assumed {_text(assumed)}.", remedy, c.ODDS,
-            number if earthly and not straight else None, replace(repair, gravity=_vector(assumed)),
+            replace(repair, gravity=_vector(assumed)), number if earthly and not straight else None,
             mends=False, place="the base",
             figures={"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]},
         )  # fmt: skip

@@ -46,7 +46,7 @@ class Gain(Transformation):
                 "torque gain" if unit is None else "torque unit",
                 "error" if abs(np.log(g)) > gross else "warning", (j,),
                 f"{what}." if unit is None else f"{what}: it is in {unit}.",
-                f"multiply tau{j + 1} by {g:.3g}", choices(scene.n),
+                f"multiply tau{j + 1} by {g:.3g}", choices(scene.n), at(1.0),
                 Number.factor(g, at, c.CALIBRATED_GAIN, 0.5, tuple(UNITS)), figures={"factor": g},
             )  # fmt: skip
 
@@ -76,7 +76,7 @@ class Delay(Transformation):
             at = partial(repair.with_entries, name, joints)
             yield Element(
                 f"{'channel ' if not every else 'torque ' * (name == 'lag')}{kind}", "warning", joints,
-                what, remedy, choices(1 if every else scene.n),
+                what, remedy, choices(1 if every else scene.n), at(0.0),
                 Number(x, at, c.USUAL_DELAY, 0.06, lambda v: f"{1e3 * v:.0f} ms"), mends=name == "lead",
                 place="all torque channels" if every and scene.n > 1 else "", figures={"seconds": x},
             )  # fmt: skip
@@ -100,7 +100,7 @@ class Weight(Transformation):
                 "gravity removed", "error", joints,
                 f"{100.0 * (1.0 - left):.0f} % of the weight is missing from {of}.",
                 f"log the torques before gravity compensation{how}",
-                choices(1 if common else scene.n),
+                choices(1 if common else scene.n), at(0.0),
                 Number(left - 1.0, at, 0.2, 0.4, lambda v: f"{-100.0 * v:.0f} %", (-1.0,)),
                 mends=False, figures={"share_left": left},
             )  # fmt: skip
@@ -121,7 +121,7 @@ class Saturation(Transformation):
             what = f"the torque of {joints_text([j])} bends towards a limit of {limit:.3g} {unit}"
             yield Element(
                 "saturation", "warning", (j,), f"{what}: its sensor or amplifier is near its end.",
-                "record again with a larger range, or slower", choices(scene.n),
+                "record again with a larger range, or slower", choices(scene.n), at(0.0),
                 Number(x, at, _STRAIGHT, 0.25, lambda v: f"{100.0 * v:.0f} % of the limit is reached"),
                 mends=False, figures={"limit": limit},
             )  # fmt: skip
@@ -168,7 +168,7 @@ class Change(Transformation):
                 remedy = "cut the run there, or find out what touched the arm"
             yield Element(
                 kind, "warning", (j,), f"the torque of {name} {how}.", remedy,
-                choices(many) + c.SLOW_ODDS, plain=without, mends=False, place=place,
+                choices(many) + c.SLOW_ODDS, without, mends=False, place=place,
                 figures={"size": size} | ({} if t is None else {"t": t}),
             )  # fmt: skip
 
