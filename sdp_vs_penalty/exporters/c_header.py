@@ -13,13 +13,8 @@ from sdp_vs_penalty.robot.arrays import Array
 
 ENDING, FILE, ABOUT = ".h", "model.h", "a C header without dependencies"
 
-#: Effects that the header holds, and what each is called there.
-_PLACES = {
-    "viscous_friction": "damping",
-    "coulomb_friction": "friction",
-    "torque_offset": "offset",
-    "rotor_inertia": "armature",
-}
+#: Effects that the header holds beside the links.
+_HELD = ("rigid_body", "viscous_friction", "coulomb_friction", "rotor_inertia", "torque_offset")
 
 #: @ stands for the robot's name.
 _TEMPLATE = """\
@@ -128,12 +123,12 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         raise InputError(
             "the header has no place for joints that follow others, or gains", "write .json"
         )
-    links = Content.of(estimate).links  # refuses what no simulator or controller should be given
-    left = tuple(e.brief for e in model.effects if e.name not in (*_PLACES, "rigid_body"))
-    own = {place: np.zeros(robot.n) for place in _PLACES.values()}
+    content = Content.of(estimate)  # refuses what no simulator or controller should be given
+    links, left = content.links, tuple(e.brief for e in model.effects if e.name not in _HELD)
+    offset = np.zeros(robot.n)
     for parameter, value in zip(model.parameters, estimate.theta, strict=True):
-        if parameter.effect in _PLACES:
-            own[_PLACES[parameter.effect]][parameter.joint - 1] += value
+        if parameter.effect == "torque_offset":
+            offset[parameter.joint - 1] += value
     name = re.sub(r"\W", "_", robot.name) or "robot"
     name = name if name.isascii() and not name[0].isdigit() else "robot"
     joints = robot.joints
@@ -153,7 +148,10 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         inertia=_braces(links[:, 4:][:, [[0, 1, 3], [1, 2, 4], [3, 4, 5]]]),
         per_width=_braces(1.0 / np.asarray(model.sign_width)),
         up=_braces(-np.array(robot.gravity, float)),
-        **{place: _braces(values) for place, values in own.items()},
+        damping=_braces(content.damping),
+        friction=_braces(content.friction),
+        armature=_braces(content.armature),
+        offset=_braces(offset),
     )
     return text.encode(), left
 

@@ -1,6 +1,7 @@
 """Instances that break solvers: what users do, and what data do to them.
 
-Each starts from the simulated Panda run with a minimum thickness and changes one thing.
+Each takes a standard instance, such as the simulated Panda with a minimum thickness, and changes one
+thing.
 """
 
 from __future__ import annotations
@@ -14,20 +15,14 @@ from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.shootout import standard_instances
 from sdp_vs_penalty.shootout.instance import Instance, in_units
-from sdp_vs_penalty.shootout.standard_instances import wide_rows
+from sdp_vs_penalty.shootout.standard_instances import recorded, wide_rows
 from sdp_vs_penalty.signals.preprocessing import filtered_rows
 from sdp_vs_penalty.simulation.experiments import experiment
 from sdp_vs_penalty.solvers.objective import Objective
 
 Change = Callable[[Instance], Instance]
 GROUP = "ill-conditioned"
-
-
-def panda(stop: float = 14.0) -> Instance:
-    """What most of these start from."""
-    return standard_instances.simulated("", "panda", "one-step", "gyration", stop)
 
 
 def _with_data(instance: Instance, data: LeastSquares) -> Instance:
@@ -107,7 +102,8 @@ def raw_rows(name: str) -> Instance:
     data = LeastSquares.stacked([raw], len(raw))
     regressor = np.ascontiguousarray(raw[:, :p])
     uncompressed = LeastSquares(regressor, raw[:, p], 0.0, data.tau_squared, len(raw))
-    return replace(_with_data(panda(), data), name=name, formulation="rows", raw=uncompressed)
+    made = recorded(name, "panda", "simulated", "one-step", "gyration", 14.0)
+    return replace(_with_data(made, data), formulation="rows", raw=uncompressed)
 
 
 #: One thing that users do, or data do to them, and how it is told in the library.
@@ -137,6 +133,6 @@ CHANGES: dict[str, tuple[Change, str]] = {
 }
 
 
-def changed(name: str, change: str, build: Callable[[], Instance]) -> Instance:
+def changed(name: str, change: str, build: Callable[[str], Instance]) -> Instance:
     """What ``build`` makes with one of CHANGES."""
-    return replace(CHANGES[change][0](build()), name=name)
+    return CHANGES[change][0](build(name))

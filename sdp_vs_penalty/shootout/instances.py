@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -32,12 +33,12 @@ _STEPS = {"one-step": "torque error", "two-step": "distance of the base paramete
 
 @dataclass(frozen=True)
 class Entry:
-    """name, group and how to build it; sentence : what it is, in the library; quick : part of --quick;
-    measured : needs real data."""
+    """name, group and how to make the instance of a name; sentence : what it is, in the library; quick :
+    part of --quick; measured : needs real data."""
 
     name: str
     group: str
-    build: Callable[[], Instance]
+    make: Callable[[str], Instance]
     sentence: str = ""
     measured: bool = False
     quick: bool = False
@@ -46,52 +47,61 @@ class Entry:
     def folder(self) -> str:
         return f"{self.group}/{re.sub(r'[^a-z0-9]+', '-', self.name.lower()).strip('-')}"
 
+    def build(self) -> Instance:
+        return self.make(self.name)
+
 
 def library() -> list[Entry]:
     """Every instance of the library, measured ones included, in a fixed order."""
     return [*_robots(), *_chains(), *_changed()]
 
 
+#: Of the shootout's own instances those of --quick.
+_QUICK = (
+    r"two_link (one|two)-step gyration|panda simulated 14 s one-step (plain|gyration|regulariser)|"
+    r"chain of [27] links|ill-conditioned (gram g mm|float32 gram|infeasible 1e-3|noise-free)"
+)
+
+
 def catalogue() -> dict[str, Entry]:
-    """Every instance of the shootout, measured ones included, by name."""
-    entries: list[Entry] = []
-    for step, shape in product(_STEPS, ("plain", "gyration", "regulariser")):
-        name = f"two_link {step} {shape}"
-        build = partial(standard.simulated, name, "two_link", step, shape)
-        entries.append(Entry(name, "two_link", build, quick=shape == "gyration"))
-    for entry in _robots():
-        if re.fullmatch(r"panda .* (14 s .*|1 s (one-step .*|two-step gyration))", entry.name):
-            quick = entry.name.startswith("panda simulated 14 s one-step")
-            entries.append(replace(entry, quick=quick and not entry.name.endswith("cones")))
-        elif re.fullmatch("ur10e (simulated (one|two)|measured one)-step gyration", entry.name):
-            entries.append(entry)
-    for n in (2, 7, 14, 30, 60):
-        name = f"chain of {n} links"
-        entries.append(Entry(name, "chains", partial(_chain, name, n, "gyration", 0), quick=n <= 7))
-    group, whole = ill_conditioned.GROUP, ill_conditioned.panda
+    """Every instance of the shootout, measured ones included, by name: of the library's, and its own."""
+    here = {entry.name: entry for entry in library()}
+    shapes = ("plain", "gyration", "regulariser")
+    names = {f"two_link {s} {x}": f"two_link simulated {s} {x}" for s, x in product(_STEPS, shapes)}
+    panda = r"panda .* (14 s .*|1 s (one-step .*|two-step gyration))"
+    ur10e = "ur10e (simulated (one|two)|measured one)-step gyration"
+    names |= {name: name for name in here if re.fullmatch(f"{panda}|{ur10e}", name)}
+    names |= {f"chain of {n} links": f"chain of {n} links gyration 0" for n in (2, 7, 14, 30, 60)}
+    entries = [replace(here[own], name=name) for name, own in names.items()]
+    group = ill_conditioned.GROUP
     for change in ill_conditioned.CHANGES:
-        base = partial(whole, 1.0) if change == "rank-deficient" else whole
-        build = partial(ill_conditioned.changed, f"{group} {change}", change, base)
-        quick = change in ("gram g mm", "float32 gram", "infeasible 1e-3", "noise-free")
-        entries.append(Entry(f"{group} {change}", group, build, quick=quick))
-    name = f"{group} raw rows"
-    entries.append(Entry(name, group, partial(ill_conditioned.raw_rows, name)))
-    return {entry.name: entry for entry in entries}
+        base = partial(_panda, stop=1.0 if change == "rank-deficient" else 14.0)
+        make = partial(ill_conditioned.changed, change=change, build=base)
+        entries.append(Entry(f"{group} {change}", group, make))
+    entries.append(Entry(f"{group} raw rows", group, ill_conditioned.raw_rows))
+    return {e.name: replace(e, quick=bool(re.fullmatch(_QUICK, e.name))) for e in entries}
+
+
+_panda = partial(standard.recorded, robot="panda", source="simulated", step="one-step", shape="gyration")
 
 
 def _robots() -> Iterator[Entry]:
     """Simulated and measured robots in every formulation."""
     for robot in ("two_link", "panda", "ur10e", "emps", "tx40"):
-        makers = {"simulated": standard.simulated, "measured": standard.measured}
-        if robot == "two_link":
-            del makers["measured"]
+        sources = ("simulated",) if robot == "two_link" else ("simulated", "measured")
         stops = (14.0, 7.0, 3.0, 1.0) if robot == "panda" else (np.inf,)
-        for source, stop, step, shape in product(makers, stops, _STEPS, _SHAPES):
+        for source, stop, step, shape in product(sources, stops, _STEPS, _SHAPES):
+            of: dict[str, Any] = {
+                "robot": robot,
+                "source": source,
+                "step": step,
+                "shape": shape,
+                "stop": stop,
+            }
             seconds = f" {stop:g} s" if np.isfinite(stop) else ""
-            name = f"{robot} {source}{seconds} {step} {shape}"
-            build = partial(makers[source], name, robot, step, shape, stop)
             said = f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
-            yield Entry(name, robot, build, said, source == "measured")
+            name, make = f"{robot} {source}{seconds} {step} {shape}", partial(standard.recorded, **of)
+            yield Entry(name, robot, make, said, source == "measured")
 
 
 def _chains() -> Iterator[Entry]:
@@ -101,34 +111,31 @@ def _chains() -> Iterator[Entry]:
             if n > 14 and shape in ("plain", "cones"):
                 continue
             for draw in range(3 if n <= 8 and shape in ("plain", "gyration") else 1):
-                name = f"chain of {n} links {shape} {draw}"
                 said = f"A random arm of {n} revolute joints from 60 random states; {demand}."
-                yield Entry(name, "chains", partial(_chain, name, n, shape, draw), said)
+                make = partial(_chain, n=n, shape=shape, draw=draw)
+                yield Entry(f"chain of {n} links {shape} {draw}", "chains", make, said)
 
 
-def _chain(name: str, n: int, shape: str, draw: int) -> Instance:
+def _chain(name: str, n: int, shape: str = "gyration", draw: int = 0) -> Instance:
     return standard.posed(name, standard.chain_task(n, draw=draw), "one-step", shape)
 
 
 def _changed() -> Iterator[Entry]:
     """Regular instances with one thing changed that users or data do."""
-    bases: dict[str, Callable[[], Instance]] = {
-        "two_link": partial(standard.simulated, "", "two_link", "one-step", "gyration"),
-        "panda": partial(standard.simulated, "", "panda", "one-step", "gyration", 14.0),
-        "ur10e": partial(standard.simulated, "", "ur10e", "one-step", "gyration"),
-        "chain of 7 links": partial(_chain, "", 7, "gyration", 0),
-        "chain of 14 links": partial(_chain, "", 14, "gyration", 0),
+    bases: dict[str, Callable[[str], Instance]] = {
+        "two_link": partial(_panda, robot="two_link"),
+        "panda": partial(_panda, stop=14.0),
+        "ur10e": partial(_panda, robot="ur10e"),
+        "chain of 7 links": partial(_chain, n=7),
+        "chain of 14 links": partial(_chain, n=14),
     }
     for robot, build in bases.items():
         for change, (_, words) in ill_conditioned.CHANGES.items():
-            if not words:
-                continue  # the numbers of another one
-            if change == "rank-deficient" and robot == "two_link":
-                continue  # its factor has no more rows than that
-            name = f"{robot} {change}"
-            said = f"{robot} with links at least 2 cm thick, {words}."
-            make = partial(ill_conditioned.changed, name, change, build)
-            yield Entry(name, ill_conditioned.GROUP, make, said)
+            # One has the numbers of another; two_link's factor has no more rows than twenty.
+            if words and (change, robot) != ("rank-deficient", "two_link"):
+                said = f"{robot} with links at least 2 cm thick, {words}."
+                make = partial(ill_conditioned.changed, change=change, build=build)
+                yield Entry(f"{robot} {change}", ill_conditioned.GROUP, make, said)
 
 
 def selected(

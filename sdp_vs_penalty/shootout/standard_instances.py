@@ -32,14 +32,13 @@ from sdp_vs_penalty.solvers.objective import Entropy, Objective
 _CHAIN_SEED = 20191015
 
 
-def simulated(name: str, robot: str, step: str, shape: str, stop: float = np.inf) -> Instance:
-    """From the problem's simulated experiment; stop [s] of the run."""
-    return posed(name, _simulated_task(robot, stop), step, shape)
+def recorded(
+    name: str, robot: str, source: str, step: str, shape: str, stop: float = np.inf
+) -> Instance:
+    """From a robot's simulated experiment, or its real measurements up to ``stop`` [s].
 
-
-def measured(name: str, robot: str, step: str, shape: str, stop: float = np.inf) -> Instance:
-    """From real measurements; InputError where they are absent."""
-    return posed(name, _measured_task(robot, stop), step, shape)
+    source : "simulated" or "measured". InputError where the measurements are absent."""
+    return posed(name, _task(robot, source, stop), step, shape)
 
 
 def posed(name: str, task: Task, step: str, shape: str) -> Instance:
@@ -75,18 +74,16 @@ def shape_cones(task: Task) -> list[Constraint]:
     return out
 
 
-@lru_cache(maxsize=4)
-def _simulated_task(robot: str, stop: float) -> Task:
-    problem = load_problem(robot)
-    described = experiment(problem)
-    run = _part(described.training_run(seed=0), problem, stop)
-    return _task(problem, run, described.effects)
-
-
-@lru_cache(maxsize=4)
-def _measured_task(robot: str, stop: float) -> Task:
-    problem = load_problem(robot)
-    return _task(problem, measurements(problem, stop))
+@lru_cache(maxsize=8)
+def _task(robot: str, source: str, stop: float) -> Task:
+    problem, effects = load_problem(robot), None
+    if source == "measured":
+        run = measurements(problem, stop)
+    else:
+        described = experiment(problem)
+        run, effects = _part(described.training_run(seed=0), problem, stop), described.effects
+    task = pose(problem, run, PoseOptions(effects)).task
+    return replace(task, constraints=ConstraintSet(task.constraints.convex))
 
 
 def measurements(problem: Problem, stop: float = np.inf) -> Measurements:
@@ -115,11 +112,6 @@ def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
     # The filters' kernels reach two periods of their cut-off beyond each row.
     reach = 2.0 / settings.state_cutoff + 2.0 / settings.torque_cutoff
     return run.window(begin, begin + stop + 2.0 * reach)
-
-
-def _task(problem: Problem, run: Measurements, effects: tuple[str, ...] | None = None) -> Task:
-    task = pose(problem, run, PoseOptions(effects)).task
-    return replace(task, constraints=ConstraintSet(task.constraints.convex))
 
 
 def chain_problem(n: int, draw: int = 0) -> Problem:

@@ -45,7 +45,7 @@ def test_instances_are_deterministic_and_differ():
     names = [n for n, e in catalogue().items() if e.quick and e.group != "chains"]
     first = {n: instance(n).hash for n in names}
     instance.cache_clear()
-    standard_instances._simulated_task.cache_clear()
+    standard_instances._task.cache_clear()
     assert {n: instance(n).hash for n in names[::3]} == {n: first[n] for n in names[::3]}
     assert len(set(first.values())) == len(first)
 
