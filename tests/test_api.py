@@ -93,17 +93,6 @@ def test_the_import_is_lazy_and_lists_its_names():
         _ = sdp_vs_penalty.nothing_of_this_name
 
 
-def test_verbs_are_not_hidden_by_the_folders_of_their_names():
-    code = (
-        "import sdp_vs_penalty as s\n"
-        "import sdp_vs_penalty.checks.rules, sdp_vs_penalty.reports.section\n"
-        "from sdp_vs_penalty import check, report\n"
-        "assert callable(check) and callable(report)\n"
-        "assert s.check is check and s.report is report\n"
-    )
-    python("-c", code, check=True)
-
-
 def test_effect_classes_are_at_hand(two_link):
     for kind in effect_types().values():
         assert getattr(effects, kind.__name__) is kind

@@ -29,7 +29,8 @@ _SLOPE = 1e-6
 
 class State(NamedTuple):
     """W simulations at one instant: t (W,); q, dq, ddq (W, n), ddq of the last step; z (W, k);
-    temperature (W, n) of the joints, NaN where it is not known, which stays as it is."""
+    temperature (W, n) of the joints, NaN where it is not known, which stays as it is; sum (W, n) the
+    integrals of q, NaN where nobody knows them."""
 
     t: Array
     q: Array
@@ -37,6 +38,7 @@ class State(NamedTuple):
     ddq: Array
     z: Array
     temperature: Array
+    sum: Array
 
     def rows(self, which: slice | NDArray[np.intp]) -> State:
         return State(*(x[which] for x in self))
@@ -261,5 +263,5 @@ def advance(plant: Plant, state: State, torque: Array, h: float, damping: Array 
     push += np.einsum("kij,kj->ki", mass, state.dq - predicted)
     dq = dry_step(matrix, push, state.dq, h * dry, plant.contacts)
     travel, ddq = 0.5 * h * (state.dq + dq), (dq - state.dq) / h
-    z = plant.advanced(state.z, travel)
-    return State(state.t + h, state.q + travel, dq, ddq, z, state.temperature)
+    z, path = plant.advanced(state.z, travel), state.sum + h * (state.q + 0.5 * travel)
+    return State(state.t + h, state.q + travel, dq, ddq, z, state.temperature, path)

@@ -33,19 +33,17 @@ class ServoLoop:
         dq, rest = command.velocity(t), np.zeros_like(q)
         motion = Motion(t, q, dq, rest, command=command, sum=path)
         z = self.plant.remembered(motion) if self.plant.states else np.zeros((len(t), 0))
-        return State(t, q, dq, rest, z, np.full_like(q, np.nan))
+        return State(t, q, dq, rest, z, np.full_like(q, np.nan), path)
 
-    def step(self, state: State, path: Array, command: Command, h: float) -> tuple[State, Array]:
-        """One step of h [s] of all states and integrals, the drives' stiffness and damping implicit."""
+    def step(self, state: State, command: Command, h: float) -> State:
+        """One step of h [s] of all states, the drives' stiffness and damping implicit."""
         half = 0.5 * h
         dq = state.dq + half * state.ddq
         q = state.q + half * state.dq + 0.5 * half * half * state.ddq
-        middle = Motion(state.t + half, q, dq, state.ddq, command=command, sum=path + half * state.q)
+        path = state.sum + half * state.q
+        middle = Motion(state.t + half, q, dq, state.ddq, command=command, sum=path)
         torque = self.drive(middle)
-        faster = replace(
-            middle, q=q + half * _STEP, dq=dq + _STEP, sum=middle.integral + 0.5 * half * half * _STEP
-        )
+        path = path + 0.5 * half * half * _STEP
+        faster = replace(middle, q=q + half * _STEP, dq=dq + _STEP, sum=path)
         fall = (torque - self.drive(faster)) / _STEP
-        damping = fall[:, :, None] * np.eye(q.shape[1])
-        after = advance(self.plant, state, torque, h, damping)
-        return after, path + half * (state.q + after.q)
+        return advance(self.plant, state, torque, h, fall[:, :, None] * np.eye(q.shape[1]))

@@ -65,8 +65,8 @@ def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
     q, sums = np.empty((2, len(first) * long, part.q.shape[1]))
     for k in range(early + long):
         on = (start + k >= first) & (start + k < first + long)
-        q[start[on] + k], sums[start[on] + k] = state.q[on], path[on]
-        state, path = loop.step(state, path, command, h)
+        q[start[on] + k], sums[start[on] + k] = state.q[on], state.sum[on]
+        state = loop.step(state, command, h)
     clock = part.t[0] + h * np.arange(len(q))
     found, its_sum = (np.column_stack([np.interp(part.t, clock, x) for x in y.T]) for y in (q, sums))
     return found, its_sum

@@ -33,14 +33,13 @@ from sdp_vs_penalty.signals.runs import stretches
 @dataclass(frozen=True)
 class Course:
     """A stretch of a run: states, an instant a row; torque (N, n) [N m, N]; which joints move (N, n);
-    where there is a command, that and the integral (N, n) of the positions."""
+    where there is one, the command."""
 
     name: str
     states: State
     torque: Array
     moving: NDArray[np.bool_]
     command: Command | None = None
-    sum: Array | None = None
 
     @property
     def dt(self) -> float:
@@ -62,11 +61,12 @@ def courses_of(run: Measurements, estimate: Estimate, plant: Plant, shortest: fl
         motion = filters.motion(part, first, last)
         torque = plant.true_torque(motion.t, part.resampled(part.tau, first, last + 1))
         z, moving = plant.remembered(motion), filters.movement.at(motion.t)
-        warm = np.full_like(motion.q, np.nan)
+        warm = unknown = np.full_like(motion.q, np.nan)
         if any(effect.needs_temperature for effect in estimate.model.effects):
             warm = motion.joint_temperature
-        states = State(motion.t, motion.q, motion.dq, motion.ddq, z, warm)
-        out.append(Course(run.names[0], states, torque, moving, motion.command, motion.sum))
+        path = unknown if motion.sum is None else motion.sum
+        states = State(motion.t, motion.q, motion.dq, motion.ddq, z, warm, path)
+        out.append(Course(run.names[0], states, torque, moving, motion.command))
     if not out:
         raise no_rows(run, 2.0 * half * filters.dt + shortest)
     return out
@@ -79,7 +79,7 @@ DESCRIPTION = (
 )
 #: Longest step of the simulation [s], and the windows that are tried [s], the longest first: one is used
 #: if the starting model stays within this share of the motion's size.
-_STEP, _WINDOWS, _STAYS = 2e-3, (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1), 0.3
+STEP, _WINDOWS, _STAYS = 2e-3, (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1), 0.3
 #: Change of a parameter for its slope, in its standard deviations.
 _SLOPE = 0.1
 
@@ -142,7 +142,7 @@ def _chosen(plant: Plant, courses: Sequence[Course], size: Array) -> tuple[list[
 
 def _cut(course: Course, seconds: float) -> list[_Window]:
     """A course in windows; a step's torque is the mean of its samples (trapezoidal rule)."""
-    stride = max(1, int(_STEP / course.dt + 1e-9))
+    stride = max(1, int(STEP / course.dt + 1e-9))
     steps = (len(course.torque) - 1) // stride
     weights = np.ones(stride + 1) / stride
     weights[[0, -1]] /= 2.0

@@ -6,13 +6,14 @@ those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a function of 
 Columns are computed on a grid of u once, and are cubic splines of ln u between its values. Where data
 tell a constant more finely, columns at the value itself follow (:func:`shape_constants.settled`).
 
-Every fold of the motion is left out once, all constants are found anew from the rest, and the fold
-is predicted with a constant as found there and as the model has it. With r what the former leaves
-of the torque and d the difference of the two predictions, sum_k |d_k|^2 + 2 r_k'd_k is what it
-takes from the squared error of all folds k. A constant is confirmed where that exceeds Student's 95
-% quantile times its own deviation: the larger of sqrt(sum_k (2 r_k'd_k)^2), which holds for noise
-of any colour, and what white noise would make of it. Else the model's own value stays: the simpler
-model unless another is significantly better (Breiman et al., Classification and Regression Trees,
+Every fold of the motion is left out once, all constants are found anew from the rest (by one step of
+Gauss and Newton), and the fold is predicted with a constant as found there and as the model has it.
+With r what the former leaves of the torque and d the difference of the two predictions, sum_k |d_k|^2 +
+2 r_k'd_k is what it takes from the squared error of all folds k. A constant is confirmed where that
+exceeds Student's 95 % quantile times its own deviation: the larger of sqrt(sum_k (2 r_k'd_k)^2), which
+holds for noise of any colour, and what white noise would make of it. Else the model's own value stays:
+the simpler model unless another is significantly better (Breiman et al., Classification and Regression
+Trees,
 1984, sec. 3.4.3).
 """
 
@@ -36,9 +37,9 @@ from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.bounded_least_squares import least_squares
-from sdp_vs_penalty.regression.partial import partialled, visible
+from sdp_vs_penalty.regression.partial import UNSEEN, partialled, visible
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -126,7 +127,7 @@ def estimate_shapes(
         theta = np.linalg.lstsq(whole.R, whole.rho, rcond=1e-10)[0]
         weights = joint_weights(folds, theta)
     profile = _Profile.of(folds, weights, base, banks)
-    found = _confirmed(profile, profile.estimates(), folds, weights, base)
+    found = _confirmed(profile, profile.estimates(), folds, weights)
     fine = {
         (s.effect, s.joint, s.shape)
         for s in found
@@ -233,14 +234,14 @@ class _Grid(Effect):
 class _Profile:
     """What least squares in all other columns leave of the banks' (r, P) and of the torque (r,).
 
-    others (b, P + 1) : the coefficients of the other columns in these; variance : of a row times how
-    often rows repeat each other.
+    shown (b, k) : what the data show of the other columns' coefficients, at unit norm of what they make;
+    variance : of a row times how often rows repeat each other.
     """
 
     columns: Array
     torque: Array
     banks: list[_Bank]
-    others: Array
+    shown: Array
     variance: float
 
     @classmethod
@@ -258,7 +259,7 @@ class _Profile:
         # Exact data have no variance; their constants still have a best value.
         error = max(error, 1e-12 * data.tau_squared) or 1.0
         free = max(data.rows - folds.oversampling * (U.shape[1] + shown.shape[1]), 1.0)
-        return cls(left[:, :-1], left[:, -1], banks, V @ made, folds.oversampling * error / free)
+        return cls(left[:, :-1], left[:, -1], banks, V, folds.oversampling * error / free)
 
     @cached_property
     def now(self) -> Array:
@@ -301,15 +302,34 @@ class _Profile:
                 return theta, U, D
             used &= ~pushes
 
-    def coefficients(self, u: Array) -> Array:
-        """(p,) of all columns, with the constants at ln u (B,)."""
+    def near(self, found: Sequence[ShapeEstimate]) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
+        """Columns (p, d) in which a fit near what was found is linear; (d,) whose each is, -1 of no
+        bank, and whether it is new.
+
+        First what the other columns show, then each bank's columns at the value that the model has; new
+        are, of a constant that moves, those at its new value, and within its range their derivative (for
+        one step of Gauss and Newton).
+        """
+        u = np.log([s.after for s in found])
         theta, owner = self._solved(u)[0], self._parts[1]
-        own = [
-            np.outer(bank.weights(x), theta[mine]).ravel()
-            for bank, x, mine in zip(self.banks, u.tolist(), owner.T, strict=True)
-        ]
-        banks = np.concatenate(own)
-        return np.concatenate([self.others @ np.append(-banks, 1.0), banks])
+        p = len(self.shown) + sum(b.columns.size for b in self.banks)
+        parts = [(np.eye(p, len(self.shown)) @ self.shown, -1, False)]
+        for k, bank in enumerate(self.banks):
+
+            def placed(weights: Array, at: NDArray[np.intp] = bank.columns) -> Array:
+                out = np.zeros((p, at.shape[1]))
+                out[at, np.arange(at.shape[1])] = weights[:, None]
+                return out
+
+            parts.append((placed(bank.weights(self.now[k])), k, False))
+            if found[k].after != found[k].before:
+                parts.append((placed(bank.weights(u[k])), k, True))
+                if not found[k].at_end:
+                    turn = placed(bank.weights(u[k], 1)) @ theta[owner[:, k]]
+                    parts.append((turn[:, None], k, True))
+        wide = [x.shape[1] for x, _, _ in parts]
+        of, new = (np.repeat([part[i] for part in parts], wide) for i in (1, 2))
+        return np.column_stack([x for x, _, _ in parts]), of, new
 
     def loss(self, u: Array) -> float:
         """Squared error at constants ln u (B,)."""
@@ -372,30 +392,28 @@ class _Profile:
 
 
 def _confirmed(
-    profile: _Profile,
-    found: list[ShapeEstimate],
-    folds: Regression,
-    weights: Array,
-    base: NDArray[np.intp],
+    profile: _Profile, found: list[ShapeEstimate], folds: Regression, weights: Array
 ) -> list[ShapeEstimate]:
     """What was found, where folds that are left out confirm it; elsewhere as it was."""
-    moved = np.array([k for k, s in enumerate(found) if s.after != s.before], int)
-    count = len(folds.blocks)
-    if not len(moved) or count < 2:
+    moved, count = [k for k, s in enumerate(found) if s.after != s.before], len(folds.blocks)
+    if not moved or count < 2:
         return found
-    u, every = np.log([s.after for s in found]), np.arange(len(found))
-    start = np.where(np.isin(every, moved), u, profile.now)
-    gains, changes = np.zeros((2, len(moved), count))
-    for fold in range(count):
-        rest = _Profile.of(
-            folds.select(k for k in range(count) if k != fold), weights, base, profile.banks
-        )
-        there = rest.best(start, moved)
-        each = [rest.coefficients(np.where(every == k, there, profile.now)) for k in (-1, *moved)]
-        test = folds.select([fold]).least_squares(weights)
-        left = np.array(each) @ test.R.T - test.rho
-        loss, apart = np.sum(left**2, axis=1), left[1:] - left[0]
-        gains[:, fold], changes[:, fold] = loss[0] - loss[1:], np.sum(apart**2, axis=1)
+    T, of, new = profile.near(found)
+    grams = np.zeros((count, T.shape[1] + 1, T.shape[1] + 1))
+    for f in folds.factors:
+        rows = np.column_stack([f.triangle[:, :-1] @ T[f.indices], f.triangle[:, -1]])
+        grams[f.block] += weights[f.joint] ** 2 * rows.T @ rows
+    size = or_one(np.sqrt(np.diagonal(grams.sum(axis=0))))
+    grams /= size * size[:, None]
+    rest = grams.sum(axis=0) - grams + UNSEEN * np.eye(len(size))
+    fits = np.zeros((len(moved) + 1, count, len(size)))
+    for fit, k in zip(fits, (-1, *moved), strict=True):  # none of them, each alone
+        used = np.flatnonzero((of != k) & ~new | (of == k) & (new | (of < 0)))
+        fit[:, used] = np.linalg.solve(rest[:, used[:, None], used], rest[:, used, -1:])[..., 0]
+    fits[..., -1] = -1.0
+    loss, apart = (np.einsum("vki,kij,vkj->vk", x, grams, x) for x in (fits, fits[1:] - fits[0]))
+    scale = size[-1] ** 2
+    gains, changes = scale * (loss[0] - loss[1:]), scale * apart
     out = list(found)
     for row, k in enumerate(moved):
         white = 4.0 * profile.variance * changes[row].sum()

@@ -9,7 +9,7 @@ what the loop has to add is then the model's error as a torque.
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.estimation.output_error import Course, courses_of
+from sdp_vs_penalty.estimation.output_error import STEP, Course, courses_of
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.formatting import Shown, Summary, Table
@@ -30,12 +30,10 @@ from sdp_vs_penalty.robot.arrays import Array
 
 Drive = Literal["torque", "pd", "servo"]
 
-#: Seconds of a window, how many windows at most, and the longest step of the simulation [s].
-HORIZON, _WINDOWS, _STEP = 0.1, 200, 2e-3
-#: A free run has left the measured one beyond this error [rad, m]; bandwidth of the loop [Hz].
-_LEFT, _BANDWIDTH = {"rad": 0.5, "m": 0.1}, 5.0
-#: Parameters drawn from their intervals for the band of the free run.
-_DRAWS = 8
+#: How many windows at most.
+_WINDOWS = 200
+#: A free run has left the measured one beyond this error [rad, m].
+_LEFT = {"rad": 0.5, "m": 0.1}
 
 
 @dataclass(frozen=True)
@@ -194,14 +192,17 @@ def follow(
     seed: int = 0,
     steps: int | None = None,
     progress: Progress = no_progress,
+    horizon: float = 0.1,
+    bandwidth: float = 5.0,
+    draws: int = 8,
 ) -> Following:
     """Run a model forward along measured runs and compare the motion.
 
     model : an Estimate or a model.json; measurements : as for ``compare``; drive : "torque" (the
     measured torque alone), "pd" (and a loop on the measured motion) or "servo" (the command, through
-    the model's servos); seed : of the parameters drawn
-    for the band of the free run; steps : of the free runs at most, together; progress : hears where the
-    computation stands.
+    the model's servos); seed : of the ``draws`` of parameters from their intervals for the band of the
+    free run; steps : of the free runs at most, together; progress : hears where the computation stands;
+    horizon : length of a window [s]; bandwidth : of the loop [Hz].
     Raises InputError for a model that cannot accelerate, or runs too short for its filters.
     """
     estimate = as_estimate(model, "follow(model=...)")
@@ -221,13 +222,14 @@ def follow(
             "identify with a method that imposes consistency (lmi-sdp, penalty)",
             f"model {estimate.problem.name}",
         )
-    courses = [c for run in runs.runs() for c in courses_of(run, estimate, plant, 2.0 * HORIZON)]
+    courses = [c for run in runs.runs() for c in courses_of(run, estimate, plant, 2.0 * horizon)]
+    loop = (plant, 2.0 * np.pi * bandwidth) if drive == "pd" else None
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
-    rides = [_Ride(plant, course, plant if drive == "pd" else None, servo) for course in courses]
+    rides = [_Ride(plant, course, loop, servo) for course in courses]
     progress("simulating windows")
-    ahead = zip(*map(_windows, rides), strict=True)
+    ahead = zip(*(_windows(ride, horizon) for ride in rides), strict=True)
     one, far, naive_one, naive_far = (np.concatenate(x) for x in ahead)
-    drawn = _drawn(estimate, seed)
+    drawn = _drawn(estimate, seed, draws)
     free = []
     for ride in rides:
         progress(f"simulating {ride.course.name} freely")
@@ -237,97 +239,81 @@ def follow(
         drive,
         estimate.robot.position_units,
         Ahead.of(courses[0].dt, one, naive_one),
-        Ahead.of(HORIZON, far, naive_far),
+        Ahead.of(horizon, far, naive_far),
         tuple(free),
         plant.left_out,
     )
 
 
-class _Moving(NamedTuple):
-    """Simulated states, and where a servo drives them the integrals (W, n) of their positions."""
-
-    state: State
-    sum: Array | None
-
-
 @dataclass(frozen=True)
 class _Ride:
     """Plants along a measured course, and what drives them: the measured torque, a loop of the model's
-    own ``mass`` beside it, or a servo."""
+    own mass beside it, at w [rad/s], or a servo."""
 
     plant: Plant
     course: Course
-    mass: Plant | None
+    loop: tuple[Plant, float] | None
     servo: ServoLoop | None
 
     @property
     def substeps(self) -> int:
         """Steps within a sample, no longer than the simulation's."""
-        return int(np.ceil(self.course.dt / _STEP - 1e-9))
+        return int(np.ceil(self.course.dt / STEP - 1e-9))
 
-    def at(self, k: NDArray[np.intp]) -> _Moving:
-        """As measured at samples k (W,). Raises InputError where a servo has no command."""
-        path = self.course.sum
-        if self.servo is not None and path is None:
-            raise InputError("this run holds no commands", "log qcmd1..qcmdn", self.course.name)
-        return _Moving(self.course.states.rows(k), None if path is None else path[k])
-
-    def loop(
-        self, mass: Plant, state: State, k: NDArray[np.intp], share: float, h: float
-    ) -> tuple[Array, Array]:
-        """M(q) (w^2 e + 2 w de/dt), critically damped, w = 2 pi 5 Hz: (W, n) at the middle of a step of
-        h [s], between samples k and k + 1, and (W, n, n) its fall with the velocity there."""
-        w, seen = 2.0 * np.pi * _BANDWIDTH, self.course.states
+    def added(self, state: State, k: NDArray[np.intp], share: float, h: float) -> tuple[Array, Array]:
+        """M(q) (w^2 e + 2 w de/dt), critically damped: (W, n) at the middle of a step of h [s], between
+        samples k and k + 1, and (W, n, n) its fall with the velocity there."""
+        assert self.loop is not None
+        (mass, w), seen = self.loop, self.course.states
         q, dq = ((1.0 - share) * x[k] + share * x[k + 1] for x in (seen.q, seen.dq))
         half = 0.5 * h * state.dq + 0.125 * h * h * state.ddq
         pull = w * w * (q - state.q - half) + 2.0 * w * (dq - state.dq - 0.5 * h * state.ddq)
         M = mass.mass(seen.q[k])
         return np.einsum("kij,kj->ki", M, pull), (2.0 * w + 0.5 * h * w * w) * M
 
-    def step(self, moving: _Moving, k: NDArray[np.intp]) -> _Moving:
-        """From sample k (W,) of the course to the next."""
+    def step(self, state: State, k: NDArray[np.intp]) -> State:
+        """From sample k (W,) of the course to the next. InputError where a servo has no command."""
         course, h = self.course, self.course.dt / self.substeps
-        state, path = moving
         for m in range(self.substeps):
             if self.servo is not None:
-                assert course.command is not None
-                assert path is not None
-                state, path = self.servo.step(state, path, course.command, h)
+                if course.command is None:
+                    raise InputError("this run holds no commands", "log qcmd1..qcmdn", course.name)
+                state = self.servo.step(state, course.command, h)
                 continue
-            share = (m + 0.5) / self.substeps
+            share, damping = (m + 0.5) / self.substeps, None
             torque = (1.0 - share) * course.torque[k] + share * course.torque[k + 1]
-            more, damping = (
-                (0.0, None) if self.mass is None else self.loop(self.mass, state, k, share, h)
-            )
-            state = advance(self.plant, state, torque + more, h, damping)
-        return _Moving(state, path)
+            if self.loop is not None:
+                more, damping = self.added(state, k, share, h)
+                torque = torque + more
+            state = advance(self.plant, state, torque, h, damping)
+        return state
 
 
-def _windows(ride: _Ride) -> tuple[Array, Array, Array, Array]:
+def _windows(ride: _Ride, horizon: float) -> tuple[Array, Array, Array, Array]:
     """Errors (W, n) of windows all over the course: of velocity after one sample, of position at the
     horizon; and both at constant velocity."""
     course, seen, dt = ride.course, ride.course.states, ride.course.dt
-    steps = max(1, round(HORIZON / dt))
+    steps = max(1, round(horizon / dt))
     starts = np.flatnonzero(course.moving[: len(seen.t) - steps - 1])
     if not len(starts):
         starts = np.arange(len(seen.t) - steps - 1)
     at = starts[np.unique(np.linspace(0, len(starts) - 1, min(_WINDOWS, len(starts))).astype(int))]
-    moving, first = ride.at(at), np.zeros((len(at), seen.q.shape[1]))
+    state, first = seen.rows(at), np.zeros((len(at), seen.q.shape[1]))
     for k in range(steps):
-        moving = ride.step(moving, at + k)
+        state = ride.step(state, at + k)
         if k == 0:
-            first = moving.state.dq - seen.dq[at + 1]
+            first = state.dq - seen.dq[at + 1]
     straight = seen.q[at] + steps * dt * seen.dq[at]
     there = seen.q[at + steps]
-    return first, moving.state.q - there, seen.dq[at] - seen.dq[at + 1], straight - there
+    return first, state.q - there, seen.dq[at] - seen.dq[at + 1], straight - there
 
 
-def _drawn(estimate: Estimate, seed: int) -> Array:
+def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
     """(1 + draws, p) the parameters, and some drawn from what the data leave open of them."""
     factor = np.nan_to_num(estimate.uncertainty.factor)
     if not np.any(factor):
         return estimate.theta[None]
-    white = np.random.default_rng(seed).normal(size=(_DRAWS, factor.shape[1]))
+    white = np.random.default_rng(seed).normal(size=(draws, factor.shape[1]))
     drawn = [x for x in estimate.theta + white @ factor.T if Plant(estimate.model, x).can_move]
     return np.array([estimate.theta, *drawn])
 
@@ -338,16 +324,16 @@ def _free_run(estimate: Estimate, drawn: Array, measured: _Ride, most: int | Non
     units = estimate.robot.position_units
     limit = np.array([_LEFT[unit] for unit in units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
-    moving = ride.at(np.full(size, start))
-    q, added, left = [moving.state.q], [], False
+    state = seen.rows(np.full(size, start))
+    q, added, left = [state.q], [], False
     end = len(course.torque) - 1 if most is None else min(start + most, len(course.torque) - 1)
     for k in range(start, end):
         at = np.full(size, k)
-        if ride.mass is not None:
-            added.append(ride.loop(ride.mass, moving.state, at, 0.0, 0.0)[0][0])
-        moving = ride.step(moving, at)
-        q.append(moving.state.q)
-        if not np.all(np.abs(moving.state.q[0] - seen.q[k + 1]) <= limit):
+        if ride.loop is not None:
+            added.append(ride.added(state, at, 0.0, 0.0)[0][0])
+        state = ride.step(state, at)
+        q.append(state.q)
+        if not np.all(np.abs(state.q[0] - seen.q[k + 1]) <= limit):
             left = True
             break
     motion, until = np.array(q), start + len(q)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline, interp1d
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import save
@@ -42,8 +41,6 @@ _BLEND = 0.7
 PERIOD = 2.0 / 0.15  # s: 1.5 periods in a run
 #: Rate [Hz] at which effects are sized.
 _SIZING = 200.0
-#: Seconds in which the gears warm up.
-_WARM_UP = 120.0
 #: Whatever can be hidden, by the name of the library's effect.
 MAKERS: Mapping[str, Maker] = dict(sorted({**FRICTION, **MACHINE, **FROZEN, **NUISANCE}.items()))
 #: The files of a folder of simulated runs; the last run is meant as the test run.
@@ -52,13 +49,11 @@ RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
 @dataclass(frozen=True, repr=False)
 class HiddenRuns(formatting.Shown):
-    """runs : as logged; ideal : what perfect sensors and a perfect clock would have logged at the same
-    instants; truth : what is hidden, for a scorer; hidden : the effects, sized."""
+    """runs : as logged; truth : what is hidden, for a scorer; hidden : the effects, sized."""
 
     problem: Problem
     world: World
     runs: tuple[Measurements, ...]
-    ideal: tuple[Measurements, ...]
     hidden: tuple[Hidden, ...]
     truth: dict[str, Any]
 
@@ -142,9 +137,7 @@ def true_world(problem: Problem, setup: Experiment, seed: int, without: Sequence
     noise, last, ends = setup.sensor.torque_std, robot.link_joints[-1] + 1, joint_limits(robot)
     arm = Arm(problem.name, None, model, *ends, size, size, rotary, noise, last, *follows)
     dry = DryFriction("tanh", np.full(robot.n, min(problem.model().sign_width)))
-    return World(
-        Conditions(problem.name), arm, model, dry, coulomb, viscous, offset, none, none, none, _WARM_UP
-    )
+    return World(Conditions(problem.name), arm, model, dry, coulomb, viscous, offset, none, none, none)
 
 
 def hidden_runs(
@@ -192,8 +185,7 @@ def hidden_runs(
                 where = f"on joint {joint + 1}" if one.joints else "on this robot"
                 raise InputError(f"{name} makes no torque {where}", "hide it elsewhere, or hide another")
     hidden += [one.sized(world, coarse, factor) for one in made]
-    measured = [_measure(x, world, hidden, setup, seed, k) for k, x in enumerate(trajectories)]
-    logged, ideal = zip(*measured, strict=True)
+    runs = tuple(_measure(x, world, hidden, setup, seed, k) for k, x in enumerate(trajectories))
     truth = {
         "problem": problem.name,
         "seed": seed,
@@ -201,7 +193,7 @@ def hidden_runs(
         "effects": [{**h.to_dict(), "size": (h.number or 1.0) * h.size} for h in hidden],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
     }
-    return HiddenRuns(problem, world, logged, ideal, tuple(hidden), truth)
+    return HiddenRuns(problem, world, runs, tuple(hidden), truth)
 
 
 def _motion(trajectory: FourierTrajectory, local: Array, k: int) -> TrueMotion:
@@ -217,11 +209,8 @@ def _measure(
     setup: Experiment,
     seed: int,
     k: int,
-) -> tuple[Measurements, Measurements]:
-    """One run as the sensor logs it, and as a perfect one would.
-
-    The controller renews its values at its own rate; the log's clock reads whatever was last.
-    """
+) -> Measurements:
+    """One run as the sensor logs it: the log's clock reads what the controller renewed last."""
     rng = np.random.default_rng([seed, 3, k])
     local = setup.sensor.instants(trajectory.duration)
     motion = _motion(trajectory, local, k)
@@ -230,8 +219,6 @@ def _measure(
     inside = (log >= _BLEND) & (log < _BLEND + DURATION)
     clock = motion.t[0] + log[inside]
     q, tau = (x[inside] for x in shown)
-    true = CubicSpline(local, motion.q)(log[inside]), interp1d(local, torque, axis=0)(log[inside])
     warm = any(h.effect == "warming_friction" for h in hidden)
-    same: dict[str, Any] = {"names": (f"run{k + 1}",)}
-    same["temperature"] = world.temperature(clock) if warm else None
-    return Measurements(clock, q, tau, **same), Measurements(clock, *true, **same)
+    temperature = world.temperature(clock) if warm else None
+    return Measurements(clock, q, tau, names=(f"run{k + 1}",), temperature=temperature)

@@ -6,7 +6,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +45,12 @@ def model(runs: list[Path]) -> Path:
     return path
 
 
+def refused(run: Run, arguments: Sequence[object], *words: str) -> None:
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert_one_sentence(err, *words)
+
+
 def assert_one_sentence(err: str, *words: str) -> None:
     """One line, ending like a sentence, without a traceback, with the words in it."""
     assert err.startswith("sdp-vs-penalty: ")
@@ -76,9 +82,7 @@ def test_simulate_never_overwrites_runs_of_the_users_own(run, tmp_path):
     own.mkdir()
     (own / "run2.csv").write_text("mine")
     hide = ("simulate", "two_link", "--hide", "joint_spring:1", "--out")
-    code, _, err = run(*hide, own)
-    assert code == 2
-    assert_one_sentence(err, "run2.csv exists already", "another folder")
+    refused(run, (*hide, own), "run2.csv exists already", "another folder")
     assert [path.name for path in own.iterdir()] == ["run2.csv"]
     assert (own / "run2.csv").read_text() == "mine"
     for _ in range(2):
@@ -207,9 +211,7 @@ def test_compare_writes_the_stated_json(run, runs, model, tmp_path):
 def test_identify_refuses_in_one_sentence(run, runs, tmp_path, arguments, words):
     kept = tmp_path / "model.json"
     kept.write_text("old")
-    code, _, err = run(*arguments, "--data", runs[0], "--out", kept)
-    assert code == 2
-    assert_one_sentence(err, *words)
+    refused(run, (*arguments, "--data", runs[0], "--out", kept), *words)
     assert kept.read_text() == "old"
     assert list(tmp_path.iterdir()) == [kept]
 
@@ -227,9 +229,7 @@ def test_identify_refuses_in_one_sentence(run, runs, tmp_path, arguments, words)
     ],
 )
 def test_usage_errors_are_one_sentence(run, arguments, words):
-    code, _, err = run(*arguments)
-    assert code == 2
-    assert_one_sentence(err, *words)
+    refused(run, arguments, *words)
 
 
 def test_what_does_not_belong_to_the_model_is_refused_and_nothing_written(
@@ -259,9 +259,7 @@ def test_what_does_not_belong_to_the_model_is_refused_and_nothing_written(
         ),
         ((*report, tmp_path / "report.pdf"), ["report.pdf", ".html"]),
     ):
-        code, _, err = run(*arguments)
-        assert code == 2
-        assert_one_sentence(err, *words)
+        refused(run, arguments, *words)
         assert set(tmp_path.iterdir()) == kept
 
 
@@ -349,21 +347,20 @@ def test_another_pinocchio_is_told_from_ours(content, words, tmp_path):
 
 def test_an_input_is_never_overwritten(run, runs, model):
     before = runs[0].read_bytes()
-    code, _, err = run("identify", "two_link", "--data", runs[0], "--out", runs[0])
-    assert code == 2
-    assert_one_sentence(err, runs[0].name, "input")
+    refused(run, ("identify", "two_link", "--data", runs[0], "--out", runs[0]), runs[0].name, "input")
     assert runs[0].read_bytes() == before
-    code, _, err = run("compare", model, "--data", runs[0], "--json", model)
-    assert code == 2
-    assert_one_sentence(err, model.name, "input")
+    refused(run, ("compare", model, "--data", runs[0], "--json", model), model.name, "input")
     assert load_estimate(model).method == "lmi-sdp"
 
 
 def test_the_same_run_twice_is_refused(run, runs, tmp_path):
     out = tmp_path / "m.json"
-    code, _, err = run("identify", "two_link", "--data", runs[0], runs[1], runs[0], "--out", out)
-    assert code == 2
-    assert_one_sentence(err, runs[0].name, "same samples")
+    refused(
+        run,
+        ("identify", "two_link", "--data", runs[0], runs[1], runs[0], "--out", out),
+        runs[0].name,
+        "same samples",
+    )
     assert not out.exists()
 
 
@@ -374,6 +371,4 @@ def test_torques_of_zero(run, runs, tmp_path):
     file.write_text("\n".join(dead) + "\n")
     for verb in (["identify", "two_link", "--data", file, "--out", tmp_path / "m.json"],
                  ["check", file, "--problem", "two_link"]):  # fmt: skip
-        code, _, err = run(*verb)
-        assert code == 2
-        assert_one_sentence(err, "zero")
+        refused(run, verb, "zero")

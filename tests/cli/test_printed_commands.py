@@ -130,19 +130,6 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
     assert ConstraintSet(bounds.convex).margin(text.theta) >= 0.0
 
 
-@pytest.mark.slow
-@pytest.mark.real_data
-def test_on_the_real_panda(run, data_folder):
-    data = f"--data {shlex.quote(str(data_folder / 'panda'))} --window 0:10"
-    effects = "rigid_body,viscous_friction,torque_offset"
-    run(f"{PROGRAM} identify panda {data} --effects {effects} --out m.json")
-    run(f"{PROGRAM} compare m.json {data}")
-    run(f"{PROGRAM} check {shlex.quote(str(data_folder / 'panda'))} --problem panda")
-    out = run(f"{PROGRAM} diagnose m.json {data} --json found.json")
-    assert len([command for command in printed(out) if " add " in command]) == 1
-    assert load_estimate(Path("m2.json")).certificate.gap is not None
-
-
 @pytest.mark.parametrize("kind", ["two_link", pytest.param("folder", marks=pytest.mark.slow)])
 def test_the_check_repairs_what_it_says(kind, run, tmp_path):
     """One run, and two, with a torque's sign flipped: the copies that it offers to write are clean."""

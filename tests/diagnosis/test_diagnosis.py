@@ -14,7 +14,6 @@ from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
-from sdp_vs_penalty.simulation.worlds.hidden import at_joint
 
 
 def identified(made: HiddenRuns, data: Measurements) -> Estimate:
@@ -108,14 +107,6 @@ def test_clean_measurements_stay_clean(panda, two_link):
         assert result.verdict == "nothing_missing", problem.name
         assert result.effects == ()
         assert result.events == ()
-
-
-@pytest.mark.slow
-def test_an_unknown_function_of_the_state_is_not_named(panda):
-    odd = at_joint("unknown", 3, lambda w, m: m.q[:, 3] * m.dq[:, 3])
-    result = diagnosed(hidden_runs(panda, [], "strong", seed=15, made=[odd]))
-    assert result.verdict != "nothing_missing"
-    assert not [f for f in result.effects if f.confidence == "confident"]
 
 
 @pytest.mark.slow

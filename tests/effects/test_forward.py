@@ -30,7 +30,7 @@ def plant(name: str, effects: str, **sizes: float) -> Plant:
 def at_rest(p: Plant, q: float = 0.3) -> State:
     n = p.robot.n
     zero = np.zeros((1, n))
-    return State(np.zeros(1), np.full((1, n), q), zero, zero, np.zeros((1, p.states)), zero)
+    return State(np.zeros(1), np.full((1, n), q), zero, zero, np.zeros((1, p.states)), zero, zero)
 
 
 def run(p: Plant, state: State, torque: Array, h: float) -> State:

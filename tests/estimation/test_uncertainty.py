@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from sdp_vs_penalty import Measurements, Problem, load_problem
 from sdp_vs_penalty.effects import Model, Motion
@@ -115,17 +114,3 @@ def test_the_band_holds_torques_of_another_motion(two_link):
     np.testing.assert_allclose(centre, model.torque(value, motion))
     noisy = true + np.random.default_rng(0).normal(size=true.shape) * known.noise
     assert np.mean(np.abs(noisy - centre) <= NORMAL_95 * np.hypot(std, known.noise)) > 0.8
-
-
-@pytest.mark.real_data
-def test_the_real_panda(panda, panda_run):
-    """What carries weight is identifiable, and nothing of the 43 + 21 stays in the dark."""
-    model = panda.model()
-    known = of_regression(panda, model, compress(panda_run, model, panda.preprocessing))
-    found = counts(known.base)
-    assert len(known.base) == 43 + 21
-    assert found[NOT_SEEN] == 0
-    assert found[IDENTIFIABLE] > found[WEAKLY] // 2
-    verdicts = {i.name.split(" ")[0]: i for i in known.base}
-    for name in ("my2", "mx4", "my4", "f_c7"):
-        assert verdicts[name].verdict == IDENTIFIABLE

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.estimation import Certificate
-from sdp_vs_penalty.estimation.verdict import GRADES, MISSING, Errors, Verdict, changes, judge
+from sdp_vs_penalty.estimation.verdict import GRADES, MISSING, Errors, Verdict, judge
 
 RMSE, R2 = np.array([0.1, 0.2]), np.array([0.99, 0.98])
 MASSES = np.array([3.0, 1.0])
@@ -75,12 +75,3 @@ def test_it_survives_json():
     assert Verdict.from_dict(found.to_dict()) == found
     with pytest.raises(ValueError, match="none of good"):
         Verdict.from_dict({**found.to_dict(), "lines": [{"about": "fit", "grade": "fine", "text": ""}]})
-
-
-def test_every_joint_that_fell_or_rose_is_said():
-    before, after = np.array([0.8, 0.78, 1.25]), np.array([0.81, 0.85, 0.46])
-    floor = np.array([0.1, 0.1, 0.1])
-    said = changes(before, after, floor)
-    assert said == "joint 3: 12.5 -> 4.6 (-63 %); joint 2 worse: 7.8 -> 8.5 (+9 %) times the noise."
-    assert changes(before, before, None) == ""
-    assert changes(before, after, None).endswith("N m or N.")

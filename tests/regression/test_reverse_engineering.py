@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from sdp_vs_penalty import InputError, Problem, identify, load_estimate, load_problem
 from sdp_vs_penalty.regression import BlackBox, load_answers
 from sdp_vs_penalty.regression.base_parameters import base_parameters
-from sdp_vs_penalty.regression.black_box import compress_black_box, load_configurations
+from sdp_vs_penalty.regression.black_box import compress_black_box
 from sdp_vs_penalty.simulation import experiment
 
 
@@ -104,15 +104,6 @@ def test_another_robots_file_and_several_files_are_refused(panda, tmp_path):
     assert load_answers([tmp_path / "run.csv"]) is None
     (tmp_path / "torn.npz").write_bytes(file.read_bytes()[:100])
     assert load_answers(tmp_path / "torn.npz") is None
-
-
-@pytest.mark.real_data
-def test_the_papers_condition_number(panda, data_folder):
-    q = load_configurations(data_folder / "panda" / "good_configurations_1010.txt", 7)
-    assert len(q) == 1010
-    box = BlackBox.of_links(panda.robot, experiment(panda).links, q)
-    estimate = identify(panda, box, "reverse-engineering")
-    assert f"{estimate.details['condition_number']:.1f}" == "48.9"
 
 
 def test_the_command_line_takes_a_black_box(panda, tmp_path, capsys):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from periodic_runs import periodic
 from scipy import signal
 
 from sdp_vs_penalty import Measurements
@@ -20,20 +21,12 @@ DT, CUTOFF, JOINTS = 4e-3, 8.0, 6
 SETTINGS = Preprocessing(5.0, CUTOFF)
 
 
-def motion_of(t: Array, period: float) -> Array:
-    """Five harmonics a joint (N, JOINTS), the same at every call."""
-    rng = np.random.default_rng(7)
-    w = 2.0 * np.pi / period * np.arange(1, 6)
-    a, b = rng.normal(size=(2, JOINTS, 5)) / np.arange(1, 6)
-    return np.asarray(np.sin(np.outer(t, w)) @ a.T + np.cos(np.outer(t, w)) @ b.T)
-
-
 def run_of(
     seed: int, period: float, seconds: float, ar: float = 0.0, first: float = 0.0
 ) -> Measurements:
     """A motion from its instant ``first`` on: its torque is error of the model, and AR(1) noise."""
     t = np.arange(0.0, seconds, DT)
-    q = motion_of(t + first, period)
+    q = periodic(np.random.default_rng(7), t + first, period, JOINTS)
     white = np.random.default_rng(seed).normal(size=(len(t) + 4000, JOINTS))
     noise = signal.lfilter([1.0], [1.0, -ar], white, axis=0)[4000:]
     return Measurements(t + 100.0 * seed, q, 20.0 * np.tanh(q) + noise, names=(f"run {seed}",))

@@ -47,6 +47,7 @@ def test_an_ideal_sensor_shows_the_truth(panda):
     m = simulate(x.trajectory, [lambda motion: model.torque(x.links.ravel(), motion)], Sensor.ideal(7))
     q, dq, ddq = x.trajectory.states(m.t)
     np.testing.assert_array_equal(m.q, q)
+    assert np.ptp(np.diff(m.t)) < 1e-12
     # The regressor's torque against Newton-Euler's: two routes to the same number.
     expected = panda.robot.inverse_dynamics(x.links, q, dq, ddq)
     np.testing.assert_allclose(m.tau, expected, atol=1e-10)

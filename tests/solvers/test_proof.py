@@ -60,11 +60,48 @@ def proofs() -> dict[str, Proof]:
     return made
 
 
+def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Where every single text or number of a proof is."""
+    if isinstance(value, dict):
+        return [p for k, v in value.items() for p in places(v, (*path, k))]
+    if isinstance(value, list):
+        return [p for k, v in enumerate(value) for p in places(v, (*path, k))]
+    return [path]
+
+
+def changed(proof: Proof, rng: random.Random) -> Proof:
+    """The proof with one entry replaced by another one, big or small changes alike."""
+    out = copy.deepcopy(proof)
+    *way, last = rng.choice(places({k: v for k, v in out.items() if k != "sha256"}))
+    parent = out
+    for step in way:
+        parent = parent[step]
+    old = parent[last]
+    try:
+        number = Fraction(old)
+    except (ValueError, TypeError):
+        parent[last] = f"{old}x"
+        return out
+    step = rng.choice([Fraction(1, 10**9), Fraction(1, 100), Fraction(-1), Fraction(7)])
+    new = number + step * max(abs(number), 1)
+    parent[last] = int(new) if isinstance(old, int) and int(new) != old else str(new)
+    return out
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_a_true_proof_holds_and_its_interval_is_tight(proofs, method):
     lower, upper = verify_proof.check(proofs[method])
     assert 0 < lower <= upper
     assert float((upper - lower) / upper) < 1e-6
+
+
+@pytest.mark.long
+def test_no_change_goes_unnoticed(proofs):
+    rng = random.Random(0)
+    for k in range(1000):
+        mutant = changed(proofs[METHODS[k % len(METHODS)]], rng)
+        with pytest.raises(ValueError, match=r"."):
+            verify_proof.check(mutant)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -18,18 +18,25 @@ from sdp_vs_penalty.simulation.worlds.arm import Array, inverse_dynamics
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
-#: A good industrial controller: bandwidth of its position loop [Hz], or by how much it yields to dry
-#: friction at most [rad]; the share of friction that its feed-forward knows, and over which speed that
-#: turns [rad/s].
-BANDWIDTH, YIELDS, KNOWN, TURNS = 4.0, 0.01, 0.7, 0.05
 #: Travel of a friction that has none [rad or m].
 NONE = 1e-7
 #: Velocity to which a step is solved [rad/s or m/s], and in how many rounds at most.
 TOLERANCE, ROUNDS = 1e-8, 30
 
 
-def driven(world: World, plan: TrueMotion) -> TrueMotion:
+def driven(
+    world: World,
+    plan: TrueMotion,
+    bandwidth: float = 4.0,
+    yields: float = 0.01,
+    known: float = 0.7,
+    turns: float = 0.05,
+) -> TrueMotion:
     """What the arm does under PID control with feed-forward, at the rate of the plan (1 kHz), from rest.
+
+    A good industrial controller: bandwidth of its position loop [Hz], or by how much it yields to dry
+    friction at most [rad]; known : the share of friction that its feed-forward knows, which turns
+    round over ``turns`` [rad/s].
 
     Solves M (v' - v) / h + b(q, v) + f (v + v') / 2 + F(v') = tau for the next velocity v', F dry
     friction. Each row is of the middle of a step, which (v + v') / 2 goes through: with v' alone all
@@ -40,12 +47,12 @@ def driven(world: World, plan: TrueMotion) -> TrueMotion:
     coulomb = np.where(world.coulomb > 0.0, world.coulomb, arm.coulomb)
     forward = inverse_dynamics(arm.model, plan.q, plan.dq, plan.ddq) + world.viscous * plan.dq
     forward += world.rotor * plan.ddq + world.offset
-    forward += KNOWN * coulomb * np.tanh(plan.dq / (TURNS * arm.unit_speed))
+    forward += known * coulomb * np.tanh(plan.dq / (turns * arm.unit_speed))
     data = world.built.createData()
     q, v, z, wound = plan.q[0].copy(), np.zeros(n), np.zeros(n), np.zeros(n)
     alone = _mass_matrix(arm.model, arm.model.createData(), q) + np.diag(world.rotor)
     inertia = 1.0 / np.diag(np.linalg.inv(alone))  # of a joint whose neighbours are free
-    gain = np.maximum((2.0 * np.pi * BANDWIDTH) ** 2 * inertia, coulomb / (YIELDS * arm.unit_speed))
+    gain = np.maximum((2.0 * np.pi * bandwidth) ** 2 * inertia, coulomb / (yields * arm.unit_speed))
     damp, wind = 2.0 * np.sqrt(gain * inertia), 2.0 * gain
     rows = []
     for k in range(len(plan.t)):

@@ -88,7 +88,7 @@ def bristles(
 class World:
     """arm : as the URDF says; built : Pinocchio's model as it is; coulomb, viscous, offset, lopsided,
     lopsided_viscous (n,) : friction and its part that has the same sign in both directions; rotor (n,) :
-    inertia [kg m^2 or kg] that a motor turns besides its link."""
+    inertia [kg m^2 or kg] that a motor turns besides its link; warm_up : of the gears [s]."""
 
     conditions: Conditions
     arm: Arm
@@ -100,7 +100,7 @@ class World:
     lopsided: Array
     lopsided_viscous: Array
     rotor: Array
-    warm_up: float
+    warm_up: float = 120.0
 
     def torque(self, m: TrueMotion) -> Array:
         """(N, n) of the motors, or of sensors that friction also loads."""
