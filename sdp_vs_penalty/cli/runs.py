@@ -69,20 +69,20 @@ def runs_for(
     from sdp_vs_penalty.data.plausibility import check_plausible
 
     robot = estimate.robot
-    names = robot.joint_names
     train, judge = time_windows(window), time_windows(test_window, "--test-window")
     if test is None and test_window is not None:
-        raise InputError(
-            f"--test-window {test_window!r}", "name the run that it is a part of with --test"
-        )
-    measured = load_measurements(*data, names=names)
-    tested = None if test is None else load_measurements(test, names=names)
-    for given in (measured, tested):
-        if given is not None and given.n != robot.n:
+        remedy = "name the run that it is a part of with --test"
+        raise InputError(f"--test-window {test_window!r}", remedy)
+
+    def loaded(*paths: Path) -> Measurements:
+        given = load_measurements(*paths, names=robot.joint_names)
+        if given.n != robot.n:
             raise other_robot(given.n, robot.n, given.names[0], "model")
-        if given is not None:
-            check_plausible(robot, given)
-    whole = measured
+        check_plausible(robot, given)
+        return given
+
+    whole = measured = loaded(*data)
+    tested = None if test is None else loaded(test)
     if tested is not None and tested.data_hash not in {run.data_hash for run in measured.runs()}:
         whole = concatenate([measured, tested])
     held_out = None if tested is None else windowed(tested, judge)

@@ -1,7 +1,5 @@
 """The library of effects: one file each; :func:`effect_types` finds them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any, cast

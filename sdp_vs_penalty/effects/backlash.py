@@ -1,7 +1,5 @@
 """Play in the gear."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Motion

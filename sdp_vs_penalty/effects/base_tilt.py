@@ -1,7 +1,5 @@
 """A base that is not level."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

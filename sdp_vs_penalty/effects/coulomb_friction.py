@@ -1,7 +1,5 @@
 """Dry friction."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import VELOCITY, Shape
 

@@ -1,7 +1,5 @@
 """Friction that changes as the robot warms up."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from sdp_vs_penalty.effects.drift import Drift

@@ -1,7 +1,5 @@
 """A zero that moves with time."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.effects.drift import Drift
 from sdp_vs_penalty.effects.effect import Array, Motion
 

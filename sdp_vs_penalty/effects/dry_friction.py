@@ -7,8 +7,6 @@ what velocity changes within the step: w -> 0 is Coulomb's law with sticking (Mo
 Trinkle 1996).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

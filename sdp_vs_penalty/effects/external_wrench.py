@@ -1,7 +1,5 @@
 """Something pulls at the last link."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from sdp_vs_penalty.effects.effect import Array, Effect, Motion

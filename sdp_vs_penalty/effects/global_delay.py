@@ -1,7 +1,5 @@
 """Torque logged late on all joints alike."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A torque that another joint's motion makes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

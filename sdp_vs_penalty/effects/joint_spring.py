@@ -1,7 +1,5 @@
 """A spring across the joint."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 
 

@@ -1,7 +1,5 @@
 """An encoder whose zero is off."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.effects.effect import Array, Motion
 from sdp_vs_penalty.effects.link_deviation import LinkDeviation
 

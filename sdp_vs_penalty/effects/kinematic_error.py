@@ -1,7 +1,5 @@
 """Joints that stand beside where the kinematics put them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Base of the effects that put a link elsewhere than the encoder says."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 
 import numpy as np

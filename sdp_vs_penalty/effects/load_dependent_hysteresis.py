@@ -1,7 +1,5 @@
 """Friction with memory that grows with the load."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Motion

@@ -1,7 +1,5 @@
 """Friction of many asperities that give way one after the other."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

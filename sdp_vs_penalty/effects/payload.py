@@ -1,7 +1,5 @@
 """A load on the last link."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

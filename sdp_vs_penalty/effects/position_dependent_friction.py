@@ -1,7 +1,5 @@
 """Dry friction that differs from place to place."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

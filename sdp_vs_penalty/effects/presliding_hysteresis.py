@@ -1,7 +1,5 @@
 """Coulomb friction with memory: at a reversal it turns round over a distance."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 import numpy as np

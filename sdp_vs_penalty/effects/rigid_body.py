@@ -1,7 +1,5 @@
 """The links' inertia and weight."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The motor's rotor, seen through the gear."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 
 

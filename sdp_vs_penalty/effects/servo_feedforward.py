@@ -1,7 +1,5 @@
 """The velocity feed-forward of a servo's law."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.effects.effect import Block, Motion
 from sdp_vs_penalty.effects.servo import ServoGain
 

@@ -1,7 +1,5 @@
 """The drives' part of a model, run forward: from the command and a simulated state to joint torques."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A position loop with damping: proportional and derivative gain."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The integral of a velocity loop, inside of a position loop."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.effects.effect import Array, Motion
 from sdp_vs_penalty.effects.servo import ServoGain
 

@@ -1,7 +1,5 @@
 """Coulomb friction that holds a joint at rest."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 

@@ -1,7 +1,5 @@
 """Torque channels that pass a low-pass filter, or were smoothed afterwards."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

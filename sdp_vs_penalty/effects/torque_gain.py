@@ -1,7 +1,5 @@
 """A wrong scale of the torque channel."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, Seen
 
 #: Drives state their gains to some per cent; beyond this, something else is wrong.

@@ -1,7 +1,5 @@
 """A constant torque."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion

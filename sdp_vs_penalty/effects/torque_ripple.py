@@ -1,7 +1,5 @@
 """Torque that repeats every part of a turn."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Friction and inertia on an axis that turns with several joints."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Friction proportional to velocity."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 
 

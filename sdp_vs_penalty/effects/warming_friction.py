@@ -1,7 +1,5 @@
 """Friction that falls as grease warms up, by its temperature or by the clock."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

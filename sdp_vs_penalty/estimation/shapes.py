@@ -13,8 +13,7 @@ With r what the former leaves of the torque and d the difference of the two pred
 exceeds Student's 95 % quantile times its own deviation: the larger of sqrt(sum_k (2 r_k'd_k)^2), which
 holds for noise of any colour, and what white noise would make of it. Else the model's own value stays:
 the simpler model unless another is significantly better (Breiman et al., Classification and Regression
-Trees,
-1984, sec. 3.4.3).
+Trees, 1984, sec. 3.4.3).
 """
 
 from __future__ import annotations

@@ -18,10 +18,9 @@ from sdp_vs_penalty.page.view import View
 #: The colour is full where the error is so many times its noise floor, or where that is not known its
 #: own root mean square.
 _FULL = 4.0
-#: The camera's direction, its angle of view [deg], the share of the picture that the arm fills, and the
-#: poses to either side that it follows.
+#: The camera's direction, its angle of view [deg], and the poses to either side that it follows.
 _TOWARDS = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
-_ANGLE, _FILLED, _SLOW = 14.0, 0.97, 3
+_ANGLE, _SLOW = 14.0, 3
 #: Half axes beyond this [m] belong to links that the data hardly determine: they may leave the picture.
 _LONGEST = 0.5
 #: Colours of the measured arm (where no error colours it) and of the simulated one, and how solid.
@@ -144,7 +143,7 @@ def _camera(poses: Any, bodies: list[dict[str, Any]]) -> Any:
     low, high = minimum_filter(x.min(axis=1), size), maximum_filter(x.max(axis=1), size)
     low, high = uniform_filter(low, size), uniform_filter(high, size)
     middle = 0.5 * (low + high)
-    across = np.maximum(*(high - low)[:, :2].T) / (2.0 * _FILLED * np.tan(0.5 * np.deg2rad(_ANGLE)))
+    across = np.maximum(*(high - low)[:, :2].T) / (2.0 * np.tan(0.5 * np.deg2rad(_ANGLE)))
     away = (high - middle)[:, 2] + np.maximum(across, 0.05)
     centre = middle @ axes
     return np.concatenate([centre + away[:, None] * _TOWARDS, centre], axis=1)

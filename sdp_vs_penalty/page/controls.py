@@ -16,6 +16,8 @@ from typing import Any, get_args
 from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
+from sdp_vs_penalty.page.uploads import SUFFIXES
+
 Handler = Callable[..., Any]
 
 
@@ -149,8 +151,12 @@ def draw_form(fields: Sequence[FormField], values: dict[str, str]) -> None:
             text_field(f.help, now, partial(put, f.name), key, f.example)
 
 
-def drop(text: str, hint: str, kind: str, accept: Sequence[str], several: bool) -> None:
-    """A zone to drop files on, which is also a file chooser; workbench.js sends them."""
+def drop(text: str, kind: str) -> None:
+    """A zone to drop files of a kind of SUFFIXES on, which is also a file chooser; workbench.js sends
+    them. Several runs at once, else one file."""
+    accept, several = SUFFIXES[kind], kind == "runs"
+    files = f"choose files: {', '.join(sorted(accept))}"
+    hint = f"or {files}" if several else "drop a file here, or choose one"
     with tag("label", style="drop", data_drop=kind):
         extra: dict[str, Any] = {"multiple": True} if several else {}
         extra |= {"type": "file", "accept": ",".join(accept), "data_send": kind}

@@ -142,9 +142,6 @@ class Stage:
     parts: tuple[Part, ...]
     verdict: Callable[[Session], Verdict | None] = _nothing
 
-    def ready(self, session: Session) -> bool:
-        return any(part.ready(session) for part in self.parts)
-
 
 def after_model(
     anchor: str, title: str, also: Callable[[Session], Any] = _nothing

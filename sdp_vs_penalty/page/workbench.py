@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import time
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -13,7 +14,7 @@ from sdp_vs_penalty.page.controls import button, note, tag
 from sdp_vs_penalty.page.stages import STAGES, WORK
 from sdp_vs_penalty.page.view import Part, Stage, View
 
-_COLOURS = frozenset({"good", "usable", "bad"})
+_LEVELS = frozenset({"good", "usable", "bad"})
 _THEMES = {None: "Colours: auto", False: "Colours: light", True: "Colours: dark"}
 _NEXT = dict(itertools.pairwise(WORK))
 
@@ -28,7 +29,7 @@ class Workbench:
         self._at: dict[str, Any] = {}
         self._seen = self._marks()
         self._met = False
-        view.client.on_connect(self._meet)
+        view.client.on_connect(partial(setattr, self, "_met", True))
 
     def build(self) -> None:
         """Everything once; afterwards :meth:`redraw` keeps it up to date."""
@@ -52,9 +53,6 @@ class Workbench:
     def present(self) -> bool:
         """Loading, or connected; a tab that was just closed is neither."""
         return not self.client.is_deleted and (not self._met or self.client.has_socket_connection)
-
-    def _meet(self) -> None:
-        self._met = True
 
     def close(self) -> None:
         """The tab is gone."""
@@ -158,14 +156,14 @@ class Workbench:
         session, following = self.session, _NEXT.get(stage)
         ready = any(map(self._ready, stage.parts))
         verdict = stage.verdict(session) if ready else None
-        on = ready and following is not None and following.ready(session)
+        on = ready and following is not None and any(map(self._ready, following.parts))
         said = None if verdict is None else (verdict.level, verdict.word, verdict.text)
         if not self._changed(f"stage-{stage.anchor}", [ready, said, on]):
             return
         level = "" if verdict is None else verdict.level
         for place in (self._at[f"link-{stage.anchor}"], self._at[stage.anchor]):
             place.classes(add="" if ready else "later", remove="later" if ready else "")
-        self._at[f"link-{stage.anchor}"].classes(add=level, remove=" ".join(_COLOURS - {level}))
+        self._at[f"link-{stage.anchor}"].classes(add=level, remove=" ".join(_LEVELS - {level}))
         self._at[f"level-{stage.anchor}"].text = "" if verdict is None else verdict.word
         above, end = self._at[f"said-{stage.anchor}"], self._at[f"end-{stage.anchor}"]
         above.clear()

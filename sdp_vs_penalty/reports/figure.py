@@ -1,7 +1,7 @@
 """A figure as plain data for plotly's script, by the names that plotly.py has for its parts.
 
 plotly.py checks every property against the whole of its schema: a tenth of a second a figure.
-``title`` may be a text; ``a_b=x`` means a={"b": x}.
+``title`` may be a text.
 """
 
 from __future__ import annotations
@@ -30,21 +30,19 @@ class Figure:
         rows: int = 1,
         gap: float = 0.08,
     ) -> None:
-        self.data, self.layout = list(data), dict[str, Any]()
+        self.data, self.layout = list(data), dict[str, Any]({"xaxis": {}, "yaxis": {}})
         self._several = rows * len(columns) > 1
-        left, room = 0.0, 1.0 - gap * (len(columns) - 1)
-        high = (1.0 - gap * (rows - 1)) / rows
-        for k in range(max(rows, len(columns))):
-            x, y, n = f"x{_number(k)}", f"y{_number(k)}", _number(k)
-            wide = room * columns[k] / sum(columns) if rows == 1 else 1.0
-            top = 1.0 - k * (high + gap) if rows > 1 else 1.0
-            self.layout[f"xaxis{n}"], self.layout[f"yaxis{n}"] = {}, {}
-            if self._several:
-                self.layout[f"xaxis{n}"] = {"anchor": y, "domain": [left, left + wide]}
-                self.layout[f"yaxis{n}"] = {"anchor": x, "domain": [max(top - high, 0.0), top]}
+        shares = [1.0 / rows] * rows if rows > 1 else [c / sum(columns) for c in columns]
+        begin, room = 0.0, 1.0 - gap * (len(shares) - 1)
+        for k, share in enumerate(shares if self._several else ()):
+            end, n = min(begin + room * share, 1.0), _number(k)
+            along = [begin, end] if rows == 1 else [0.0, 1.0]
+            up = [0.0, 1.0] if rows == 1 else [1.0 - end, 1.0 - begin]
+            self.layout[f"xaxis{n}"] = {"anchor": f"y{n}", "domain": along}
+            self.layout[f"yaxis{n}"] = {"anchor": f"x{n}", "domain": up}
             if k < rows - 1:
                 self.layout[f"xaxis{n}"] |= {"matches": f"x{_number(rows - 1)}", "showticklabels": False}
-            left += wide + gap if rows == 1 else 0.0
+            begin = end + gap
 
     def add(self, made: dict[str, Any], panel: int = 0) -> Figure:
         """Another trace, in a panel (from 0)."""
@@ -78,14 +76,10 @@ def _number(panel: int) -> str:
 def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
     out = dict(old)
     for name, value in new.items():
-        if not name.endswith("_bgcolor"):
-            name, _, inner = name.partition("_")
-            value = {inner: value} if inner else value
         if name == "title" and isinstance(value, str):
             value = {"text": value}
         if isinstance(value, Mapping):
-            before = out.get(name)
-            value = _merged(before if isinstance(before, Mapping) else {}, value)
+            value = _merged(out.get(name) or {}, value)
         out[name] = value
     return out
 

@@ -24,8 +24,6 @@ SHADES = dict(
         strict=True,
     )
 )  # fmt: skip
-#: Shares below this are not shown: one in a hundred of the error.
-_SEEN = 0.01
 
 
 def bars(
@@ -103,7 +101,13 @@ def heat_rows(
     every = [(name, list(shares)) for name, shares in found.items()]
     names = failures[0]["held_out_shares"] if failures else {}
     every += [(name, [f["held_out_shares"][name] for f in failures]) for name in names]
-    return [(name, shares) for name, shares in every if max(shares) >= _SEEN]
+    return [(name, shares) for name, shares in every if _per_cent(max(shares))]
+
+
+def _per_cent(share: float) -> str:
+    """Nothing for what rounds to zero."""
+    whole = round(100.0 * share)
+    return str(whole) if whole > 0 else ""
 
 
 def heat_map(
@@ -117,7 +121,7 @@ def heat_map(
     shown_by : the signal that shows a cause: cells are buttons then (data-joint, data-signal)."""
 
     def cell(name: str, j: int, share: float) -> str:
-        said = f"{100.0 * share:.0f}" if share >= _SEEN else ""
+        said = _per_cent(share)
         if shown_by is None:
             return said
         told = f"joint {j}, {escape(name)}: {100.0 * share:.0f} %"

@@ -152,7 +152,8 @@ def missing_figure(curve: Curve, units: Sequence[str], along: Sequence[Array] = 
         for x in rows:
             plot.add(trace("histogram", x=x, yaxis="y2", name="rows", **shade))
         plot.update_layout(yaxis2={"overlaying": "y", "side": "right", "title": "rows"})
-        return plot.update_layout(xaxis_title=names[0], yaxis_title=f"joint {curve.joint} [{unit}]")
+        plot.update_axes("x", title=names[0])
+        return plot.update_axes("y", 0, title=f"joint {curve.joint} [{unit}]")
     half = 0.5 * (curve.upper - curve.lower)
     told = [f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)]
     marker = {"color": curve.torque, "colorscale": "RdBu", "symbol": "square", "size": 11}
@@ -162,7 +163,7 @@ def missing_figure(curve: Curve, units: Sequence[str], along: Sequence[Array] = 
     plot = Figure()
     for (x, y), look, words, name in places:
         plot.add(trace("scatter", x=x, y=y, mode="markers", marker=look, text=words, name=name))
-    return plot.update_layout(xaxis_title=names[0], yaxis_title=names[1])
+    return plot.update_axes("x", title=names[0]).update_axes("y", title=names[1])
 
 
 def friction_figure(

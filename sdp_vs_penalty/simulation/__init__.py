@@ -1,7 +1,5 @@
 """Known truth: simulated runs, hidden effects, physics engines."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(

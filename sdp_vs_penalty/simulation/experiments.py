@@ -4,8 +4,6 @@ Described by simulation.toml in the problem's folder; a robot without one (a URD
 links as truth, mild friction, a random trajectory and white noise, all stated below.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any

@@ -4,8 +4,6 @@
 world, with what worlds can hide.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

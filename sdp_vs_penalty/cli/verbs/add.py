@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.cli.runs import runs_for, words
 from sdp_vs_penalty.errors import InputError
@@ -48,17 +48,10 @@ def verb(
 
     effects = _effects(effect, from_, confident, only)
     estimate = load_estimate(model)
+    how: dict[str, Any] = {"frozen": frozen, "seed": seed, "gain_uncertainty": gain_uncertainty}
     with console.progress("reading the measurements") as progress:
         given = runs_for(estimate, data, window, test, test_window)
-        bigger = run(
-            estimate,
-            effects,
-            given.train,
-            frozen=frozen,
-            seed=seed,
-            progress=progress,
-            gain_uncertainty=gain_uncertainty,
-        )
+        bigger = run(estimate, effects, given.train, progress=progress, **how)
         models = {"before": estimate, "after": bigger}
         before, after = compare(models, given.judge, noise_from=given.whole)
         checked = not consented(estimate, given.train)
@@ -104,9 +97,8 @@ def _effects(
     try:
         numbers = None if only is None else [int(word) for word in only.split(",")]
     except ValueError:
-        raise InputError(
-            f"--only {only!r}", "write the findings' numbers separated by commas, like 1,3"
-        ) from None
+        remedy = "write the findings' numbers separated by commas, like 1,3"
+        raise InputError(f"--only {only!r}", remedy) from None
     try:
         return found.selected(numbers, confident)
     except InputError as error:

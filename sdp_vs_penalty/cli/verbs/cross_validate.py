@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.cross_validation import CrossValidation, Fold
@@ -39,17 +39,9 @@ def verb(
     robot = as_told(problem, gravity)
     with console.progress("reading the measurements") as progress:
         runs = load_measurements(*data, joints=robot.robot.n, names=robot.robot.joint_names)
-        result = cross_validate(
-            robot,
-            runs,
-            method,
-            effects=effects,
-            folds=folds,
-            seed=seed,
-            known=parsed_known(known or ""),
-            progress=progress,
-            workers=Workers(jobs, scheduler),
-        )
+        how: dict[str, Any] = {"effects": effects, "folds": folds, "seed": seed}
+        how |= {"known": parsed_known(known or ""), "workers": Workers(jobs, scheduler)}
+        result = cross_validate(robot, runs, method, progress=progress, **how)
     console.say(result.verdict, style="bold")
     console.explain(result.how)
     judged: list[tuple[str, Fold | CrossValidation]] = [

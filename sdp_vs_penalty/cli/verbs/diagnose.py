@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from sdp_vs_penalty.cli.runs import runs_for, warn_or_refuse
 from sdp_vs_penalty.cli.runs import words as data_words
@@ -41,16 +42,9 @@ def verb(
         elif not no_check:
             progress("checking the measurements")
             warn_or_refuse(estimate.problem, given.train, "diagnose")
-        result = run(
-            estimate,
-            given.train,
-            given.test,
-            frozen=frozen,
-            seed=seed,
-            progress=progress,
-            noise_from=given.whole,
-            gain_uncertainty=gain_uncertainty,
-        )
+        how: dict[str, Any] = {"seed": seed, "frozen": frozen, "gain_uncertainty": gain_uncertainty}
+        how |= {"noise_from": given.whole, "progress": progress}
+        result = run(estimate, given.train, given.test, **how)
     words = ["--data", *data_words(data, window), *["--frozen"] * frozen]
     gain = None if gain_uncertainty is None else f"{gain_uncertainty:g}"
     asked = {"--test": test, "--test-window": test_window, "--gain-uncertainty": gain}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 from sdp_vs_penalty.cli.runs import as_told, next_diagnosis, runs_as_told, warn_or_refuse, words
 from sdp_vs_penalty.errors import Infeasible
@@ -54,22 +55,13 @@ def verb(
             progress("checking the measurements")
             warn_or_refuse(robot, given, "identify", gains=bool(known_load))
         begin = time.perf_counter()
+        how: dict[str, Any] = {"effects": effects, "instruments": instruments, "proof": proof}
+        how |= {"seed": seed, "gain_uncertainty": gain_uncertainty or 0.0, "progress": progress}
+        how["known_loads"] = [parsed_known_load(text) for text in known_load or []]
+        how |= {"known": parsed_known(known or ""), "workers": Workers(jobs, scheduler, progress)}
+        noisy = whole if isinstance(whole, Measurements) else None
         try:
-            estimate, fit = identified(
-                robot,
-                given,
-                estimator,
-                noise_from=whole if isinstance(whole, Measurements) else None,
-                effects=effects,
-                seed=seed,
-                progress=progress,
-                proof=proof,
-                gain_uncertainty=gain_uncertainty or 0.0,
-                known_loads=[parsed_known_load(text) for text in known_load or []],
-                known=parsed_known(known or ""),
-                instruments=instruments,
-                workers=Workers(jobs, scheduler, progress),
-            )
+            estimate, fit = identified(robot, given, estimator, noise_from=noisy, **how)
         except Infeasible as error:
             if proof is not None and error.proof:
                 console.written(proof, "it proves that nothing satisfies all constraints")

@@ -67,9 +67,8 @@ def _follow(
     next_diagnosis(model, estimate, runs, None)
     console.table("Forward simulation against the measured motion (RMS)", *made.table())
     if made.free[0].spread is None:
-        console.warn(
-            "No band for the free run: the intervals hold inertias with which the arm cannot move."
-        )
+        why = "the intervals hold inertias with which the arm cannot move"
+        console.warn(f"No band for the free run: {why}.")
     if made.left_out:
         console.warn(f"left out, no meaning in a forward simulation: {', '.join(made.left_out)}")
     console.save_json(json_file, made.to_dict())

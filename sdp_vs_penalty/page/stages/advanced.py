@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from sdp_vs_penalty.page.controls import button, check, drop, note, table, tag, tile
-from sdp_vs_penalty.page.uploads import SUFFIXES
+from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.view import Stage, View, after_model
 from sdp_vs_penalty.reports.sections import CERTIFICATE
 
@@ -15,12 +14,12 @@ def methods(view: View) -> None:
     """Other methods beside the current model's, on the same runs."""
     session, chosen = view.session, view.methods
     names = {m["name"]: m["description"] for m in view.catalogue["methods"]}
-    with tag("fieldset"):
-        tag("legend", "With the effects of the current model")
-        with tag("div", style="checks"):
+    with draw.tag("fieldset"):
+        draw.tag("legend", "With the effects of the current model")
+        with draw.tag("div", style="checks"):
             for name, said in names.items():
                 on, put = chosen.get(name, False), partial(chosen.__setitem__, name)
-                check(name, on, put, f"method-{name}", said)
+                draw.check(name, on, put, f"method-{name}", said)
 
     def compare() -> None:
         asked = [name for name in names if chosen.get(name)]
@@ -28,12 +27,12 @@ def methods(view: View) -> None:
 
     said = "On unseen motion too: five folds, takes five times as long"
     hint = "Each fold leaves out a stretch of the motion and all its repetitions"
-    check(said, view.folds, partial(setattr, view, "folds"), "folds", hint)
-    button("Compare methods", compare, "compare")
+    draw.check(said, view.folds, partial(setattr, view, "folds"), "folds", hint)
+    draw.button("Compare methods", compare, "compare")
     if (found := session.answer("methods")) is None:
         return
-    table(found["heads"], found["rows"], "Methods compared", "numbers methods")
-    note(
+    draw.table(found["heads"], found["rows"], "Methods compared", "numbers methods")
+    draw.note(
         "Relative torque error on the same runs; upper bounds on inertias about the centre of mass "
         "are not convex; zero thickness is unphysical, and so is a radius of gyration above 1 of what a "
         "link's body reaches (widest link); a gap is shown only where a lower bound is certified."
@@ -44,22 +43,22 @@ def methods(view: View) -> None:
 def proof(view: View) -> None:
     """The certificate, and a proof of the optimum to make or to check."""
     session, model = view.session, view.session.current
-    note(CERTIFICATE)
-    table(["figure", model.label], model.about["certificate"], "Certificate", "numbers wraps")
+    draw.note(CERTIFICATE)
+    draw.table(["figure", model.label], model.about["certificate"], "Certificate", "numbers wraps")
     proved, told = session.answer("prove"), session.answers.get("verify")
-    tag("h4", "Proof")
-    note(
+    draw.tag("h4", "Proof")
+    draw.note(
         "The model is identified again with a proof of its optimum, which a checker in pure Python "
         "then verifies in rational arithmetic, as the command verify does."
     )
     prove = partial(session.ask, "prove", "Proving the optimum", view.download)
-    button("Prove the optimum", prove, "prove", "primary" if proved is None else "")
+    draw.button("Prove the optimum", prove, "prove", "primary" if proved is None else "")
     for found in (proved, told):
         if found is not None:
             kind = "good" if found["holds"] else "bad"
             said = session.without_paths(found["said"])
-            tag("p", f"{said[0].upper()}{said[1:]}.", f"verdict {kind}")
-    drop("Or check a proof.json", "drop a file here, or choose one", "proof", SUFFIXES["proof"], False)
+            draw.tag("p", f"{said[0].upper()}{said[1:]}.", f"verdict {kind}")
+    draw.drop("Or check a proof.json", "proof")
 
 
 #: The optimisation problem, for other solvers; beside each a .json with what it means.
@@ -69,10 +68,10 @@ POSED_FILES = {"problem.cbf": "conic benchmark format", "problem.dat-s": "sparse
 @after_model("posed", "The identification problem, for other solvers")
 def posed(view: View) -> None:
     """The optimisation problem as files."""
-    with tag("div", style="tiles", role="group", aria_label="Problem files to download"):
+    with draw.tag("div", style="tiles", role="group", aria_label="Problem files to download"):
         for name, use in POSED_FILES.items():
             ask = partial(view.session.ask, "pose", f"Making {name}", view.download, name=name)
-            tile(name, use, ask, f"take-{name}")
+            draw.tile(name, use, ask, f"take-{name}")
 
 
 ADVANCED = Stage("advanced", "Advanced", "Identify a model first.", (methods, proof, posed))

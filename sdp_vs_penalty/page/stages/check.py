@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import partial
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import data_chart
-from sdp_vs_penalty.page.controls import button, chart, choice, note, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import Part, Stage, Verdict, View
 
@@ -24,36 +24,36 @@ def _draw_check(view: View) -> None:
         move(run, read)
 
     if len(views) > 1:
-        with tag("div", style="pick"):
-            choice("Run", [(n, n) for n in views], first, look, "checked-run")
-    with tag("div", style="pair"):
+        with draw.tag("div", style="pick"):
+            draw.choice("Run", [(n, n) for n in views], first, look, "checked-run")
+    with draw.tag("div", style="pair"):
         said = "Positions, velocities and torques of all joints over time"
-        drawn = chart(data_chart(session.arrays(views[first], 0), units), said).classes("timed")
+        drawn = draw.chart(data_chart(session.arrays(views[first], 0), units), said).classes("timed")
         move = draw_arm(view, session.arm["drawn"], "nominal links")
     crosses = "Crosses: what the check would put there. "
     mended = any(found["mends"] for run in session.runs for found in run["findings"])
-    note(f"{crosses * mended}Drag to look closer; Play moves the arm.")
+    draw.note(f"{crosses * mended}Drag to look closer; Play moves the arm.")
     look(first)
 
 
 def _findings(session: Session) -> None:
     """What the check says, each with its repair; a tick where it says nothing."""
-    with tag("p", style="row"):
+    with draw.tag("p", style="row"):
         for run in session.runs:
             if not run["findings"]:
-                tag("span", f"✓ {run['name']}", "tick")
+                draw.tag("span", f"✓ {run['name']}", "tick")
     for run in session.runs:
         for found in run["findings"]:
-            with tag("p", style=f"finding {found['severity']}"):
-                tag("strong", f"{run['name']}: {found['kind']}. ")
-                tag("span", f"{found['what']} What to do: {found['remedy']}.")
+            with draw.tag("p", style=f"finding {found['severity']}"):
+                draw.tag("strong", f"{run['name']}: {found['kind']}. ")
+                draw.tag("span", f"{found['what']} What to do: {found['remedy']}.")
             if found["gravity"]:
                 vector = ",".join(f"{g:g}" for g in found["gravity"])
                 apply, key = partial(session.mount, vector), f"apply-{run['file']}"
-                button(f"Apply: gravity {vector}", apply, key, "primary")
+                draw.button(f"Apply: gravity {vector}", apply, key, "primary")
         if any(found["mends"] for found in run["findings"]):
             apply = partial(session.mend, run["file"])
-            button(f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary")
+            draw.button(f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary")
 
 
 def _checked(session: Session) -> Verdict | None:

@@ -14,18 +14,8 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.sentences import event_lines
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number as figure
+from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import missing_chart
-from sdp_vs_penalty.page.controls import (
-    button,
-    chart,
-    check,
-    details,
-    draw_form,
-    note,
-    table,
-    tag,
-    text_field,
-)
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import Stage, Verdict, View, after_model, plain_name
 from sdp_vs_penalty.reports.pictures import bars, change_of
@@ -36,17 +26,17 @@ def models(view: View) -> None:
     """Each joint's error from model to model, with undo and redo."""
     session = view.session
     history, units = session.history, session.arm["units"]
-    with tag("ol", style="history"):
+    with draw.tag("ol", style="history"):
         for model in history:
-            with tag("li"):
-                tag("strong", model.label)
+            with draw.tag("li"):
+                draw.tag("strong", model.label)
                 relative = figure(model.comparison["relative_error_percent"])
-                tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
-    with tag("div", style="row"):
+                draw.tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
+    with draw.tag("div", style="row"):
         if len(history) > 1:
-            button("Undo the last step", session.undo, "undo")
+            draw.button("Undo the last step", session.undo, "undo")
         if session.undone:
-            button(f"Redo {session.undone[-1].label}", session.redo, "redo")
+            draw.button(f"Redo {session.undone[-1].label}", session.redo, "redo")
     if len(history) == 1:
         return
     errors = [model.comparison["rmse"] for model in history]
@@ -58,59 +48,59 @@ def models(view: View) -> None:
         cells = [*(figure(e[j]) for e in errors), change_of(errors[0][j], errors[-1][j])]
         rows.append([f"{j + 1} [{unit}]", *cells, figure(floor[j])])
     heads = ["joint", *(str(k) for k in range(1, len(history) + 1)), "change", "noise"]
-    table(heads, rows, "RMS error of each joint, model by model", "numbers history")
-    note(f"RMS error on {', '.join(history[-1].judged_on)}.")
+    draw.table(heads, rows, "RMS error of each joint, model by model", "numbers history")
+    draw.note(f"RMS error on {', '.join(history[-1].judged_on)}.")
 
 
 @after_model("findings", "What is missing", lambda s: (s.frozen, s.findings and s.findings.to_dict()))
 def findings(view: View) -> None:
     """What the last diagnosis found, each to be added."""
     session, found = view.session, view.session.findings
-    with tag("div", style="row"):
+    with draw.tag("div", style="row"):
         again = "Diagnose" if found is None else "Diagnose again"
-        button(again, session.diagnose, "diagnose", "primary" if found is None else "")
+        draw.button(again, session.diagnose, "diagnose", "primary" if found is None else "")
         said = "Keep the model fixed (the only way to see a payload)"
-        check(said, session.frozen, partial(setattr, session, "frozen"), "frozen")
+        draw.check(said, session.frozen, partial(setattr, session, "frozen"), "frozen")
     _by_hand(view)
     if found is None:
-        note(
+        draw.note(
             "Every effect of the library is tried on the error, and named only if it holds on data "
             "that did not select it."
         )
         return
     added = session.added
     sure = [f.text for f in found.effects if f.confidence == "confident" and f.text not in added]
-    with tag("ol", style="findings"):
+    with draw.tag("ol", style="findings"):
         for k, finding in enumerate(found.effects):
             _card(view, found, k, finding.text in added)
     if found.beside:
-        note(found.beside)
+        draw.note(found.beside)
     _curves(view, found)
     if len(sure) > 1:
-        button(f"Add the {len(sure)} confident ones", lambda: session.add(sure), "add-all")
+        draw.button(f"Add the {len(sure)} confident ones", lambda: session.add(sure), "add-all")
     _rest(found)
 
 
 def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
     session, finding = view.session, found.effects[k]
     units = session.arm["units"]
-    with tag("li", style="card finding-card" + (" done" if added else "")):
-        with tag("div", style="head"):
-            tag("h4", f"{plain_name(finding.effect)} · {_where(finding.joints)}")
-            tag("span", finding.confidence, f"badge {finding.confidence}")
+    with draw.tag("li", style="card finding-card" + (" done" if added else "")):
+        with draw.tag("div", style="head"):
+            draw.tag("h4", f"{plain_name(finding.effect)} · {_where(finding.joints)}")
+            draw.tag("span", finding.confidence, f"badge {finding.confidence}")
         size = f"{finding.size:.4g} ± {finding.std:.1g} {formatting.plain_unit(finding.unit)}".strip()
-        tag("p", f"Size {'; '.join(filter(None, (size, finding.constants)))}", "size")
+        draw.tag("p", f"Size {'; '.join(filter(None, (size, finding.constants)))}", "size")
         again = finding.effect in [f.effect for f in found.effects[:k]]
-        with details("What it is", f"physics-{k}") if again else nullcontext():
-            tag("p", _physics(finding))
+        with draw.details("What it is", f"physics-{k}") if again else nullcontext():
+            draw.tag("p", _physics(finding))
         if rivals := finding.indistinguishable_from:
-            tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
+            draw.tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
         if finding.undecided is not None:
             _telling(view, finding.undecided, k)
         elif finding.cooled:
-            note(f"Which run would tell: {finding.cooled}.")
+            draw.note(f"Which run would tell: {finding.cooled}.")
         if finding.remarks:
-            note(f"Weak: {'; '.join(finding.remarks)}.")
+            draw.note(f"Weak: {'; '.join(finding.remarks)}.")
         before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
         own = [j - 1 for j in finding.joints[:1]] or range(len(before))
         joint = min(own, key=lambda j: after[j] / before[j] if before[j] else 1.0)
@@ -119,11 +109,11 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         fall = bars([before[joint]], [after[joint]], floor, [units[joint]], [joint + 1], what)
         ui.html(fall, sanitize=False)
         if added:
-            tag("p", "Added to the model.", "chosen")
+            draw.tag("p", "Added to the model.", "chosen")
         else:
             name = f"Add {plain_name(finding.effect)} on {_where(finding.joints)}"
             first, add = "primary" if k == 0 else "", partial(session.add, [finding.text])
-            button("Add", add, f"add-{k}", first, aria_label=name)
+            draw.button("Add", add, f"add-{k}", first, aria_label=name)
 
 
 def _where(joints: Sequence[int]) -> str:
@@ -138,13 +128,13 @@ def _physics(finding: Finding) -> str:
 
 def _telling(view: View, effects: str, k: int) -> None:
     """The run that would tell a finding from its rival or from nothing, to be designed."""
-    with details("Which run would tell", f"tell-options-{k}"):
-        with tag("div", style="fields"):
-            draw_form(view.forms.get("separate", ()), view.separating)
+    with draw.details("Which run would tell", f"tell-options-{k}"):
+        with draw.tag("div", style="fields"):
+            draw.draw_form(view.forms.get("separate", ()), view.separating)
         asked = {"effects": effects, "options": view.separating}
         said = "Designing the run that would tell"
         design = partial(view.session.ask, "separate", said, view.download, **asked)
-        button("Design it", design, f"tell-{k}")
+        draw.button("Design it", design, f"tell-{k}")
 
 
 def _curves(view: View, found: Diagnosis) -> None:
@@ -152,46 +142,46 @@ def _curves(view: View, found: Diagnosis) -> None:
     session, units = view.session, view.session.arm["units"]
     texts = session.history[session.found_for - 1].curve_texts
     for k, (curve, text) in enumerate(zip(found.curves, texts, strict=True)):
-        with tag("div", style="card finding-card"):
-            tag("h4", f"Missing torque without a name · joint {curve.joint}")
-            tag("p", curve.sentence(units))
+        with draw.tag("div", style="card finding-card"):
+            draw.tag("h4", f"Missing torque without a name · joint {curve.joint}")
+            draw.tag("p", curve.sentence(units))
             drawn = missing_chart(curve, units, session.recording(session.current, view.run))
-            chart(drawn, f"Missing torque of joint {curve.joint}, with its band")
+            draw.chart(drawn, f"Missing torque of joint {curve.joint}, with its band")
             if text in session.added:
-                tag("p", "Added to the model.", "chosen")
+                draw.tag("p", "Added to the model.", "chosen")
             else:
-                button("Add", partial(session.add, [text]), f"add-curve-{k}")
+                draw.button("Add", partial(session.add, [text]), f"add-curve-{k}")
 
 
 def _by_hand(view: View) -> None:
     """Any effect by its name: a payload beside a fixed model, or one that the diagnosis did not name."""
-    with details("Add an effect by its name", "by-hand"):
+    with draw.details("Add an effect by its name", "by-hand"):
         said = "name[:joints][@shape=value], such as payload with the model kept fixed"
         written = [""]
-        text_field(said, "", partial(written.__setitem__, 0), "add-text", "payload", wide=True)
-        button("Add it", partial(view.session.add, written), "add-by-hand")
+        draw.text_field(said, "", partial(written.__setitem__, 0), "add-text", "payload", wide=True)
+        draw.button("Add it", partial(view.session.add, written), "add-by-hand")
 
 
 def _rest(found: Diagnosis) -> None:
     """Events, what is left, what can never be seen, and remarks."""
     gist, every = event_lines(found.events), event_lines(found.events, every=True)
     for line in gist:
-        tag("p", f"{line.capitalize()}.", "finding")
+        draw.tag("p", f"{line.capitalize()}.", "finding")
     if len(every) > len(gist):
-        with details("Every event", "events"), tag("ul"):
+        with draw.details("Every event", "events"), draw.tag("ul"):
             for line in every:
-                tag("li", f"{line.capitalize()}.")
+                draw.tag("li", f"{line.capitalize()}.")
     for remark in found.remarks:
-        note(remark)
+        draw.note(remark)
     over = ", ".join(f"{(1.0 + max(x, 0.0)) ** 0.5:.2g}" for x in found.unexplained)
     over = over if found.noise_known else "not known"
-    note(f"Held-out error over noise with everything found, joint by joint: {over}.")
+    draw.note(f"Held-out error over noise with everything found, joint by joint: {over}.")
     if found.invisible:
-        with details("Not identifiable from these runs", "invisible"):
-            note("The model's existing parameters absorb the torque of:")
-            with tag("ul"):
+        with draw.details("Not identifiable from these runs", "invisible"):
+            draw.note("The model's existing parameters absorb the torque of:")
+            with draw.tag("ul"):
                 for item in found.invisible:
-                    tag("li", f"{plain_name(item.effect)}, {_where(item.joints)}")
+                    draw.tag("li", f"{plain_name(item.effect)}, {_where(item.joints)}")
 
 
 def _diagnosed(session: Session) -> Verdict | None:

@@ -13,26 +13,11 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.sentences import new_motion
 from sdp_vs_penalty.formatting import number as figure
+from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm import draw_arm, torque_errors
 from sdp_vs_penalty.page.charts import asked_span, ready, residual_chart, torque_chart
-from sdp_vs_penalty.page.controls import (
-    button,
-    chart,
-    check,
-    choice,
-    details,
-    draw_form,
-    drop,
-    framed,
-    note,
-    number,
-    table,
-    tag,
-    text_field,
-)
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.summary import ModelStep
-from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified, plain_name, spoken
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
@@ -48,7 +33,11 @@ def _model_depends(session: Session) -> Any:
 
 def _draw_model(view: View) -> None:
     again = view.session.model is not None
-    with details("Effects, method, options: identify again", "model-form") if again else nullcontext():
+    with (
+        draw.details("Effects, method, options: identify again", "model-form")
+        if again
+        else nullcontext()
+    ):
         _form(view)
 
 
@@ -64,36 +53,36 @@ def _form(view: View) -> None:
         session.changed()
 
     def boxes(names: Sequence[str]) -> None:
-        with tag("div", style="checks"):
+        with draw.tag("div", style="checks"):
             for name in names:
                 on, said = name in map(_name, session.effects), effects[name]["explanation"]
-                check(plain_name(name), on, partial(tick, name), f"effect-{name}", said)
+                draw.check(plain_name(name), on, partial(tick, name), f"effect-{name}", said)
 
-    with tag("fieldset"):
-        tag("legend", "Effects of the first model")
+    with draw.tag("fieldset"):
+        draw.tag("legend", "Effects of the first model")
         boxes(_USUAL)
         rest = [name for name in effects if name not in _USUAL]
         chosen = sum(name in map(_name, session.effects) for name in rest)
-        with details(f"More effects ({chosen} of {len(rest)} chosen)", "more-effects", chosen > 0):
-            note("The stage Diagnose tells which are needed.")
+        with draw.details(f"More effects ({chosen} of {len(rest)} chosen)", "more-effects", chosen > 0):
+            draw.note("The stage Diagnose tells which are needed.")
             boxes(rest)
 
-    with tag("div", style="fields method"):
+    with draw.tag("div", style="fields method"):
         options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
-        choice("Method", options, session.method, partial(setattr, session, "method"), "method")
-        number("Seed", session.seed, partial(setattr, session, "seed"), "seed")
+        draw.choice("Method", options, session.method, partial(setattr, session, "method"), "method")
+        draw.number("Seed", session.seed, partial(setattr, session, "seed"), "seed")
     _bounds(view)
     _options(view)
     if session.meaningless:
         anyway = partial(setattr, session, "anyway")
-        check("Identify anyway (data check failed)", session.anyway, anyway, "anyway")
-    button("Identify", session.identify, "identify", "primary")
-    with details("Or continue from a model.json", "open-model"):
-        note(
+        draw.check("Identify anyway (data check failed)", session.anyway, anyway, "anyway")
+    draw.button("Identify", session.identify, "identify", "primary")
+    with draw.details("Or continue from a model.json", "open-model"):
+        draw.note(
             "A model identified earlier, possibly from other runs: kept fixed, it shows what has "
             "changed since, such as a payload."
         )
-        drop("Your model.json", "drop a file here, or choose one", "model", SUFFIXES["model"], False)
+        draw.drop("Your model.json", "model")
 
 
 def _bounds(view: View) -> None:
@@ -109,14 +98,14 @@ def _bounds(view: View) -> None:
         span = f"{low} to {high}" if low and high else f"from {low}" if low else f"to {high}"
         return (span if low or high else "-") + " *" * (name in own)
 
-    with details(f"Bounds of links{f' ({len(own)} changed)' * bool(own)}", "bounds", bool(own)):
-        note("c is the centre of mass, I the inertia about it; * is yours, by the field below.")
+    with draw.details(f"Bounds of links{f' ({len(own)} changed)' * bool(own)}", "bounds", bool(own)):
+        draw.note("c is the centre of mass, I the inertia about it; * is yours, by the field below.")
         links = [known[k : k + 10] for k in range(0, len(known), 10)]
         rows = [(f"{k}", *(cell(*x[:3]) for x in link)) for k, link in enumerate(links, start=1)]
         heads = [f"{name.replace('1', '')} [{unit}]" for name, _, _, unit in links[0]]
-        table(("link", *heads), rows, "Bounds of the links")
+        draw.table(("link", *heads), rows, "Bounds of the links")
         if "total" in own:
-            note(f"Total mass: {cell('total', '', '')} kg")
+            draw.note(f"Total mass: {cell('total', '', '')} kg")
         (field,) = [f for f in view.session.asked if f.name == "bounds"]
 
         def put(text: str) -> None:
@@ -125,7 +114,7 @@ def _bounds(view: View) -> None:
             view.session.changed()
 
         now = ",".join(f"{k}={v}" for k, v in own.items())
-        text_field(field.help, now, put, "bounds-text", field.example)
+        draw.text_field(field.help, now, put, "bounds-text", field.example)
 
 
 def _options(view: View) -> None:
@@ -137,11 +126,11 @@ def _options(view: View) -> None:
         session.changed()
 
     chosen = len(session.options.keys() - {"bounds"})
-    with details(f"More options{f' ({chosen} set)' * bool(chosen)}", "more-options"):
+    with draw.details(f"More options{f' ({chosen} set)' * bool(chosen)}", "more-options"):
         said = "Effects as text: name[:joints][@shape=value], such as coulomb_friction@v_s=0.01"
-        text_field(said, ",".join(session.effects), write, "effects-text", wide=True)
-        with tag("div", style="fields"):
-            draw_form([f for f in session.asked if f.name != "bounds"], session.options)
+        draw.text_field(said, ",".join(session.effects), write, "effects-text", wide=True)
+        with draw.tag("div", style="fields"):
+            draw.draw_form([f for f in session.asked if f.name != "bounds"], session.options)
 
 
 def _name(effect: str) -> str:
@@ -176,9 +165,9 @@ def fit(view: View) -> None:
     _figures(model)
     chips = _chips(view, model, units)
     parts: dict[str, Any] = {}
-    with tag("div", style="pick"):
+    with draw.tag("div", style="pick"):
         names = [(name, name) for name in model.runs]
-        choice("Run", names, view.run, lambda name: view.look(run=name), "shown-run")
+        draw.choice("Run", names, view.run, lambda name: view.look(run=name), "shown-run")
 
     def torques() -> dict[str, Any]:
         modelled = {step.label: session.recording(step, view.run)["modelled"] for step in steps}
@@ -210,24 +199,24 @@ def fit(view: View) -> None:
             read = session.recording(model, view.run)
             parts["arm"](view.run, read, torque_errors(model, read))
 
-    with tag("div", style="pair"):
-        parts["chart"] = chart(torques(), "Measured and modelled torque, and the residual")
+    with draw.tag("div", style="pair"):
+        parts["chart"] = draw.chart(torques(), "Measured and modelled torque, and the residual")
         parts["chart"].on("plotly_relayout", zoom).classes("timed")
         if model.about["bodies"]:
             parts["arm"] = draw_arm(view, model.about, "redder: larger torque error")
     parts["legend"] = ui.html("", sanitize=False)
-    parts["words"] = tag("p", "", "words")
+    parts["words"] = draw.tag("p", "", "words")
     if model.failures:
         found = session.findings if session.found_for == len(session.history) else None
         _heat(view, model.failures, found)
-    with tag("div", style="pick"):
+    with draw.tag("div", style="pick"):
         signals = list(SIGNALS.items())
-        choice("Error against", signals, view.signal, lambda name: view.look(signal=name), "signal")
-    parts["against"] = chart(against(), "Error of the joint against a signal")
+        draw.choice("Error against", signals, view.signal, lambda name: view.look(signal=name), "signal")
+    parts["against"] = draw.chart(against(), "Error of the joint against a signal")
     view.followers["fit"] = follow
     follow()
     if model.on_bounds:
-        note(
+        draw.note(
             f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}. "
             "More options above change bounds."
         )
@@ -237,7 +226,7 @@ def _figures(model: ModelStep) -> None:
     """How well the model does, in a line."""
     comparison = model.comparison
     runs, added = model.judged_on, " of what was added" * model.frozen
-    with tag("dl", style="figures"):
+    with draw.tag("dl", style="figures"):
         for name, value in {
             "relative error": f"{figure(comparison['relative_error_percent'])} %",
             "judged on": ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs",
@@ -247,25 +236,25 @@ def _figures(model: ModelStep) -> None:
             f"certified gap{added}": figure(model.gap, 2),
             "time": f"{model.seconds:.2g} s",
         }.items():
-            with tag("div"):
-                tag("dt", name)
-                tag("dd", value)
+            with draw.tag("div"):
+                draw.tag("dt", name)
+                draw.tag("dd", value)
     for line in comparison["verdict"]["lines"][1:]:  # the first one stands above
-        tag("p", f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}", "line")
+        draw.tag("p", f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}", "line")
 
 
 def _chips(view: View, model: ModelStep, units: list[str]) -> list[Any]:
     """A button a joint with its error and noise, by which it is chosen."""
     comparison = model.comparison
     chips: list[Any] = []
-    with tag("div", style="chips", role="group", aria_label="Joint to show"):
+    with draw.tag("div", style="chips", role="group", aria_label="Joint to show"):
         for j, error in enumerate(comparison["rmse"]):
             look = partial(view.look, joint=j)
-            with button("", look, f"joint-{j + 1}", "chip", aria_pressed="false") as chip:
-                tag("strong", f"Joint {j + 1}")
-                tag("span", _with_unit(error, units[j]), "rmse")
+            with draw.button("", look, f"joint-{j + 1}", "chip", aria_pressed="false") as chip:
+                draw.tag("strong", f"Joint {j + 1}")
+                draw.tag("span", _with_unit(error, units[j]), "rmse")
                 floor = comparison["noise_floor"][j]
-                tag("span", "noise unknown" if floor is None else f"noise {figure(floor)}", "soft")
+                draw.tag("span", "noise unknown" if floor is None else f"noise {figure(floor)}", "soft")
             chips.append(chip)
     return chips
 
@@ -305,8 +294,8 @@ def _stretches(view: View, model: ModelStep) -> list[tuple[float, float, str]]:
 
 def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -> None:
     """Which cause explains how much of each joint's error: darker is more; findings first."""
-    tag("h4", "Where it fails, and why")
-    note(
+    draw.tag("h4", "Where it fails, and why")
+    draw.note(
         "Share of each joint's error that a function of a cause explains on held-out data, in per "
         "cent; causes that explain nothing are left out. Click a cell to see the joint."
     )
@@ -319,7 +308,7 @@ def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -
         view.look(**at, **({"signal": signal} if signal in SIGNALS else {}))
 
     drawn = heat_map(title, rows, len(failures), _SHOWN_BY)
-    framed(title, drawn).on("click", show, js_handler=_CELL)
+    draw.framed(title, drawn).on("click", show, js_handler=_CELL)
 
 
 #: What a click on a cell sends.
@@ -332,35 +321,35 @@ def parameters(view: View) -> None:
     """Links, friction and every parameter with its interval."""
     about = view.session.current.about
     for said in about["words"]:
-        tag("p", said, "words")
-    with details("Links, friction and every parameter", "parameters"):
+        draw.tag("p", said, "words")
+    with draw.details("Links, friction and every parameter", "parameters"):
         _tables(view)
 
 
 def _tables(view: View) -> None:
     about, robot = view.session.current.about, view.session.arm
     if about["links"]:
-        table(LINK_HEADS, about["links"], "Links, identified and nominal", "numbers links")
+        draw.table(LINK_HEADS, about["links"], "Links, identified and nominal", "numbers links")
     if about["friction"]:
-        tag("h4", "Friction by velocity")
+        draw.tag("h4", "Friction by velocity")
         view.joint = min(view.joint or 0, robot["n"] - 1)
 
         def options() -> dict[str, Any]:
             j = view.joint or 0
             return ready(friction_figure(**about["friction"][j], joint=j, unit=robot["units"][j]), 300)
 
-        drawn = chart(options(), "Friction torque over velocity with its 95 % band")
-        note("Of the joint that is chosen above; shaded: 95 %.")
+        drawn = draw.chart(options(), "Friction torque over velocity with its 95 % band")
+        draw.note("Of the joint that is chosen above; shaded: 95 %.")
         view.followers["parameters"] = lambda: drawn.update_figure(options())
-    tag("h4", "Every parameter")
-    note(
+    draw.tag("h4", "Every parameter")
+    draw.note(
         "Values with 95 % intervals beside the nominal ones. Those marked prior or bounds are not "
         "measured: the data leave them open."
     )
     rows = [cells(row) for row in about["rows"]]
-    with tag("div", style="tall"):
-        table(HEADS, rows, "Parameters with intervals", "numbers parameters", mark=2)
-    button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
+    with draw.tag("div", style="tall"):
+        draw.table(HEADS, rows, "Parameters with intervals", "numbers parameters", mark=2)
+    draw.button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
 
 
 IDENTIFY = Stage("identify", "Identify", "Add measurements first.", (MODEL, fit, parameters), identified)

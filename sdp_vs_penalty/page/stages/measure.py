@@ -8,20 +8,7 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.urdf import HEADS
 from sdp_vs_penalty.data.catalogue import DATASETS
-from sdp_vs_penalty.page.controls import (
-    button,
-    check,
-    choice,
-    details,
-    draw_form,
-    drop,
-    note,
-    number,
-    table,
-    tag,
-    text_field,
-    tile,
-)
+from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES, RUN_SUFFIXES
 from sdp_vs_penalty.page.view import Part, Stage, Verdict, View, plain_name
@@ -38,26 +25,26 @@ def _draw_robot(view: View) -> None:
         _choose(view)
         return
     file = f"{robot['file']}: " if robot["file"] else ""
-    tag("p", f"{file}{robot['name']}, {robot['title']}", "chosen")
-    note(f"{_joints(robot)} {robot['known']}")
+    draw.tag("p", f"{file}{robot['name']}, {robot['title']}", "chosen")
+    draw.note(f"{_joints(robot)} {robot['known']}")
     (gravity,) = view.forms.get("robot", [None])
     if gravity is not None:
         now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
-        with tag("div", style="pick"):
-            text_field(gravity.help, now, session.mount, "gravity", gravity.example)
+        with draw.tag("div", style="pick"):
+            draw.text_field(gravity.help, now, session.mount, "gravity", gravity.example)
     if robot["source"].lower().endswith(ROBOT_SUFFIXES):
         _inertials(view)
-    with details("Another robot", "another-robot"):
+    with draw.details("Another robot", "another-robot"):
         _choose(view)
 
 
 def _choose(view: View) -> None:
     """The built-in robots, those of the folder, and a place to drop one."""
     session, robot = view.session, view.session.robot
-    with tag("div", style="row"):
-        button("Show me", session.show_me, "show-me", "primary" if robot is None else "")
-        note("The whole job on a simulated arm with something hidden, in about a minute.")
-    with tag("div", style="tiles", role="group", aria_label="Built-in robots"):
+    with draw.tag("div", style="row"):
+        draw.button("Show me", session.show_me, "show-me", "primary" if robot is None else "")
+        draw.note("The whole job on a simulated arm with something hidden, in about a minute.")
+    with draw.tag("div", style="tiles", role="group", aria_label="Built-in robots"):
         for problem in view.catalogue["problems"]:
             name = problem["name"]
             _tile(view, name, name, problem["title"])
@@ -65,28 +52,28 @@ def _choose(view: View) -> None:
             _tile(view, str(folder), folder.name, "with the bounds and filters of its problem.toml")
         for file in view.folder_files(ROBOT_SUFFIXES):
             _tile(view, str(file), file.name, "from your folder", file.name)
-    drop("Your robot's URDF", "drop a file here, or choose one", "robot", ROBOT_SUFFIXES, False)
+    draw.drop("Your robot's URDF", "robot")
 
 
 def _inertials(view: View) -> None:
     """Whether the bodies that a URDF writes can exist."""
     session, found = view.session, view.session.answers.get("check_urdf")
     ask = partial(session.ask, "check_urdf", "Checking the inertials", view.download)
-    button("Check the file's inertials", ask, "check-urdf")
+    draw.button("Check the file's inertials", ask, "check-urdf")
     if found is None or session.robot is None or found["urdf"] != session.robot["source"]:
         return
     for k, said in enumerate(found["said"]):
         level = "good" if found["possible"] else "bad"
-        tag("p", said, "finding" if k else f"verdict {level}")
-    with details("Every link: mass and margins (negative: violated)", "inertials"):
-        table(HEADS, found["rows"], "Inertials of the links", "numbers")
+        draw.tag("p", said, "finding" if k else f"verdict {level}")
+    with draw.details("Every link: mass and margins (negative: violated)", "inertials"):
+        draw.table(HEADS, found["rows"], "Inertials of the links", "numbers")
 
 
 def _tile(view: View, source: str, name: str, said: str, file: str | None = None) -> None:
     """A robot to choose by its name or path; file : its shown name where it is a URDF."""
     on = view.session.robot is not None and view.session.robot["source"] == source
     choose, pressed = partial(view.session.choose_robot, source, file), "true" if on else "false"
-    tile(name, said, choose, f"robot-{name}", "on" if on else "", aria_pressed=pressed)
+    draw.tile(name, said, choose, f"robot-{name}", "on" if on else "", aria_pressed=pressed)
 
 
 def _joints(robot: dict[str, Any]) -> str:
@@ -114,21 +101,20 @@ def _runs_depends(session: Session) -> Any:
 
 
 def _draw_runs(view: View) -> None:
-    with tag("div", style="ways"):
-        with tag("section", style="way"):
-            tag("h4", "Your runs")
-            hint = f"or choose files: {', '.join(sorted(RUN_SUFFIXES))}"
-            drop("Drop measurements here", hint, "runs", RUN_SUFFIXES, True)
-            note("They stay on this computer.")
-            with details("Other column names, motors, ROS topics", "reading"):
-                draw_form(view.forms.get("read", ()), view.session.reading)
-                note("Applies to the files that are read next.")
+    with draw.tag("div", style="ways"):
+        with draw.tag("section", style="way"):
+            draw.tag("h4", "Your runs")
+            draw.drop("Drop measurements here", "runs")
+            draw.note("They stay on this computer.")
+            with draw.details("Other column names, motors, ROS topics", "reading"):
+                draw.draw_form(view.forms.get("read", ()), view.session.reading)
+                draw.note("Applies to the files that are read next.")
             _from_folder(view)
-        with tag("section", style="way"):
-            tag("h4", "Simulated, with a hidden effect")
+        with draw.tag("section", style="way"):
+            draw.tag("h4", "Simulated, with a hidden effect")
             _simulated(view)
-        with tag("section", style="way"):
-            tag("h4", "Real measurements")
+        with draw.tag("section", style="way"):
+            draw.tag("h4", "Real measurements")
             _real(view)
     if view.session.runs:
         _list(view)
@@ -145,11 +131,11 @@ def _from_folder(view: View) -> None:
         view.session.arrived |= {name: file for name, file in files.items() if ticked.get(name)}
         view.session.read_arrived()
 
-    with tag("fieldset"):
-        tag("legend", "In your folder")
+    with draw.tag("fieldset"):
+        draw.tag("legend", "In your folder")
         for k, name in enumerate(files):
-            check(name, False, partial(ticked.__setitem__, name), f"folder-{k}")
-        button("Read the selected files", read, "read-folder")
+            draw.check(name, False, partial(ticked.__setitem__, name), f"folder-{k}")
+        draw.button("Read the selected files", read, "read-folder")
 
 
 def _simulated(view: View) -> None:
@@ -159,54 +145,54 @@ def _simulated(view: View) -> None:
     names = [("none", "Nothing hidden"), *((n, plain_name(n)) for n in view.catalogue["hideable"])]
     joints = [(str(k), f"{k} {name}") for k, name in enumerate(robot["joints"], start=1)]
     levels = [(level, level) for level in view.catalogue["levels"]]
-    with tag("div", style="fields"):
+    with draw.tag("div", style="fields"):
         for label, word, options in (
             ("Effect", "effect", names),
             ("On joint", "joint", joints),
             ("Level", "level", levels),
         ):
-            choice(label, options, hiding[word], partial(hiding.__setitem__, word), f"hide-{word}")
-        number("Seed", hiding["seed"], partial(hiding.__setitem__, "seed"), "hide-seed")
+            draw.choice(label, options, hiding[word], partial(hiding.__setitem__, word), f"hide-{word}")
+        draw.number("Seed", hiding["seed"], partial(hiding.__setitem__, "seed"), "hide-seed")
 
     def simulate() -> None:
         whole = hiding["effect"] in view.catalogue["whole_robot"]
         at = [] if whole else [int(hiding["joint"])]
         view.session.simulate(hiding["effect"], at, hiding["level"], hiding["seed"])
 
-    button("Simulate four runs", simulate, "simulate")
+    draw.button("Simulate four runs", simulate, "simulate")
 
 
 def _real(view: View) -> None:
     robot = view.session.arm
     title = view.catalogue["real"].get(robot["source"])
     if title is not None:
-        note(title)
-        button("Use the real runs", view.session.real, "real")
+        draw.note(title)
+        draw.button("Use the real runs", view.session.real, "real")
     elif robot["source"] in DATASETS:
-        note("Not downloaded. Run:")
-        tag("code", f"sdp-vs-penalty fetch {robot['source']}")
+        draw.note("Not downloaded. Run:")
+        draw.tag("code", f"sdp-vs-penalty fetch {robot['source']}")
     else:
-        note(f"Public measurements exist for {formatting.words(list(DATASETS))}.")
+        draw.note(f"Public measurements exist for {formatting.words(list(DATASETS))}.")
 
 
 def _list(view: View) -> None:
     session = view.session
-    with tag("div", style="wide"), tag("table", style="runs"):
-        tag("caption", "Runs", "unseen")
-        with tag("thead"), tag("tr"):
+    with draw.tag("div", style="wide"), draw.tag("table", style="runs"):
+        draw.tag("caption", "Runs", "unseen")
+        with draw.tag("thead"), draw.tag("tr"):
             for heading in ("run", "length", "samples", "use"):
-                tag("th", heading, scope="col")
-        with tag("tbody"):
+                draw.tag("th", heading, scope="col")
+        with draw.tag("tbody"):
             for k, run in enumerate(session.runs):
-                with tag("tr"):
-                    tag("th", run["name"], "name", scope="row")
-                    tag("td", f"{run['seconds']:.3g} s")
-                    tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
-                    with tag("td"):
+                with draw.tag("tr"):
+                    draw.tag("th", run["name"], "name", scope="row")
+                    draw.tag("td", f"{run['seconds']:.3g} s")
+                    draw.tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
+                    with draw.tag("td"):
                         said, use = f"Use of {run['name']}", partial(session.use, run["file"])
-                        choice(said, _USES, run["use"], use, f"use-{k}", hidden_label=True)
+                        draw.choice(said, _USES, run["use"], use, f"use-{k}", hidden_label=True)
     if session.runs and all(run["use"] == "train" for run in session.runs):
-        note(
+        draw.note(
             "No run is kept for testing: the errors below are training errors, and a diagnosis "
             "holds out parts of the runs, which takes longer."
         )

@@ -6,19 +6,9 @@ from functools import partial
 from typing import Any
 
 from sdp_vs_penalty.exporters.export import formats
+from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import torque_chart
-from sdp_vs_penalty.page.controls import (
-    button,
-    chart,
-    choice,
-    details,
-    note,
-    table,
-    tag,
-    text_field,
-    tile,
-)
 from sdp_vs_penalty.page.view import Stage, View, after_model, identified
 from sdp_vs_penalty.reports.plots import Curves
 
@@ -43,28 +33,28 @@ def take_away(view: View) -> None:
 
     def tiles(files: dict[str, str]) -> None:
         for name, use in files.items():
-            tile(name, use, partial(session.take, name, view.download, flange), f"take-{name}")
+            draw.tile(name, use, partial(session.take, name, view.download, flange), f"take-{name}")
 
-    with tag("div", style="tiles", role="group", aria_label="Files to download"):
+    with draw.tag("div", style="tiles", role="group", aria_label="Files to download"):
         tiles(FILES)
         if session.findings is not None:
             tiles({"findings.json": "the diagnosis"})
     if "payload" in session.history[-1].effects:
         said = "Flange in the last joint's frame [m]: x,y,z"
-        text_field(said, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107")
-        with tag("div", style="tiles", role="group", aria_label="The payload's files"):
+        draw.text_field(said, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107")
+        with draw.tag("div", style="tiles", role="group", aria_label="The payload's files"):
             tiles(LOAD)
-    more = details("For other simulators and controllers", "more-files")
-    with more, tag("div", style="tiles", role="group", aria_label="More files to download"):
+    more = draw.details("For other simulators and controllers", "more-files")
+    with more, draw.tag("div", style="tiles", role="group", aria_label="More files to download"):
         tiles(MORE)
-    runs = details("Runs as they were used, repaired where that was asked", "runs-files")
-    with runs, tag("div", style="tiles", role="group", aria_label="Runs to download"):
+    runs = draw.details("Runs as they were used, repaired where that was asked", "runs-files")
+    with runs, draw.tag("div", style="tiles", role="group", aria_label="Runs to download"):
         for k, run in enumerate(session.runs):
             name = f"run-{k + 1}.csv"
             take = partial(session.take, name, view.download)
-            tile(name, f"from {run['name']}", take, f"take-{name}")
-    with details("The same on the command line", "commands"):
-        tag("pre", "\n".join(session.commands()), tabindex="0")
+            draw.tile(name, f"from {run['name']}", take, f"take-{name}")
+    with draw.details("The same on the command line", "commands"):
+        draw.tag("pre", "\n".join(session.commands()), tabindex="0")
 
 
 _DRIVES = (("torque", "the measured torque alone"), ("pd", "and a control loop on the measured motion"))
@@ -82,22 +72,24 @@ def forward(view: View) -> None:
     def run() -> None:
         session.ask("forward", "Running the model forward", drive=view.drive)
 
-    with tag("div", style="fields pick"):
-        choice("Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive")
+    with draw.tag("div", style="fields pick"):
+        draw.choice("Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive")
     made = session.answer("forward")
-    button("Run it forward", run, "forward", "primary" if made is None else "")
+    draw.button("Run it forward", run, "forward", "primary" if made is None else "")
     if made is None:
-        note(
+        draw.note(
             "The model is started from measured states and driven by the torque of the runs that it is "
             "judged on: one sample, 0.1 s, and as long as it stays with the measured motion. Simulators "
             "and predictive controllers need this; a model of torques can be good without it."
         )
         return
-    tag("p", made["verdict"], "words")
-    table(made["heads"], made["rows"], "Errors of the simulated motion", "numbers")
-    note(made["explained"])
+    draw.tag("p", made["verdict"], "words")
+    draw.table(made["heads"], made["rows"], "Errors of the simulated motion", "numbers")
+    draw.note(made["explained"])
     if made["left_out"]:
-        tag("p", f"Without meaning in a simulation, left out: {', '.join(made['left_out'])}.", "finding")
+        draw.tag(
+            "p", f"Without meaning in a simulation, left out: {', '.join(made['left_out'])}.", "finding"
+        )
     _replay(view, made)
 
 
@@ -120,14 +112,16 @@ def _replay(view: View, made: dict[str, Any]) -> None:
         shown["run"] = int(run)
         follow()
 
-    with tag("div", style="fields pick"):
+    with draw.tag("div", style="fields pick"):
         joints = [(str(j), f"{j + 1}") for j in range(len(units))]
-        choice("Joint", joints, str(joint), lambda j: view.look(joint=int(j)), "forward-joint")
+        draw.choice("Joint", joints, str(joint), lambda j: view.look(joint=int(j)), "forward-joint")
         if len(made["runs"]) > 1:
-            choice("Free run", [(str(k), n) for k, n in enumerate(made["runs"])], "0", look, "free-run")
-    with tag("div", style="pair"):
+            draw.choice(
+                "Free run", [(str(k), n) for k, n in enumerate(made["runs"])], "0", look, "free-run"
+            )
+    with draw.tag("div", style="pair"):
         said = "blue: measured, orange: simulated"
-        drawn = chart(curves(joint), "Measured and simulated position, and what is left")
+        drawn = draw.chart(curves(joint), "Measured and simulated position, and what is left")
         drawn.classes("timed")
         arm = draw_arm(view, about, said, arms=2) if about["bodies"] else None
     view.followers["forward"] = follow

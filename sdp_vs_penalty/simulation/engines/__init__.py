@@ -1,7 +1,5 @@
 """Physics engines, one file each; :func:`engine_types` finds them, present or absent."""
 
-from __future__ import annotations
-
 from functools import cache
 
 from sdp_vs_penalty.plugins import classes

@@ -1,7 +1,5 @@
 """Bullet (Coumans) through PyBullet: generalised coordinates, impulses at velocity level."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import tempfile

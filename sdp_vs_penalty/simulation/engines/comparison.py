@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
 from sdp_vs_penalty.simulation.engines.engine import Engine, Followed
@@ -115,14 +114,8 @@ def inverse_dynamics_error(kind: type[Engine], robot: Robot, links: Array) -> fl
 
 def pose_errors(robot: Robot, q: Array, poses: Array) -> tuple[Array, Array]:
     """Distance [m] and angle [rad] (N,) of poses (N, 4, 4) from the last joint frame at q (N, n)."""
-    model = robot._model
-    data = model.createData()
-    position, angle = np.empty(len(q)), np.empty(len(q))
-    for k, (row, pose) in enumerate(zip(q, poses, strict=True)):
-        pin.forwardKinematics(model, data, np.ascontiguousarray(row))
-        true = data.oMi[robot.n]
-        position[k] = np.linalg.norm(pose[:3, 3] - true.translation)
-        r = true.rotation.T @ pose[:3, :3]
-        twice = [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]
-        angle[k] = np.arctan2(0.5 * np.linalg.norm(twice), 0.5 * (np.trace(r) - 1.0))
-    return position, angle
+    from scipy.spatial.transform import Rotation
+
+    true = robot.poses(q)[:, robot.n - 1]
+    turned = Rotation.from_matrix(np.swapaxes(true[:, :3, :3], 1, 2) @ poses[:, :3, :3])
+    return np.linalg.norm(poses[:, :3, 3] - true[:, :3, 3], axis=1), turned.magnitude()

@@ -1,7 +1,5 @@
 """DART (Lee et al., J. Open Source Software 2018): generalised coordinates, Lie group formulation."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

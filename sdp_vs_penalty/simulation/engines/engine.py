@@ -4,8 +4,6 @@ A file in this folder that defines a subclass of :class:`Engine` is its registra
 reaches an engine the way a user would bring it there: as the URDF or MJCF that this package exports.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from importlib import import_module

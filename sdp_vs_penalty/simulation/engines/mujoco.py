@@ -1,7 +1,5 @@
 """MuJoCo (Todorov, Erez, Tassa, IROS 2012): generalised coordinates."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -6,19 +6,16 @@ apart and are pulled back (error reduction parameter). Debian's package libode8 
 C interface; it has no loader of URDF, so that bodies and joints are made here.
 """
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_uint, c_void_p
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.simulation.engines.engine import STRONG, Array, Engine, Followed
 
 #: dParamVel and dParamFMax of ode/common.h.
@@ -129,86 +126,66 @@ class Ode(Engine):
         return None
 
     def follow(self, start: Array, velocities: Array, step: float) -> Followed:
-        scene = _Scene(self, start)
+        world = c_void_p(self.ode.dWorldCreate())
         try:
-            return scene.run(velocities, step)
+            return self._follow(world, start, velocities, step)
         finally:
-            self.ode.dWorldDestroy(scene.world)
+            self.ode.dWorldDestroy(world)
 
-
-class _Scene:
-    """One world with the robot at rest in a configuration."""
-
-    def __init__(self, engine: Ode, start: Array) -> None:
-        self.ode, self.robot, self.engine = engine.ode, engine.robot, engine
-        ode = self.ode
-        self.world = c_void_p(ode.dWorldCreate())
-        ode.dWorldSetGravity(self.world, *self.robot.gravity)
-        self.bodies: list[c_void_p] = []
-        self.joints: list[c_void_p] = []
-        self.feedback = [_Feedback() for _ in self.robot.joints]
-        for k, frame in enumerate(self.robot.poses(start[None])[0]):
-            self._body(k, frame)
-            self._joint(k, self.robot.joints[k], frame)
-
-    def _body(self, k: int, frame: Array) -> None:
-        body = c_void_p(self.ode.dBodyCreate(self.world))
-        rows = np.zeros((3, 4))
-        rows[:, :3] = frame[:3, :3]
-        self.ode.dBodySetRotation(body, (c_double * 12)(*rows.ravel()))
-        self.ode.dBodySetPosition(body, *(frame[:3, :3] @ self.engine.centres[k] + frame[:3, 3]))
-        self.ode.dBodySetMass(body, byref(self.engine.masses[k]))
-        self.bodies.append(body)
-
-    def _joint(self, k: int, joint: Joint, frame: Array) -> None:
-        ode, kind = self.ode, "Hinge" if joint.kind == "revolute" else "Slider"
-        made = c_void_p(getattr(ode, f"dJointCreate{kind}")(self.world, None))
-        ode.dJointAttach(made, self.bodies[k], None if joint.parent < 0 else self.bodies[joint.parent])
-        if kind == "Hinge":
-            ode.dJointSetHingeAnchor(made, *frame[:3, 3])
-        getattr(ode, f"dJointSet{kind}Axis")(made, *(frame[:3, :3] @ joint.axis))
-        getattr(ode, f"dJointSet{kind}Param")(made, _PARAM_FMAX, STRONG)
-        ode.dJointSetFeedback(made, byref(self.feedback[k]))
-        self.joints.append(made)
-
-    def run(self, velocities: Array, step: float) -> Followed:
+    def _follow(self, world: c_void_p, start: Array, velocities: Array, step: float) -> Followed:
         ode, n = self.ode, self.robot.n
-        sets = [
-            ode.dJointSetHingeParam if j.kind == "revolute" else ode.dJointSetSliderParam
-            for j in self.robot.joints
-        ]
+        ode.dWorldSetGravity(world, *self.robot.gravity)
+        bodies: list[c_void_p] = []
+        motors, feedback = [], [_Feedback() for _ in range(n)]
+        for k, (joint, frame) in enumerate(
+            zip(self.robot.joints, self.robot.poses(start[None])[0], strict=True)
+        ):
+            bodies.append(self._body(world, k, frame))
+            kind = "Hinge" if joint.kind == "revolute" else "Slider"
+            made, parent = c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None)), joint.parent
+            ode.dJointAttach(made, bodies[k], None if parent < 0 else bodies[parent])
+            if kind == "Hinge":
+                ode.dJointSetHingeAnchor(made, *frame[:3, 3])
+            getattr(ode, f"dJointSet{kind}Axis")(made, *(frame[:3, :3] @ joint.axis))
+            motors.append(partial(getattr(ode, f"dJointSet{kind}Param"), made))
+            motors[k](_PARAM_FMAX, STRONG)
+            ode.dJointSetFeedback(made, byref(feedback[k]))
         torque = np.empty_like(velocities)
         pose = np.empty((len(velocities), 4, 4))
-        after = self._frames()
+        after = [self._frame(k, body) for k, body in enumerate(bodies)]
         for i, velocity in enumerate(velocities):
-            for k in range(n):
-                sets[k](self.joints[k], _PARAM_VEL, velocity[k])
-            ode.dWorldStep(self.world, step)
-            before, after = after, self._frames()
-            for k in range(n):
-                # ODE forms the constraints of a step at the configuration before it.
-                torque[i, k] = self._torque(k, before[k])
+            for motor, speed in zip(motors, velocity, strict=True):
+                motor(_PARAM_VEL, speed)
+            ode.dWorldStep(world, step)
+            # ODE forms the constraints of a step at the configuration before it.
+            torque[i] = [self._torque(k, *x) for k, x in enumerate(zip(feedback, after, strict=True))]
+            after = [self._frame(k, body) for k, body in enumerate(bodies)]
             pose[i] = after[-1]
         return Followed(step, torque, pose)
 
-    def _frames(self) -> list[Array]:
-        """(4, 4) of each joint frame from its body's pose."""
-        out = []
-        for body, centre in zip(self.bodies, self.engine.centres, strict=True):
-            frame = np.eye(4)
-            rows = np.ctypeslib.as_array(self.ode.dBodyGetRotation(body), (12,)).reshape(3, 4)
-            frame[:3, :3] = rows[:, :3]
-            position = np.ctypeslib.as_array(self.ode.dBodyGetPosition(body), (3,))
-            frame[:3, 3] = position - frame[:3, :3] @ centre
-            out.append(frame)
-        return out
+    def _body(self, world: c_void_p, k: int, frame: Array) -> c_void_p:
+        """Link k at rest, its joint's frame (4, 4) there."""
+        body = c_void_p(self.ode.dBodyCreate(world))
+        rows = np.pad(frame[:3, :3], ((0, 0), (0, 1)))
+        self.ode.dBodySetRotation(body, (c_double * 12)(*rows.ravel()))
+        self.ode.dBodySetPosition(body, *(frame[:3, :3] @ self.centres[k] + frame[:3, 3]))
+        self.ode.dBodySetMass(body, byref(self.masses[k]))
+        return body
 
-    def _torque(self, k: int, frame: Array) -> float:
+    def _frame(self, k: int, body: c_void_p) -> Array:
+        """(4, 4) of a joint's frame from its body's pose."""
+        frame = np.eye(4)
+        rows = np.ctypeslib.as_array(self.ode.dBodyGetRotation(body), (12,)).reshape(3, 4)
+        frame[:3, :3] = rows[:, :3]
+        position = np.ctypeslib.as_array(self.ode.dBodyGetPosition(body), (3,))
+        frame[:3, 3] = position - frame[:3, :3] @ self.centres[k]
+        return frame
+
+    def _torque(self, k: int, wrench: _Feedback, frame: Array) -> float:
         """The part along the joint's axis of what its constraint does to the link."""
-        joint, wrench = self.robot.joints[k], self.feedback[k]
+        joint = self.robot.joints[k]
         axis = frame[:3, :3] @ joint.axis
         force, moment = np.array(wrench.f1[:3]), np.array(wrench.t1[:3])
         if joint.kind == "prismatic":
             return float(axis @ force)
-        arm = frame[:3, :3] @ self.engine.centres[k]
-        return float(axis @ (moment + np.cross(arm, force)))
+        return float(axis @ (moment + np.cross(frame[:3, :3] @ self.centres[k], force)))

@@ -1,7 +1,5 @@
 """Arms as URDF files, read by Pinocchio itself; what they say of friction and limits sets all sizes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ What lies between a torque and its log, an angle and its log: filters, delay, no
 nuisance makes fair to name is stated here, before any case is run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 

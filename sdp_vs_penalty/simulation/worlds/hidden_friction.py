@@ -1,7 +1,5 @@
 """Friction that can be hidden on a joint; equations and signs as in the sources that are named."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What else a machine does to its torque: gears, springs, sensors, mounting, loads."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What no effect of the library is: torques of the state, and what happens beside the motion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 

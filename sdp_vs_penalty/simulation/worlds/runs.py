@@ -1,7 +1,5 @@
 """The runs that are made in a world, and what is logged of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ friction is whatever holds it: Moreau, Computer Methods in Applied Mechanics and
 law in the same form: its travel of 1e-7 is the set-valued sign.
 """
 
-from __future__ import annotations
-
 from math import sqrt, tanh
 from operator import mul
 from typing import Any
