@@ -168,6 +168,8 @@ def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     logs = [(fit.scene, fit.repair, out[k].run) for k, fit in whole]
     for number, issue in compare(logs):
         k = whole[number][0]
+        if (issue.kind, issue.where) in [(f.kind, f.where) for f in out[k].issues]:
+            continue  # each number is told once
         out[k] = replace(out[k], issues=gravest_first((*out[k].issues, issue)))
     return out
 

@@ -8,6 +8,8 @@ import numpy as np
 # -- rows and columns that hypotheses are judged on ----------------------------------------------------
 #: Rows that hypotheses are judged on.
 ROWS = 320
+#: Rows for each independent sample of the low-passed torque.
+DENSE = 1.2
 #: A joint slides at this share of its usual speed: slower, dry friction holds any torque between limits.
 SLIDES = 0.2
 #: Velocities over which Coulomb friction may turn [rad/s, m/s]: from a sign to a smooth one.
@@ -16,6 +18,8 @@ COULOMB_WIDTHS = (0.002, 0.03, 0.1)
 BRISTLE_TRAVELS = (5e-4, 5e-3)
 
 # -- the likelihood ------------------------------------------------------------------------------------
+#: Relative ridge of the normal equations: directions that the motion does not excite stay quiet.
+RIDGE = 1e-9
 #: A residual below 0.3 % of the torque is explained: friction laws and filters are no better.
 FLOOR = 1e-5
 #: Rounds of reweighting each joint by its own residual.
@@ -32,8 +36,6 @@ LOUDEST = 60.0
 ODDS = 6.0
 #: Friction that warms up and slow noise look like a drift or a step (natural logarithm of the odds).
 SLOW_ODDS = 15.0
-#: Instants of a log at which a step of a torque is tried.
-STEPS = 39
 #: What the arm leaves of parts that it was not fitted to has to fall by so many standard errors, and the
 #: log-likelihood by as many to either side of a number, within its reach (Student's t, 99 %).
 SIGNIFICANT = 3.0

@@ -25,7 +25,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, ROUNDS
+from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, under_gravity
 from sdp_vs_penalty.checks.repair import Event, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
@@ -355,10 +355,10 @@ def independent_samples(residual: Array, asked: NDArray[np.bool_]) -> float:
 
 def solve(gram: Array, right: Array) -> Array:
     """(..., s, r) (G + ridge)^-1 B with columns of G (..., s, s) scaled to one; zero for those that are
-    not there. The ridge is what rounding leaves: directions that are not excited stay quiet."""
+    not there."""
     norms = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 0.0))
     seen = norms > 1e-9 * norms.max(axis=-1, keepdims=True, initial=0.0)
     scale = np.where(seen, 1.0 / np.where(seen, norms, 1.0), 0.0)[..., None]
     unit = scale * gram * np.swapaxes(scale, -1, -2)
-    np.einsum("...ii->...i", unit)[...] += np.where(seen, np.sqrt(np.finfo(float).eps), 1.0)
+    np.einsum("...ii->...i", unit)[...] += np.where(seen, RIDGE, 1.0)
     return np.asarray(scale * np.linalg.solve(unit, scale * right))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import BRISTLE_TRAVELS, COULOMB_WIDTHS, ROWS, SLIDES
+from sdp_vs_penalty.checks.constants import BRISTLE_TRAVELS, COULOMB_WIDTHS, DENSE, ROWS, SLIDES
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
@@ -74,7 +74,7 @@ class RegressionData:
 
         assert settings.torque_cutoff is not None
         # As much of the band as the rows can hold, each row independent of the next.
-        band = ROWS / (2.0 * max(float(run.t[-1] - run.t[0]), 1e-9))
+        band = ROWS / (2.0 * DENSE * max(float(run.t[-1] - run.t[0]), 1e-9))
         settings = replace(settings, torque_cutoff=min(settings.torque_cutoff, band))
         filters, (laws, shared) = RunFilter(run, settings), split(problem.model())
         margin = filters.state.half + filters.column.half

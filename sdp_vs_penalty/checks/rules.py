@@ -24,6 +24,8 @@ Rows = NDArray[np.bool_]
 _UNITS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 #: Time steps [s] of a log that somebody would identify from.
 _STEPS = (2e-5, 0.5)
+#: The samples of the median that a spike is measured from.
+_WIDTH = 7
 _READ, _DELETE = "certain: read from the file", "delete these rows"
 
 
@@ -398,12 +400,12 @@ def _filled(x: Array) -> Rows:
 
 def spikes(g: Glance) -> Iterator[Issue]:
     """Single samples far from the median around them: bits turned, packets torn."""
-    found, half = {}, STUCK // 2
+    found, half = {}, _WIDTH // 2
     for name, j, x in g.channels:
         least = SPIKE[1] * float(np.ptp(np.quantile(x, [1 / RUN, 1.0 - 1 / RUN]))) + 1e-9
         # Without such a step no sample can be that far from the median.
         if g.moving[j] and np.abs(np.diff(x)).max() > least / half:
-            around = sliding_window_view(np.pad(x, half, "edge"), 2 * half + 1)
+            around = sliding_window_view(np.pad(x, half, "edge"), _WIDTH)
             off = np.abs(x - np.median(around, axis=1))
             bad = (off > max(SPIKE[0] * np.quantile(off, 0.9), least)) & g.inside
             found[name] = bad & (bad.mean() <= 1 / RUN)

@@ -14,8 +14,14 @@ import numpy as np
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.likelihood import Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformation import Element, Number, Scene
-from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS
+from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation
+from sdp_vs_penalty.checks.transformations import motion, torque
+
+#: What is tried, in the order of the words.
+TRANSFORMATIONS: tuple[Transformation, ...] = (
+    motion.Degrees(), motion.Clock(), motion.Sign(), motion.Exchange(), motion.Mounting(),
+    torque.Weight(), torque.Gain(), torque.Delay(), torque.Change(), motion.Zero(), torque.Saturation(),
+)  # fmt: skip
 
 
 class Search:
@@ -31,7 +37,11 @@ class Search:
 
     def likelihood(self, score: Score, repair: Repair) -> float:
         """Log-likelihood less the repair's cost."""
-        cost = sum(e.cost for e in self.elements(repair))
+        told = self.elements(repair)
+        odd = sum(
+            e.number is not None and not np.isclose(e.number.value, e.number.snaps).any() for e in told
+        )
+        cost = sum(e.cost for e in told) + 0.5 * c.ODDS * odd  # round numbers come first
         return -0.5 * self.samples * score.score - cost
 
     def posterior(self, repair: Repair) -> float:
@@ -116,7 +126,7 @@ class Search:
             assert number is not None
             ends = number.value - number.reach, number.value + number.reach
             best = float(minimize_scalar(
-                lambda x, at=number.at: self.scene.screen.score(at(float(x))).score,
+                lambda x, at=number.at: self.scene.likelihood.score(at(float(x))).score,
                 bounds=ends, method="bounded", options={"xatol": 0.05 * number.tolerance, "maxiter": 14},
             ).x)  # fmt: skip
             near = [x for x in number.snaps if abs(x - best) < number.tolerance]

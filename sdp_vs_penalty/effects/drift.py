@@ -20,11 +20,9 @@ class Drift(JointEffect):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        forms = cls.shapes["form"].choices
+        forms, grid = cls.shapes["form"].choices, cls.shapes["T"].grid
         linear = [{"form": form} for form in forms if form % 2]
-        return linear + [
-            {"form": form, "T": T} for form in forms if not form % 2 for T in cls.shapes["T"].grid
-        ]
+        return linear + [{"form": form, "T": T} for form in forms if not form % 2 for T in grid]
 
     @property
     def exponential(self) -> bool:

@@ -87,8 +87,8 @@ class Plant:
         self.effects = [(e, k) for e, k in own if e.name != "rigid_body" and e.forward == "torque"]
         self.channels = [(e, k) for e, k in own if e.forward == "channel"]
         links = self.theta[:, model.rigid_indices]
-        self._rigid = [self.robot.mass_and_bias(row) for row in np.unique(links, axis=0)]
-        self._which = np.unique(links, axis=0, return_inverse=True)[1].ravel()
+        different, which = np.unique(links, axis=0, return_inverse=True)
+        self._rigid, self._which = [self.robot.mass_and_bias(row) for row in different], which.ravel()
         self.contacts = self._contacts()
         self.bristles = [e.bristles for e, _ in self.effects if isinstance(e, Remembering)]
         self.states = sum(len(b.distances) for b in self.bristles)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from sdp_vs_penalty.robot.robot import Robot
 
 #: Velocity [rad/s, m/s] over which the sign of a velocity is smoothed.
 SIGN_WIDTH = 0.01
+Logged = TypeVar("Logged")
 
 
 @dataclass(frozen=True)
@@ -112,29 +113,17 @@ class Motion:
     @property
     def told(self) -> Command:
         """``command``; InputError where the measurements hold none."""
-        if self.command is None:
-            raise InputError(
-                "these measurements hold no commands", "add columns qcmd1..qcmdn to the log"
-            )
-        return self.command
+        return _logged(self.command, "commands", "qcmd1..qcmdn")
 
     @property
     def integral(self) -> Array:
         """``sum``; InputError where the measurements hold no commands."""
-        if self.sum is None:
-            raise InputError(
-                "these measurements hold no commands", "add columns qcmd1..qcmdn to the log"
-            )
-        return self.sum
+        return _logged(self.sum, "commands", "qcmd1..qcmdn")
 
-    @cached_property
+    @property
     def joint_temperature(self) -> Array:
         """``temperature``; InputError where the measurements hold none."""
-        if self.temperature is None:
-            raise InputError(
-                "these measurements hold no temperatures", "add columns temp1..tempn to the log"
-            )
-        return self.temperature
+        return _logged(self.temperature, "temperatures", "temp1..tempn")
 
     def part(self, which: slice) -> Motion:
         """Consecutive ones of these instants."""
@@ -188,9 +177,8 @@ class Motion:
     @cached_property
     def link_torque(self) -> Array:
         """(N, n) what the gears transmit: the current model's rigid-body torque, without friction."""
-        links = self.model_links
-        assert self.current is not None
-        return self.current.robot.inverse_dynamics(links, self.q, self.dq, self.ddq)
+        robot, links = self._model.robot, self._model.links
+        return robot.inverse_dynamics(links, self.q, self.dq, self.ddq)
 
     @cached_property
     def torque_rate(self) -> Array:
@@ -212,16 +200,25 @@ class Motion:
     @property
     def model_links(self) -> Array:
         """(n, 10) standard parameters of the current model's links; ValueError without one."""
+        return self._model.links
+
+    @property
+    def _model(self) -> CurrentModel:
         if self.current is None:
             raise ValueError("this effect needs Motion.current, the current model's links")
-        return self.current.links
+        return self.current
 
     @cached_property
     def derivatives(self) -> tuple[Array, Array, Array]:
         """dID/dq, dID/d dq, dID/d ddq of the current model's links, each (N, n, n)."""
-        links = self.model_links
-        assert self.current is not None
-        return self.current.robot.inverse_dynamics_derivatives(links, self.q, self.dq, self.ddq)
+        robot, links = self._model.robot, self._model.links
+        return robot.inverse_dynamics_derivatives(links, self.q, self.dq, self.ddq)
+
+
+def _logged(value: Logged | None, what: str, columns: str) -> Logged:
+    if value is None:
+        raise InputError(f"these measurements hold no {what}", f"add columns {columns} to the log")
+    return value
 
 
 def _time_derivative(values: Array, t: Array) -> Array:

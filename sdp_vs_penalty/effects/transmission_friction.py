@@ -83,8 +83,7 @@ class TransmissionFriction(Remembering):
         position, torque = self.robot.position_units[first], self.robot.torque_units[first]
         per = {"viscous": f"*s/{position}", "inertia": f"*s^2/{position}"}.get(self.law, "")
         name = f"{self.symbol}_{self.law}({self.combination})"
-        lower = 0.0
-        return (Parameter(name, torque + per, self.name, first + 1, lower),)
+        return (Parameter(name, torque + per, self.name, first + 1, 0.0),)
 
     @property
     def combination(self) -> str:

@@ -18,7 +18,6 @@ from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transfo
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
-_QUARTER = 0.5 * np.pi
 #: True time over the file's that is tried.
 _RATES = (0.5, 0.75, 1.4, 2.0)
 #: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
@@ -29,7 +28,7 @@ class Degrees(Transformation):
     """Positions in degrees: of all revolute joints, or of one of them."""
 
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        far = [j for j in scene.revolute if scene.reach(now)[j] > 4.0 * _QUARTER]
+        far = [j for j in scene.revolute if scene.reach(now)[j] > 2.0 * np.pi]
         for joints in [scene.revolute, *([j] for j in far if scene.n > 1)] if far else ():
             yield now.times("scale", joints, float(np.radians(1.0)))
 
@@ -151,7 +150,7 @@ class Zero(Transformation):
             step, _ = scene.screen.change(at, now.zero[j], 0.01 * unit)
             steps = [float(np.clip(step, -0.7 * unit, 0.7 * unit))]
             steps += (
-                [-_QUARTER, _QUARTER, np.pi] if j in scene.revolute and scene.poor(score).any() else []
+                [-np.pi / 2, np.pi / 2, np.pi] if j in scene.revolute and scene.poor(score).any() else []
             )
             yield from (at(now.zero[j] + x) for x in steps if x)
 
@@ -161,7 +160,7 @@ class Zero(Transformation):
             tolerance, gross = (x * unit * (1.0 if turns else 0.25) for x in (c.CALIBRATED, c.GROSS))
             at = partial(_at, scene, repair, j)
             text = _degrees if turns else "{:.4g} m".format
-            snaps = tuple(_QUARTER * k for k in (-1, 1, 2)) if turns else ()
+            snaps = (-np.pi / 2, np.pi / 2, np.pi) if turns else ()
             yield Element(
                 "encoder offset", "error" if abs(x) > gross else "warning", (j,),
                 f"the zero of {joints_text([j])} is {text(-x)} away from the robot's kinematics.",

@@ -140,7 +140,7 @@ class Change(Transformation):
     def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
         motion = scene.likelihood.data.motion
         t, span = motion.t, float(np.ptp(motion.t))
-        steps = np.linspace(0.12, 0.88, c.STEPS)
+        steps = np.linspace(0.12, 0.88, c.ROWS // c.PARTS)
         events = [None, *(float(t[0] + s * span) for s in steps)]
         shapes = np.column_stack([Event(0, at).shape(t) for at in events])
         heard = scene.likelihood.data.heard.T[list(now.order)]
@@ -169,7 +169,7 @@ class Change(Transformation):
             how = f"drifts by {size:+.3g} {unit} from the first row to the last"
             remedy = "let the sensor warm up and set its zero before the run"
             if t is not None:
-                kind, many, place = "torque step", scene.n * c.STEPS, f"{name}, t = {t:.4g} s"
+                kind, many, place = "torque step", scene.n * c.ROWS // c.PARTS, f"{name}, t = {t:.4g} s"
                 how = f"steps by {size:+.3g} {unit} at t = {t:.4g} s and stays there"
                 remedy = "cut the run there, or find out what touched the arm"
             yield Element(

@@ -14,8 +14,6 @@ from scipy.signal import lfilter
 from sdp_vs_penalty.simulation.worlds.arm import ARMS, Array
 
 RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)
-#: The width that the library's Coulomb friction has unless told otherwise [rad/s or m/s].
-USUAL_WIDTH = 0.01
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,8 @@ class SensorNoise:
 
 @dataclass(frozen=True)
 class Conditions:
-    """width : (smallest, largest) of tanh, drawn joint by joint; asymmetry : of Coulomb and viscous
+    """width : (smallest, largest) of tanh [rad/s or m/s], drawn joint by joint, by default what the
+    library's Coulomb friction has unless told otherwise; asymmetry : of Coulomb and viscous
     friction, as a share; warming : share of the viscous friction that goes as grease warms up;
     thermometer : whether the gears' temperatures are logged; misplacement : (m, degrees) of the true
     joints beside the URDF; runs, duration : of what is diagnosed, a test run apart; motion : of
@@ -99,7 +98,7 @@ class Conditions:
 
     arm: str = "panda"
     law: str = "tanh"
-    width: tuple[float, float] = (USUAL_WIDTH, USUAL_WIDTH)
+    width: tuple[float, float] = (0.01, 0.01)
     asymmetry: float = 0.0
     warming: float = 0.0
     thermometer: bool = False
@@ -226,7 +225,7 @@ def draw_conditions(nuisance: str, rng: Generator) -> Conditions:
 def fair(c: Conditions) -> tuple[set[str], bool]:
     """The effects that are a right answer to these conditions, and whether abstaining is one."""
     at_work = {
-        "widths": c.law == "tanh" and max(c.width) > USUAL_WIDTH,
+        "widths": c.law == "tanh" and max(c.width) > max(Conditions().width),
         "asymmetric": c.asymmetry > 0.0,
         "warming": c.warming > 0.0,
         "dahl": c.law == "dahl",

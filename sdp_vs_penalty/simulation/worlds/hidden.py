@@ -116,11 +116,8 @@ def shifted(effect: str, joint: int, shift: Change, number: float | None) -> Hid
 
 def displaced(m: TrueMotion, joint: int, shift: Array) -> TrueMotion:
     """The motion of the links, rates by central differences on the fine grid."""
-    if np.ptp(shift) == 0.0:
-        rate = acceleration = np.zeros_like(shift)
-    else:
-        rate = np.gradient(shift, m.t)
-        acceleration = np.gradient(rate, m.t)
+    rate = np.gradient(shift, m.t)
+    acceleration = np.gradient(rate, m.t)
     q, dq, ddq = m.q.copy(), m.dq.copy(), m.ddq.copy()
     q[:, joint] += shift
     dq[:, joint] += rate

@@ -35,23 +35,17 @@ class DryFriction:
         if self.law == "tanh":
             return np.tanh(dq / self.width)
         if self.law == "dahl":
-            return bristles(t, dq, self.travel, lambda v: np.ones_like(v))
-        return bristles(
-            t,
-            dq,
-            self.travel,
-            lambda v: 1.0 + self.rise * np.exp(-((v / self.speed) ** 2)),
-            damping=0.02,
-        )
+            return bristles(t, dq, self.travel, np.ones_like)
+
+        def level(v: Array) -> Array:
+            return 1.0 + self.rise * np.exp(-((v / self.speed) ** 2))
+
+        return bristles(t, dq, self.travel, level, damping=0.02)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
-        shape = {"width": self.width} if self.law == "tanh" else {}
-        if self.law in ("dahl", "lugre"):
-            shape = {"travel": self.travel}
-        if self.law == "lugre":
-            shape |= {"rise": self.rise, "speed": self.speed}
-        return {"law": self.law} | {name: value.tolist() for name, value in shape.items()}
+        own = {"tanh": ("width",), "dahl": ("travel",), "lugre": ("travel", "rise", "speed")}
+        return {"law": self.law} | {x: getattr(self, x).tolist() for x in own.get(self.law, ())}
 
 
 def bristles(
