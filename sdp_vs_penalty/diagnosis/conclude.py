@@ -233,7 +233,8 @@ def _rival_name(own: Effect, other: Effect) -> str:
 def _shares(search: Search, term: Term) -> tuple[float, float]:
     """Of a term's energy what the model's columns make, and what other terms make besides."""
     alone, beside = (
-        search.energy(term, others) for others in ([], [t for t in search.terms if t != term])
+        search.score.fit(others, search.fit.level).energy(term)
+        for others in ([], [t for t in search.terms if t != term])
     )
     scaled = search.fit.scaled(term.columns)
     whole = sum(float(np.sum((z @ term.beta) ** 2)) for z in scaled.values())

@@ -93,6 +93,10 @@ class Fit:
             left[j] += z
         return np.asarray(left)
 
+    def energy(self, term: Term) -> float:
+        """Weighted squares of what the fit leaves of a term."""
+        return float(np.sum((self.beside(self.scaled(term.columns)) @ term.beta) ** 2))
+
     def without(self, direction: Array) -> Fit:
         """Without one direction Q w of the columns, w (r,) of unit length."""
         u = self.Q @ direction

@@ -113,11 +113,6 @@ class Search:
         shared = (t.J * t.times * len(t.joints & on) / len(t.joints) for t in terms if t.joints)
         return APART + FORM * max(shared, default=0.0)
 
-    def energy(self, term: Term, others: Sequence[Term]) -> float:
-        """Weighted squares of what the model and other terms leave of a term."""
-        fit = self.score.fit(others, self.fit.level)
-        return float(np.sum((fit.beside(fit.scaled(term.columns)) @ term.beta) ** 2))
-
     def top_candidates(
         self,
         fit: Fit,
@@ -176,6 +171,7 @@ class Search:
         not enough left goes."""
         terms = list(terms)
         newest = terms[-1].joints if terms else frozenset()
+        alone = self.score.fit([t for t in terms if t.form.own], self.fit.level)
         for _ in range(2):
             moved = False
             for term in list(terms):
@@ -190,10 +186,8 @@ class Search:
                     terms, moved = others, True
                     continue
                 moved |= again.form.effect.shape != term.form.effect.shape
-                own, times = [t for t in others if t.form.own], 1.0
-                if len(own) < len(others):
-                    times = self.energy(again, own) / max(self.energy(again, others), 1e-300)
-                terms[terms.index(term)] = replace(again, rivals=term.rivals, times=max(times, 1.0))
+                times = max(alone.energy(again) / max(fit.energy(again), 1e-300), 1.0)
+                terms[terms.index(term)] = replace(again, rivals=term.rivals, times=times)
             if not moved:
                 break
         return terms
