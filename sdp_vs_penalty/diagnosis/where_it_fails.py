@@ -352,7 +352,7 @@ def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
     away, direction = np.full(len(velocity), np.inf), np.zeros(len(velocity))
     span = max(1, round(FOLLOWS * rows.rate))
     turns = np.sign(velocity[1:]) != np.sign(velocity[:-1])
-    for k in np.flatnonzero(turns & (rows.segment[1:] == rows.segment[:-1])):
+    for k in np.flatnonzero(turns & (rows.segment[1:] == rows.segment[:-1])).tolist():
         at = np.arange(max(k - span + 1, 0), min(k + 1 + span, len(velocity)))
         at = at[rows.segment[at] == rows.segment[k]]
         seconds = rows.t[at] - 0.5 * (rows.t[k] + rows.t[k + 1])

@@ -255,11 +255,12 @@ def recognised(f: SplineFit, on_rows: OnRows, score: Score, looked: int) -> list
         every.append(LawFit(law, a[best], np.array(law.starts[best], float), float(chi2[best])))
     rough = sorted(every, key=rated, reverse=True)[:CLOSELY]
     found = []
-    for law in (_refined(r, in_splines) for r in rough):
-        raw = on_rows(law.law, law.constants)
+    for start in rough:
+        near = _refined(start, in_splines)
+        raw = on_rows(near.law, near.constants)
         own = Columns.of(score, f.columns.fit, score.data.white(raw, f.joint), f.joint, robust=False)
         a, chi2 = _amplitudes(own.D[None], own.s[None])
-        exact = LawFit(law.law, a[0], law.constants, float(chi2[0]))
+        exact = LawFit(near.law, a[0], near.constants, float(chi2[0]))
         found.append((rated(exact), exact))
     return sorted(found, key=lambda r: -r[0])
 
@@ -277,7 +278,7 @@ def law_of(laws: Sequence[tuple[float, LawFit]], f: SplineFit) -> LawFit | None:
 def _onto(axis: Axis, every: int) -> tuple[Array, Array]:
     """The points of an axis, each or every second one, and what makes coefficients of values there."""
     x = axis.points[::every]
-    return x, np.linalg.pinv(axis.columns(x), rcond=1e-10)
+    return x, np.asarray(np.linalg.pinv(axis.columns(x), rcond=1e-10), float)
 
 
 def _in_splines(basis: Basis, law: Law, constants: Array) -> Array:
