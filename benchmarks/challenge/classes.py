@@ -12,7 +12,7 @@ from sdp_vs_penalty.simulation.worlds.conditions import Conditions
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
 from sdp_vs_penalty.simulation.worlds.hidden_friction import FRICTION
 from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN, MACHINE
-from sdp_vs_penalty.simulation.worlds.hidden_unknown import disturbance, unknown
+from sdp_vs_penalty.simulation.worlds.hidden_unknown import disturbance, nameless, unknown
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
@@ -60,7 +60,7 @@ class CaseClass:
         self, names: Sequence[str], world: World, motions: Sequence[TrueMotion], rng: np.random.Generator
     ) -> list[Hidden]:
         """The hidden effects, sized on the motions that are identified from."""
-        kinds = {"unknown": unknown, "curves": unknown, "disturbance": disturbance, **FROZEN}
+        kinds = {"unknown": unknown, "curves": nameless, "disturbance": disturbance, **FROZEN}
         makers = [EFFECTS[name] for name in names] or [kinds[x] for x in (self.what,) if x in kinds]
         coarse = [m.thinned(10) for m in motions]
         made = [make(world, int(rng.integers(world.arm.n)), rng) for make in makers]

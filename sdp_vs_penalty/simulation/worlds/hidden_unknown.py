@@ -17,6 +17,27 @@ Law = tuple[Callable[[TrueMotion], Array], tuple[str, ...]]
 
 
 def unknown(w: World, j: int, rng: Generator) -> Hidden:
+    """A function of the state that is not in the library."""
+    i = int(rng.choice([k for k in range(w.arm.n) if k != j]))
+    c = float(rng.uniform(-0.5, 0.5))
+    # On a prismatic joint a wave of q would be a straight line: as many waves as on a turning one.
+    s = 1.0 / w.arm.unit_speed if w.arm.rotary[j] else 8.0 * np.ones(w.arm.n)
+
+    laws: Mapping[str, Callable[[TrueMotion], Array]] = {
+        "q dq": lambda m: m.q[:, j] * m.dq[:, j],
+        "cos(2 q_i) sign(dq_j)": lambda m: np.cos(2.0 * s[i] * m.q[:, i] + c) * np.sign(m.dq[:, j]),
+        "sin(2 q_j + 3 q_i)": lambda m: np.sin(2.0 * s[j] * m.q[:, j] + 3.0 * m.q[:, i] + c),
+        "q_i dq_j": lambda m: m.q[:, i] * m.dq[:, j],
+        "dq_i |dq_j|": lambda m: m.dq[:, i] * np.abs(m.dq[:, j]),
+        "bumps of q": lambda m: np.exp(20.0 * (np.cos(2.0 * s[j] * m.q[:, j] - c) - 1.0)),
+        "dq ddq": lambda m: m.dq[:, j] * m.ddq[:, j],
+    }
+    name = str(rng.choice(sorted(laws)))
+    law = laws[name]
+    return at_joint(f"unknown: {name}", j, lambda _, m: law(m))
+
+
+def nameless(w: World, j: int, rng: Generator) -> Hidden:
     """A torque that no effect of the library is, over what a curve can show: position, load, velocity,
     acceleration, a combination of joints, or a pair of them, periodic or not.
 
@@ -56,7 +77,7 @@ def unknown(w: World, j: int, rng: Generator) -> Hidden:
     }
     name = str(rng.choice(sorted(laws)))
     law, of = laws[name]
-    hidden = at_joint(f"unknown: {name}", j, lambda _, m: law(m))
+    hidden = at_joint(f"nameless: {name}", j, lambda _, m: law(m))
     return replace(hidden, details={"of": list(of)})
 
 
