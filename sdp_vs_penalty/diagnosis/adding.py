@@ -26,8 +26,6 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.constants import LEVEL, SHAPE_FOLDS
-from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.identify import (
     certify,
@@ -106,7 +104,8 @@ def add(
                 "All these effects are the held model's own", "identify it again on these runs"
             )
     for effect in added:
-        _refuse_twice(estimate, effect)
+        if twice := _twice(estimate, effect):
+            raise _refused_twice(estimate, effect, twice)
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
@@ -138,9 +137,8 @@ def add(
     if together is None:
         return found
     model, shapes = together
-    other = identified(model.effects)
-    other = replace(other, details={**other.details, "shapes": [s.to_dict() for s in shapes]})
-    return other if confirmed(other, found, measurements) else found
+    found = identified(model.effects)
+    return replace(found, details={**found.details, "shapes": [s.to_dict() for s in shapes]})
 
 
 def _retunes(
@@ -178,29 +176,21 @@ def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
     return out
 
 
-def _joints_with(estimate: Estimate, effect: Effect) -> set[int]:
-    """The joints (from 0) on which the model has the effect already."""
-    return {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
+def _twice(estimate: Estimate, effect: Effect) -> set[int]:
+    """The joints (from 0) on which an effect that may come only once would come a second time."""
+    there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
+    return set() if effect.several else there & set(effect.joints)
 
 
-def _twice(estimate: Estimate, effect: Effect) -> list[int]:
-    """Of these the joints on which it would come a second time, where it may come only once."""
-    return [] if effect.several else sorted(_joints_with(estimate, effect) & set(effect.joints))
-
-
-def _refuse_twice(estimate: Estimate, effect: Effect) -> None:
-    twice = _twice(estimate, effect)
-    if twice:
-        free = sorted(set(range(estimate.robot.n)) - _joints_with(estimate, effect))
-        advice = "name another effect"
-        if free and not effect.whole_robot:
-            advice += f", or the joints without it: {effect.name}:{_joints(free)}"
-        where = "" if effect.whole_robot else f" on {formatting.joints([j + 1 for j in twice])}"
-        raise InputError(f"the model already has {effect.name}{where}", advice)
-
-
-def _joints(joints: Sequence[int]) -> str:
-    return "+".join(str(j + 1) for j in joints)
+def _refused_twice(estimate: Estimate, effect: Effect, twice: set[int]) -> InputError:
+    there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
+    free = sorted(set(range(estimate.robot.n)) - there)
+    advice = "name another effect"
+    if free and not effect.whole_robot:
+        joints = "+".join(str(j + 1) for j in free)
+        advice += f", or the joints without it: {effect.name}:{joints}"
+    where = "" if effect.whole_robot else f" on {formatting.joints([j + 1 for j in sorted(twice)])}"
+    return InputError(f"the model already has {effect.name}{where}", advice)
 
 
 def _given_shapes(text: str) -> list[frozenset[str]]:
@@ -349,31 +339,3 @@ def found_together(
         for s in shapes
     ]
     return best.model, out
-
-
-def confirmed(other: Estimate, found: Estimate, measurements: Measurements) -> bool:
-    """Whether folds of the motion that are left out show significantly less error with the other model's
-    shape constants: by Wilcoxon's signed ranks of the folds' differences, since a few folds may hold
-    most of the reversals."""
-    from scipy.stats import wilcoxon
-
-    try:
-        before, after = (
-            cross_validate(
-                e.problem,
-                measurements,
-                "ols",
-                effects=e.model.effects,
-                preprocessing=e.preprocessing,
-                folds=SHAPE_FOLDS,
-            )
-            for e in (found, other)
-        )
-    except InputError:  # too short to leave anything out
-        return False
-    level = sum(f.losses for f in before.folds)
-    gains = [
-        float(np.sum((a.losses - b.losses) / level))
-        for a, b in zip(before.folds, after.folds, strict=True)
-    ]
-    return bool(wilcoxon(gains, alternative="greater").pvalue < 0.5 * (1.0 - LEVEL))

@@ -16,7 +16,7 @@ from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.store import Growing, parts
-from sdp_vs_penalty.diagnosis.sentences import new_motion, plot_errors, plot_residual
+from sdp_vs_penalty.diagnosis.sentences import new_motion, plot_errors
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
@@ -134,8 +134,11 @@ class Comparison(Shown):
             raise InputError(f"plot(against={against!r}) is unknown", "write time, position or velocity")
         unit = {"time": "s", "position": "rad or m", "velocity": "rad/s or m/s"}[against]
         label = f"{against} of joint {joint} [{unit}]" if against != "time" else "time [s]"
+        axes = formatting.axes(axes)
+        axes.plot(x, s.residual[:, j], lw=0.8)
         title = f"{self.name}: RMSE {self.rmse[j]:.3g}"
-        return plot_residual(axes, x, s.residual[:, j], label, title)
+        axes.set(xlabel=label, ylabel="measured - modelled [N m or N]", title=title)
+        return axes
 
     def _summary(self) -> Summary:
         floor = [] if self.noise_floor is None else [", ".join(f"{x:.3g}" for x in self.noise_floor)]

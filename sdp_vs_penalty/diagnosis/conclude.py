@@ -14,7 +14,6 @@ from sdp_vs_penalty.diagnosis.constants import (
     FAR,
     HARMONIC,
     MATTERS,
-    SHARED,
     UNCERTAIN,
 )
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
@@ -91,7 +90,7 @@ def conclude(
     every = [_finding(found, k, term, errors, doubt) for k, term in enumerate(search.terms)]
     unsure = noise.source != REPETITION
     minor = [unsure and not lowers(errors[k], errors[k + 1]) for k in range(len(every))]
-    every = _judged_alone(found, _stood_in(found, every), alone)
+    every = _judged_alone(found, every, alone)
     findings = tuple(f for f, m in zip(every, minor, strict=True) if not m)
     beside = tuple(replace(f, confidence="minor") for f, m in zip(every, minor, strict=True) if m)
     curves = _told(found, seed)
@@ -148,22 +147,6 @@ def _told(found: Found, seed: int) -> tuple[Curve, ...]:
     return tuple(out)
 
 
-def _stood_in(found: Found, findings: Sequence[Finding]) -> list[Finding]:
-    """The findings; those that curves stand instead of are weak, and cannot be told apart from one."""
-    gone = {t for o in found.curves for t in o.replaced}
-    return [
-        replace(
-            f,
-            confidence="weak",
-            remarks=(*f.remarks, REASONS["curve"]),
-            indistinguishable_from=(*f.indistinguishable_from, CURVE),
-        )
-        if t in gone
-        else f
-        for f, t in zip(findings, found.search.terms, strict=True)
-    ]
-
-
 def _judged_alone(found: Found, findings: Sequence[Finding], alone: Alone) -> list[Finding]:
     """The findings; of the confident ones only those are that by themselves, as `add --confident` takes
     them, raise no joint's held-out error by what matters: the one without which they raise it least is
@@ -188,8 +171,9 @@ def _finding(found: Found, k: int, term: Term, errors: Array, doubt: Array) -> F
     known = size_of_term(search, term, doubt)
     size, std = size_of(effect, known.beta, known.covariance)
     joints = () if effect.whole_robot else tuple(j + 1 for j in effect.joints)
-    rivals = tuple(dict.fromkeys(_rival_name(term.form.effect, r.form.effect) for r in term.rivals))
+    rivals = tuple(dict.fromkeys(_rival_name(effect, r.form.effect) for r in term.rivals))
     weak = _reasons(found, term, known, size, std, errors[k : k + 2])
+    curve = (CURVE,) if "curve" in weak else ()
     return Finding(
         effect.name,
         joints,
@@ -199,7 +183,7 @@ def _finding(found: Found, k: int, term: Term, errors: Array, doubt: Array) -> F
         std,
         {p.name: float(b) for p, b in zip(effect.parameters, known.beta, strict=True)},
         "weak" if weak else "confident",
-        rivals,
+        (*rivals, *curve),
         errors[k],
         errors[k + 1],
         sentence(effect, size, std, rivals),
@@ -218,23 +202,25 @@ def _reasons(
     rows, left, plausible = search.data.rows, found.left, effect.plausible
     torque = np.mean((spread_columns(rows, effect) @ known.beta) ** 2, axis=1)
     absorbed, shared = _shares(search, term)
+    looks_like = effect.looks_like(size, rows.seen(effect.joints[0]))
     explained = np.sum(np.maximum(errors[0, on] ** 2 - errors[1, on] ** 2, 0.0))
-    beyond = np.sum(left.beyond[on] ** 2) if left.known else 0.0
+    beyond = np.sum(left.beyond[on] ** 2) if search.data.known else 0.0
     holds = {
         "rivals": bool(term.rivals),
         "uncertain": not std < UNCERTAIN * abs(size),  # nothing is known of a size of zero
         "small": not term.J > 2.0 * APART,
         "not_held_out": not lowers(errors[0, on], errors[1, on]),
         "more_left": explained < beyond,
-        "shared": shared > SHARED,
+        "shared": shared > 1.0 - UNCERTAIN,
         "absorbed": absorbed > 1.0 - ABSORBED,
         "implausible": bool(np.any(torque > np.mean(rows.torque**2, axis=0)))
         or (plausible is not None and np.sqrt(np.mean((known.beta / plausible) ** 2)) > FAR),
         "pieces": in_pieces(term, search),
+        "looks_like": bool(looks_like),
+        "curve": any(term in o.replaced for o in found.curves),
     }
-    looks_like = effect.looks_like(size, rows.seen(effect.joints[0]))
-    said = {name: REASONS[name] for name, true in holds.items() if true}
-    return {**said, "looks_like": looks_like} if looks_like else said
+    reasons = {**REASONS, "looks_like": looks_like}
+    return {name: reasons[name] for name, true in holds.items() if true}
 
 
 def _rival_name(own: Effect, other: Effect) -> str:
@@ -246,14 +232,12 @@ def _rival_name(own: Effect, other: Effect) -> str:
 
 def _shares(search: Search, term: Term) -> tuple[float, float]:
     """Of a term's energy what the model's columns make, and what other terms make besides."""
-    parts = []
-    for others in ([], [t for t in search.terms if t != term]):
-        fit = search.score.fit(others, search.fit.level)
-        parts.append(float(np.sum((fit.beside(fit.scaled(term.columns)) @ term.beta) ** 2)))
-    whole = sum(
-        float(np.sum((z @ term.beta / search.fit.level[j]) ** 2)) for j, z in term.columns.items()
+    alone, beside = (
+        search.score.fit(others, search.fit.level).energy(term)
+        for others in ([], [t for t in search.terms if t != term])
     )
-    alone, beside = parts
+    scaled = search.fit.scaled(term.columns)
+    whole = sum(float(np.sum((z @ term.beta) ** 2)) for z in scaled.values())
     return 1.0 - alone / max(whole, 1e-300), 1.0 - beside / max(alone, 1e-300)
 
 
@@ -279,7 +263,7 @@ def remarks(
     """Sentences about the diagnosis as a whole."""
     found = [_noise(data.noise.source), _standstill(data, residual)]
     if data.noise.source == REPETITION:
-        found.append(_turning(left))
+        found.append(_turning(left, data.noise.floor))
     found.append(repeatability_warning(new_share) or "")
     if held_out == "folds":
         found.append(
@@ -319,9 +303,9 @@ def _standstill(data: WhiteData, residual: Array) -> str:
     )
 
 
-def _turning(left: Remainder) -> str:
+def _turning(left: Remainder, floor: Array) -> str:
     """Where most of what is left is of slow joints."""
-    slow = np.flatnonzero((left.slow > left.floor) & (left.slow > 2.0 * left.beyond))
+    slow = np.flatnonzero((left.slow > floor) & (left.slow > 2.0 * left.beyond))
     if not len(slow):
         return ""
     errors = ", ".join(f"{left.slow[j]:.2g}" for j in slow)

@@ -18,7 +18,7 @@ ABSORBED = 1e-3
 ABSORBED_CURVE = 0.02
 #: Clusters of rows, by time and by phase of the motion: 30 to 60 are what cluster-robust variances need
 #: (Cameron, Miller, J. Human Resources 2015, sec. VI).
-TIME_CLUSTERS, PHASE_CLUSTERS = 60, 40
+CLUSTERS = 50
 
 # The search.
 
@@ -29,10 +29,10 @@ APART = 10.0
 EQUIVALENT = 6.0
 #: A law is right to this share of what it explains: so much of it looks like something else.
 FORM = 0.04
-#: Candidates that are looked at closely, and of what may stand in the place of something else; and of a
-#: candidate's laws those that take at least this share of what its best one takes on the grids: refined,
-#: another may be best (a Stribeck friction's exponent, and with it its size by three quarters).
-LOOKED_AT, CLOSELY, LIKELY = 10, 4, 0.9
+#: Candidates that are looked at closely; and of a candidate's laws those that take at least this share
+#: of what its best one takes on the grids: refined, another may be best (a Stribeck friction's exponent,
+#: and with it its size by three quarters).
+CLOSELY, LIKELY = 4, 0.9
 #: Steps at most until nothing changes; and those in which a model and what refers to it are made to
 #: agree.
 STEPS, TURNS = 30, 2
@@ -47,7 +47,8 @@ FOLDS = 5
 #: how many times as much those of the others have to fall (in logarithms) where one rises by more: on
 #: the Panda the hysteresis of joint 7 takes 63 % of its error, and a refit adds 17 % to joint 6.
 RAISES, REPAID = 0.02, 3.0
-#: Share by which a held-out error has to fall: less is minor.
+#: Share by which a held-out error has to fall, less is minor; and of the squares of an event's window
+#: that its extent may leave out.
 MINOR = 0.01
 #: Share of the test run's rows outside of a curve's table from which it is not offered: it would be
 #: judged by what is held constant there.
@@ -55,12 +56,11 @@ OUTSIDE = 0.5
 
 # What is left.
 
-#: Variance of what is left over that of the noise, in rows that are evidence, from which something is
-#: left, and the chance that repetitions as few as these show the noise as too low as that makes it: with
-#: 1000 degrees of freedom together 1.5.
-MISFIT, CHANCE = 1.3, 1e-3
+#: Chance that repetitions as few as these show the noise as too low as makes what is left, in rows that
+#: are evidence, a matter: with 1000 degrees of freedom 1.4 times its variance.
+CHANCE = 1e-3
 #: Factor within which a spectrum tells the noise (.52 to 1.3 of the truth on 38
-#: logs of two simulators, most too low): its square times MISFIT are asked, or that it stands out
+#: logs of two simulators, most too low): its square beyond what matters is asked, or that it stands out
 #: of that of half of the joints by the factor, where that is less.
 WITHIN = 2.0
 #: Share by which it has to raise a joint's error above its noise to matter; and by which findings that
@@ -73,16 +73,9 @@ HARMONIC = 0.02
 
 # Confidence.
 
-#: Relative standard deviation of a size from which it is uncertain.
+#: Relative standard deviation of a size from which it is uncertain; and share of its energy that other
+#: findings leave below which it is not its own: its deviation is then 2.2 times as large as alone.
 UNCERTAIN = 0.2
-#: Share of an effect's energy that other findings make, from which its size is not its own: its standard
-#: deviation is then 2.2 times as large as alone, 1 / sqrt(1 - share).
-SHARED = 0.8
 #: Standard deviations from which a size is not what its effect says is plausible, and a constant another
 #: one ("three sigma").
 FAR = 3.0
-
-# Events.
-
-#: Share of a window's squares that its loudest rows hold, to which an event is cut down.
-MOST_OF_IT = 0.98

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.constants import MOST_OF_IT
+from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
@@ -68,7 +68,7 @@ def _loudest(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
     longer than what happens in them."""
     squares = residual[group] ** 2
     order = np.argsort(-squares)
-    count = int(np.searchsorted(np.cumsum(squares[order]), MOST_OF_IT * squares.sum())) + 1
+    count = int(np.searchsorted(np.cumsum(squares[order]), (1.0 - MINOR) * squares.sum())) + 1
     kept = np.sort(order[:count])
     return group[kept[0] : kept[-1] + 1]
 

@@ -14,7 +14,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.retunes import Retune
-from sdp_vs_penalty.diagnosis.sentences import NOISE_UNKNOWN, plot_ladder
+from sdp_vs_penalty.diagnosis.sentences import NOISE_UNKNOWN
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_json
@@ -242,7 +242,17 @@ class Diagnosis(Shown, Plain):
         if self.retuned:
             steps.insert(1, "+ constants retuned")
             errors.insert(0, self.held_out_rmse_before)
-        return plot_ladder(axes, steps, np.array(errors), self.noise_floor)
+        axes = formatting.axes(axes)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.array(errors) / self.noise_floor
+        for j, one in enumerate(ratio.T, start=1):
+            axes.plot(one, np.arange(len(steps)), marker="o", ms=3, label=f"joint {j}")
+        axes.axvline(1.0, color="black", lw=0.8)
+        axes.set_yticks(np.arange(len(steps)), steps)
+        axes.invert_yaxis()
+        axes.set(xlabel="held-out RMSE / noise floor")
+        axes.legend(fontsize="small")
+        return axes
 
     def _summary(self) -> Summary:
         rows = [("next", self.advice)]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, MISFIT, WITHIN
+from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, WITHIN
 from sdp_vs_penalty.diagnosis.score import Fit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
@@ -26,16 +26,14 @@ from sdp_vs_penalty.signals.standstill import SLOW, STILL
 @dataclass(frozen=True)
 class Remainder:
     """share (n,) : variance of what is left over that of the noise, less one; beyond (n,) [N m or N] :
-    its RMS beyond the noise while the joint slides, slow (n,) : while it is slow; floor (n,) : of the
-    noise; matters : the joints (from 0) on which something is left that matters; known : whether the
-    noise is; residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it."""
+    its RMS beyond the noise while the joint slides, slow (n,) : while it is slow; matters : the joints
+    (from 0) on which something is left that matters; residual (M, n) [N m or N]; odd (M, n) : rows that
+    are outliers of it."""
 
     share: Array
     beyond: Array
     slow: Array
-    floor: Array
     matters: tuple[int, ...]
-    known: bool
     residual: Array
     odd: NDArray[np.bool_]
 
@@ -57,16 +55,15 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
     beyond, slow = (np.sqrt(np.maximum(x - noise.floor**2, 0.0)) for x in squares)
     # Of one log's joints the spectrum is wrong by much the same.
     beside = WITHIN * max(float(np.median(variance)), 1.0)
-    least = np.full(len(variance), min(WITHIN**2 * MISFIT, beside))
+    more = (1.0 + MATTERS) ** 2
+    least = np.full(len(variance), min(WITHIN**2 * more, beside))
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
-        least = MISFIT * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
+        least = more * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
     with np.errstate(divide="ignore", invalid="ignore"):
         raised = np.hypot(beyond, noise.floor) / noise.floor - 1.0
     found = (variance > least) & (raised > MATTERS) & data.known
     matters = tuple(np.flatnonzero(found).tolist())
-    return Remainder(
-        mean(white**2, keep) - 1.0, beyond, slow, noise.floor, matters, data.known, residual, odd
-    )
+    return Remainder(mean(white**2, keep) - 1.0, beyond, slow, matters, residual, odd)
 
 
 def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:

@@ -38,15 +38,15 @@ _DEPENDENT = 1e-5
 @dataclass(frozen=True, eq=False)
 class Term:
     """A form with its white columns (M, k) by joint, its score beside what it was judged with, its
-    coefficients (k,), their sandwich covariance (k, k), and the forms that do as well. Equal to itself
-    alone."""
+    coefficients (k,), the forms that do as well, and how many times more energy it has beside the model
+    alone than beside the other terms. Equal to itself alone."""
 
     form: Form
     columns: dict[int, Array]
     J: float = -np.inf
     beta: Array = field(default_factory=lambda: np.zeros(0))
-    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     rivals: tuple[Term, ...] = ()
+    times: float = 1.0
 
     @property
     def key(self) -> tuple[str, int | None]:
@@ -92,6 +92,10 @@ class Fit:
         for j, z in scaled.items():
             left[j] += z
         return np.asarray(left)
+
+    def energy(self, term: Term) -> float:
+        """Weighted squares of what the fit leaves of a term."""
+        return float(np.sum((self.beside(self.scaled(term.columns)) @ term.beta) ** 2))
 
     def without(self, direction: Array) -> Fit:
         """Without one direction Q w of the columns, w (r,) of unit length."""
@@ -183,15 +187,13 @@ class Score:
         left = fit.residual - T @ beta
         drop = before - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
         drop -= float(np.sum((beta / known) ** 2))
-        V, v = self.sandwich(T, left, inverse, form.k)
         on = list(columns)
         count = float(fit.degrees[on].mean())
-        v = max(1.0, v) + count / ALPHA
+        v = self.worth_of_one(T, left, inverse, form.k) + count / ALPHA
         N = max(count * len(on) / v, 3.0)
         size = float(np.trace(inverse @ D)) - spent
         J = drop / v - (size + form.constants) * np.log(N) - 2.0 * np.log(self.looked)
-        spread = inverse @ V @ inverse
-        return replace(none, J=J, beta=beta, covariance=spread)
+        return replace(none, J=J, beta=beta)
 
     def apart(self, fit: Fit, form: Form, columns: dict[int, Array]) -> tuple[Array, Array]:
         """(n, M, k) what a fit leaves of a form's columns, all of them weighted, nothing of those that
@@ -202,17 +204,12 @@ class Score:
         T = T * (np.sum(T**2, axis=(0, 1)) > ABSORBED * energy)
         return T, self.prior(fit, form, tuple(columns), energy)
 
-    def sandwich(self, T: Array, left: Array, inverse: Array, freedom: float) -> tuple[Array, float]:
-        """(k, k) the robust counterpart of T'T, of the clusters that make most of it, and how many times
-        more than independent rows they do, by a fit with so much freedom."""
+    def worth_of_one(self, T: Array, left: Array, inverse: Array, freedom: float) -> float:
+        """How many rows are worth one: by how much the sandwich's middle, of the clusters that make most
+        of it, is larger than T'T; of a fit with so much freedom, and at least 1."""
         scores = np.sum(T * left[:, :, None], axis=0)
-        best, out = 1.0, np.tensordot(T, T, axes=((0, 1), (0, 1)))
-        for u in cluster_sums(self.data.clusters, scores):
-            S = u.T @ u
-            times = float(np.trace(inverse @ S)) / freedom
-            if times > best:
-                best, out = times, S
-        return out, best
+        sums = cluster_sums(self.data.clusters, scores)
+        return max(1.0, *(float(np.sum((u @ inverse) * u)) / freedom for u in sums))
 
     def prior(self, fit: Fit, form: Form, joints: Sequence[int], energy: Array) -> Array:
         """(k,) standard deviations of a form's coefficients about zero before anything is measured: what

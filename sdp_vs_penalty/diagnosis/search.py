@@ -13,7 +13,6 @@ from sdp_vs_penalty.diagnosis.constants import (
     EQUIVALENT,
     FORM,
     LIKELY,
-    LOOKED_AT,
     STEPS,
     TURNS,
 )
@@ -108,21 +107,22 @@ class Search:
     # Which forms there are beside a fit.
 
     def margin(self, joints: Iterable[int], terms: Sequence[Term]) -> float:
-        """Evidence that a further term needs: what the others get wrong looks like something else."""
-        shared = (t.J * len(t.joints & set(joints)) / len(t.joints) for t in terms if t.joints)
+        """Evidence that a further term needs: what the others get wrong looks like something else, in
+        proportion to all that they make. Two that cancel each other make much more than they explain."""
+        on = set(joints)
+        shared = (t.J * t.times * len(t.joints & on) / len(t.joints) for t in terms if t.joints)
         return APART + FORM * max(shared, default=0.0)
 
     def top_candidates(
         self,
         fit: Fit,
         terms: Sequence[Term],
-        most: int = LOOKED_AT,
         on: frozenset[int] | None = None,
         beyond: float = 0.0,
     ) -> list[Term]:
         """The most likely form of each candidate, refined, the best first; beyond : what has to be
         reached, nearly, to be of use."""
-        found = self._screened(fit, [t.form for t in terms], most, on)
+        found = self._screened(fit, [t.form for t in terms], on)
         top = max((t.J for t in found if not t.form.own), default=0.0)
         # A width that is far from those on the grid says little there, and all where it is right.
         least = 0.5 * max(top, beyond) - 3.0 * APART
@@ -131,9 +131,7 @@ class Search:
         first = {t.key: t for t in reversed(ranked)}
         return [t for t in ranked if first[t.key] is t]
 
-    def _screened(
-        self, fit: Fit, picked: Sequence[Form], most: int, on: frozenset[int] | None
-    ) -> list[Term]:
+    def _screened(self, fit: Fit, picked: Sequence[Form], on: frozenset[int] | None) -> list[Term]:
         """Of so many candidates that take most the likely laws, and the best value of each of the
         model's own shape constants, as they are on the grids."""
         best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
@@ -150,7 +148,7 @@ class Search:
                     best[form.law] = float(values[f]), form, batch.columns(int(f))
         found, tops = [], dict[Key, float]()
         for value, form, columns in sorted(best.values(), key=lambda b: -b[0]):
-            if not form.own and len(tops) == most and form.key not in tops:
+            if not form.own and len(tops) == CLOSELY and form.key not in tops:
                 continue
             if form.own or value >= LIKELY * tops.setdefault(form.key, value):
                 found.append(self.score.judged(fit, form, columns))
@@ -173,6 +171,7 @@ class Search:
         not enough left goes."""
         terms = list(terms)
         newest = terms[-1].joints if terms else frozenset()
+        alone = self.score.fit([t for t in terms if t.form.own], self.fit.level)
         for _ in range(2):
             moved = False
             for term in list(terms):
@@ -187,7 +186,8 @@ class Search:
                     terms, moved = others, True
                     continue
                 moved |= again.form.effect.shape != term.form.effect.shape
-                terms[terms.index(term)] = replace(again, rivals=term.rivals)
+                times = max(alone.energy(again) / max(fit.energy(again), 1e-300), 1.0)
+                terms[terms.index(term)] = replace(again, rivals=term.rivals, times=times)
             if not moved:
                 break
         return terms
@@ -207,7 +207,7 @@ class Search:
             rest = [t for t in terms if t not in group]
             fit, total = self.score.fit(rest, self.fit.level), self.worth(group, rest)
             joints = frozenset[int]().union(*(g.joints for g in group))
-            found = self.top_candidates(fit, rest, CLOSELY, joints, total)
+            found = self.top_candidates(fit, rest, joints, total)
             if len(group) == 1:
                 told.append(replace(group[0], rivals=self.equivalent(group[0], total, found)))
             own = {g.key for g in group}
@@ -238,14 +238,18 @@ class Search:
 
     def run(self, progress: Progress = no_progress) -> list[Term]:
         """Add, exchange, drop until nothing changes."""
-        seen = set[tuple[str, ...]]()
+        seen, refused = set[tuple[str, ...]](), set[Key]()
         for _ in range(STEPS):
             self.fit = self.score.fit(self.terms)
             found = self.top_candidates(self.fit, self.terms)
-            best = self.simplest([t for t in found if self.margin(t.joints, self.terms) < t.J])
+            enough = (t for t in found if self.margin(t.joints, self.terms) < t.J)
+            best = self.simplest([t for t in enough if t.key not in refused])
             if best is not None:
                 progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
                 self.terms = self.settled([*self.terms, best])
+                if all(t.key != best.key for t in self.terms):
+                    refused.add(best.key)
+                    continue
             else:
                 other = self.exchanged(self.terms)
                 if other is None:
@@ -267,9 +271,7 @@ class Search:
         data = whitened(rows, data.noise, estimate, data.frozen)
         named = [t for t in self.terms if not t.form.own]
         out = Search(data, replace(self.library, own=()))
-        out.terms = [
-            Term(t.form, data.columns(t.form.effect), t.J, t.beta, t.covariance, t.rivals) for t in named
-        ]
+        out.terms = [Term(t.form, data.columns(t.form.effect), t.J, t.beta, t.rivals) for t in named]
         out.fit = out.score.fit(out.terms)
         return out
 

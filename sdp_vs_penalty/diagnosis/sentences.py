@@ -116,26 +116,3 @@ def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> 
     axes.set(xlabel="joint", ylabel="RMSE [N m or N]")
     axes.legend()
     return axes
-
-
-def plot_residual(axes: Any, x: Array, residual: Array, xlabel: str, title: str) -> Any:
-    """Measured minus modelled torque of one joint against one quantity."""
-    axes = formatting.axes(axes)
-    axes.plot(x, residual, lw=0.8)
-    axes.set(xlabel=xlabel, ylabel="measured - modelled [N m or N]", title=title)
-    return axes
-
-
-def plot_ladder(axes: Any, steps: Sequence[str], errors: Array, floor: Array) -> Any:
-    """Error over noise floor of each joint (steps, n) as effects are added one after the other."""
-    axes = formatting.axes(axes)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = errors / floor
-    for j in range(errors.shape[1]):
-        axes.plot(ratio[:, j], np.arange(len(steps)), marker="o", ms=3, label=f"joint {j + 1}")
-    axes.axvline(1.0, color="black", lw=0.8)
-    axes.set_yticks(np.arange(len(steps)), steps)
-    axes.invert_yaxis()
-    axes.set(xlabel="held-out RMSE / noise floor")
-    axes.legend(fontsize="small")
-    return axes

@@ -207,7 +207,7 @@ def where_it_fails(
         velocity = known["velocity"][:, j]
         lift, asymmetry = _reversals(velocity, error, rows, keep)
         columns = cause_columns(known, rows, j, [k for k, _, _ in orders])
-        shares = {c: held_out_share(x[keep], error[keep], folds[keep]) for c, x in columns.items()}
+        shares = {c: held_out_share(columns[c][keep], error[keep], folds[keep]) for c in CAUSES}
         stretches = failing_stretches(error, floor, velocity, rows.still[:, j], rows, shares)
         out.append(
             JointFailure(
@@ -234,17 +234,16 @@ def carriers(
     variable, and the RMS [N m or N] that follows a smooth function of it on stretches left out."""
     folds, keep = folds_of(rows), np.asarray(rows.keep.all(axis=1), bool)
     known = states(rows)
-    kinds = {"q": "position", "dq": "velocity"}
     of_joints = {
         f"{short}{i + 1}": hats(known[name][:, i])
         for i in range(rows.n)
-        for short, name in kinds.items()
+        for short, name in (("q", POSITION), ("dq", VELOCITY))
     }
     found = []
     for j in joints:
         own = error[:, j] - error[keep, j].mean()
         size = float(np.sqrt(np.mean(own[keep] ** 2)))
-        for name, features in {**of_joints, f"ddq{j + 1}": hats(known["acceleration"][:, j])}.items():
+        for name, features in {**of_joints, f"ddq{j + 1}": hats(known[ACCELERATION][:, j])}.items():
             share = held_out_share(features[keep], own[keep], folds[keep])
             found.append((j + 1, name, size * float(np.sqrt(share))))
     best = sorted(found, key=lambda one: -one[2])[:most]
@@ -256,9 +255,8 @@ def _reversals(
 ) -> tuple[float, float]:
     """RMS near velocity reversals over elsewhere, and its asymmetry from before to after."""
     away, _ = from_reversal(velocity, rows)
-    before, after = (away < 0.0) & (away >= -NEAR), (away >= 0.0) & (away <= NEAR)
-    before, after, apart = before & keep, after & keep, keep & ~before & ~after
-    parts = (before, after, apart)
+    near = np.abs(away) <= NEAR
+    parts = (keep & near & (away < 0.0), keep & near & (away >= 0.0), keep & ~near)
     squares = np.array([np.mean(error[m] ** 2) if m.any() else np.nan for m in parts])
     if not np.all(np.isfinite(squares)) or squares[2] == 0.0:
         return float("nan"), float("nan")
@@ -310,16 +308,12 @@ def _orders(full: list[tuple[Array, Array, float]]) -> tuple[tuple[int, float, f
 def states(rows: SegmentedRuns) -> dict[str, Array]:
     """Filtered position, velocity, acceleration, torque and time of every row, each (M, n)."""
 
-    def stack(name: str) -> Array:
-        return np.concatenate([s.low_pass @ getattr(s.motion, name) for s in rows.segments])
-
-    return {
-        POSITION: stack("q"),
-        VELOCITY: stack("dq"),
-        ACCELERATION: stack("ddq"),
-        "torque": stack("torque"),
-        TIME: np.repeat(rows.t[:, None], rows.n, axis=1),
+    names = {POSITION: "q", VELOCITY: "dq", ACCELERATION: "ddq", "torque": "torque"}
+    found = {
+        word: np.concatenate([s.low_pass @ getattr(s.motion, name) for s in rows.segments])
+        for word, name in names.items()
     }
+    return found | {TIME: np.repeat(rows.t[:, None], rows.n, axis=1)}
 
 
 def cause_columns(
@@ -332,32 +326,24 @@ def cause_columns(
     fast = np.maximum(np.abs(x[VELOCITY]) - _FAST * np.abs(x[VELOCITY]).max(), 0.0)
     still = np.asarray(rows.still[:, j] > STILL, float)
     others = [hats(known[name][:, i]) for i in range(rows.n) if i != j for name in (VELOCITY, POSITION)]
-    return {
+    smooth = {name: hats(x[name]) for name in (VELOCITY, POSITION, ACCELERATION, TIME)}
+    return smooth | {
         REVERSAL: _after_reversals(x[VELOCITY], rows),
         STANDSTILL: np.column_stack([still, still * direction]),
         HIGH_SPEED: np.column_stack([fast, fast * direction]),
-        VELOCITY: hats(x[VELOCITY]),
-        POSITION: hats(x[POSITION]),
         WAVES: _waves(rows, j, orders),
-        ACCELERATION: hats(x[ACCELERATION]),
         LOAD: np.hstack([hats(x["torque"]), hats(np.abs(x["torque"]) * direction)]),
-        TIME: hats(x[TIME]),
         OTHER_JOINTS: np.hstack(others) if others else np.zeros((len(rows.t), 0)),
     }
 
 
-def hats(x: Array) -> Array:
-    """(N, count) piecewise linear functions that add up to one, knots at quantiles."""
-    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _HATS)))
+def hats(x: Array, knots: Array | None = None) -> Array:
+    """(N, count) piecewise linear functions that add up to one; knots : by default at quantiles."""
+    if knots is None:
+        knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _HATS)))
     if len(knots) < 2:
         return np.ones((len(x), 1))
     return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
-
-
-def reversals(velocity: Array, rows: SegmentedRuns) -> NDArray[np.intp]:
-    """The rows before which a joint's velocity (M,) has its last old sign."""
-    same = rows.segment[1:] == rows.segment[:-1]
-    return np.flatnonzero((np.sign(velocity[1:]) != np.sign(velocity[:-1])) & same)
 
 
 def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
@@ -365,7 +351,8 @@ def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
     the direction after it."""
     away, direction = np.full(len(velocity), np.inf), np.zeros(len(velocity))
     span = max(1, round(FOLLOWS * rows.rate))
-    for k in reversals(velocity, rows):
+    turns = np.sign(velocity[1:]) != np.sign(velocity[:-1])
+    for k in np.flatnonzero(turns & (rows.segment[1:] == rows.segment[:-1])).tolist():
         at = np.arange(max(k - span + 1, 0), min(k + 1 + span, len(velocity)))
         at = at[rows.segment[at] == rows.segment[k]]
         seconds = rows.t[at] - 0.5 * (rows.t[k] + rows.t[k + 1])
@@ -378,11 +365,8 @@ def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
 def _after_reversals(velocity: Array, rows: SegmentedRuns) -> Array:
     """Any function of the time from a reversal, and that times the direction after it."""
     away, direction = from_reversal(velocity, rows)
-    knots = np.linspace(-FOLLOWS, FOLLOWS, _HATS)
-    near = np.isfinite(away) & (np.abs(away) < FOLLOWS)
-    shape = np.column_stack(
-        [np.where(near, np.interp(away, knots, unit), 0.0) for unit in np.eye(len(knots))]
-    )
+    near = np.abs(away) < FOLLOWS
+    shape = near[:, None] * hats(away, np.linspace(-FOLLOWS, FOLLOWS, _HATS))
     return np.hstack([shape, shape * direction[:, None]])
 
 

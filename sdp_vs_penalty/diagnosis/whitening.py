@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.constants import FOLDS, PHASE_CLUSTERS, TIME_CLUSTERS
+from sdp_vs_penalty.diagnosis.constants import CLUSTERS, FOLDS
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -120,7 +120,7 @@ def whitened(
     X, y = white_rows(rows, noise, model_columns(rows, estimate, frozen), rows.residual)
     if not frozen:  # the torque itself: some of the model's own columns may be replaced
         y = y + X @ estimate.theta
-    clusters = time_clusters(rows), stretches(rows, PHASE_CLUSTERS, whole)[1]
+    clusters = time_clusters(rows), stretches(rows, CLUSTERS, whole)[1]
     # Rows behind the past that whitening needs, each by its worth.
     count = np.array([noise.worth[rows.pieces(j).predicted, j].sum() for j in range(rows.n)])
     return WhiteData(rows, noise, estimate, X, y, clusters, count, frozen)
@@ -179,7 +179,7 @@ def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:
     """(M,) labels of stretches of equal length within runs, of half a second at least."""
     run, t = rows.run, rows.t
     spans = [np.ptp(t[run == r]) for r in np.unique(run)]
-    length = max(0.5, sum(spans) / TIME_CLUSTERS)
+    length = max(0.5, sum(spans) / CLUSTERS)
     label, count = np.zeros(len(t), np.intp), 0
     for r, span in zip(np.unique(run), spans, strict=True):
         mine = run == r

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 
@@ -90,14 +90,15 @@ class Basis:
         return self.at(*(a.variable.along(motion) for a in self.axes))
 
     @property
-    def penalties(self) -> tuple[Array, ...]:
+    def penalties(self) -> list[Array]:
         """(size, size) roughness along each variable, each of unit trace."""
-        return _penalties(self.kind)
-
-    @property
-    def kind(self) -> tuple[Axis, ...]:
-        """The same for all bases that are as rough as each other."""
-        return tuple(replace(a, variable=_kind(a), low=0.0, high=1.0) for a in self.axes)
+        out, counts = [], [a.count for a in self.axes]
+        for k, axis in enumerate(self.axes):
+            if not axis.is_sign:
+                before, after = (np.eye(int(np.prod(c))) for c in (counts[:k], counts[k + 1 :]))
+                rough = np.kron(np.kron(before, axis.penalty), after)
+                out.append(rough / np.trace(rough))
+        return out
 
     @property
     def grid(self) -> tuple[Array, ...]:
@@ -108,22 +109,6 @@ class Basis:
     def points(self) -> Array:
         """(P, variables) all of the grid."""
         return np.array(list(product(*self.grid)))
-
-
-def _kind(axis: Axis) -> Variable:
-    """One variable for all axes that are as rough as each other."""
-    return Variable("sign(dq)" if axis.is_sign else "q")
-
-
-@lru_cache(maxsize=32)
-def _penalties(axes: tuple[Axis, ...]) -> tuple[Array, ...]:
-    out, counts = [], [a.count for a in axes]
-    for k, axis in enumerate(axes):
-        if not axis.is_sign:
-            before, after = (np.eye(int(np.prod(c))) for c in (counts[:k], counts[k + 1 :]))
-            rough = np.kron(np.kron(before, axis.penalty), after)
-            out.append(rough / np.trace(rough))
-    return tuple(out)
 
 
 def _products(columns: Sequence[Array]) -> Array:

@@ -8,9 +8,8 @@ about as much as the curve does, the simplest that explains about as much as any
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -242,21 +241,26 @@ class LawFit:
 def recognised(f: SplineFit, on_rows: OnRows, score: Score, looked: int) -> list[tuple[float, LawFit]]:
     """The likely laws, each with its score, fitted on the rows; on_rows(law, constants) : their columns
     (M, ...) there, not white."""
-    scan = _scan(f.basis)
 
     def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
-        return _normal(scan.coefficients(law, constants), f.columns)
+        return _normal(_in_splines(f.basis, law, constants), f.columns)
 
     def rated(fit: LawFit) -> float:
         return f.columns.score(fit.chi2, fit.size, looked)
 
-    rough = sorted(scan.fitted(f.columns), key=rated, reverse=True)[:CLOSELY]
+    every = []
+    for law, c in _scanned(f.basis):
+        a, chi2 = _amplitudes(*_normal(c, f.columns))
+        best = int(np.argmax(chi2))
+        every.append(LawFit(law, a[best], np.array(law.starts[best], float), float(chi2[best])))
+    rough = sorted(every, key=rated, reverse=True)[:CLOSELY]
     found = []
-    for law in (_refined(r, in_splines) for r in rough):
-        raw = on_rows(law.law, law.constants)
+    for start in rough:
+        near = _refined(start, in_splines)
+        raw = on_rows(near.law, near.constants)
         own = Columns.of(score, f.columns.fit, score.data.white(raw, f.joint), f.joint, robust=False)
         a, chi2 = _amplitudes(own.D[None], own.s[None])
-        exact = LawFit(law.law, a[0], law.constants, float(chi2[0]))
+        exact = LawFit(near.law, a[0], near.constants, float(chi2[0]))
         found.append((rated(exact), exact))
     return sorted(found, key=lambda r: -r[0])
 
@@ -270,44 +274,34 @@ def law_of(laws: Sequence[tuple[float, LawFit]], f: SplineFit) -> LawFit | None:
     return min(alike, key=lambda r: (r[1].size, -r[0]))[1]
 
 
-@dataclass(frozen=True)
-class _Scan:
-    """The dictionary at all of its starts, in the splines of a basis: inverses make coefficients of
-    values on its grid, axis by axis; of each law coefficients (S, m, k), one set for each start."""
+@lru_cache(maxsize=64)
+def _onto(axis: Axis, every: int) -> tuple[Array, Array]:
+    """The points of an axis, each or every second one, and what makes coefficients of values there."""
+    x = axis.points[::every]
+    return x, np.asarray(np.linalg.pinv(axis.columns(x), rcond=1e-10), float)
 
-    grid: Sequence[Array]
-    inverses: Sequence[Any]
-    laws: list[tuple[Law, Array]] = field(default_factory=list)
 
-    def coefficients(self, law: Law, constants: Array) -> Array:
-        """(S, m, k) with S sets of constants (c, S)."""
-        values = law.on_grid(self.grid, constants)
-        for inverse in self.inverses:  # each axis goes behind the sets and the terms
-            values = np.tensordot(values, inverse, axes=(0, 1))
-        return values.reshape(*values.shape[:2], -1)
-
-    def fitted(self, factors: Columns) -> list[LawFit]:
-        """Each law at the start that explains most."""
-        out = []
-        for law, c in self.laws:
-            a, chi2 = _amplitudes(*_normal(c, factors))
-            best = int(np.argmax(chi2))
-            out.append(LawFit(law, a[best], np.array(law.starts[best], float), float(chi2[best])))
-        return out
+def _in_splines(basis: Basis, law: Law, constants: Array) -> Array:
+    """(S, m, k) a law with S sets of constants (c, S) in the splines of a basis."""
+    # Of a pair every second point is enough: splines along each are few.
+    pair = len(basis.axes) > 1
+    known = [_onto(axis, 2 if pair and not axis.is_sign else 1) for axis in basis.axes]
+    values = law.on_grid([x for x, _ in known], constants)
+    for _, inverse in known:  # each axis goes behind the sets and the terms
+        values = np.tensordot(values, inverse, axes=(0, 1))
+    return values.reshape(*values.shape[:2], -1)
 
 
 @lru_cache(maxsize=64)
-def _scan(basis: Basis) -> _Scan:
-    # Of a pair every second point is enough: splines along each are few.
-    grid = [x[:: 1 if len(basis.axes) == 1 or len(x) == 2 else 2] for x in basis.grid]
-    pairs = zip(basis.axes, grid, strict=True)
-    out = _Scan(grid, [np.linalg.pinv(axis.columns(x), rcond=1e-10) for axis, x in pairs])
+def _scanned(basis: Basis) -> list[tuple[Law, Array]]:
+    """Each law of the dictionary at those of its starts that the splines hold, (S, m, k) in these."""
+    out = []
     for law in dictionary(basis.axes):
         starts = np.array(law.starts, float)
-        c = out.coefficients(law, starts.T)
+        c = _in_splines(basis, law, starts.T)
         held = np.isfinite(c).all(axis=(1, 2))
         if held.any():
-            out.laws.append((replace(law, starts=[tuple(s) for s in starts[held]]), c[held]))
+            out.append((replace(law, starts=[tuple(s) for s in starts[held]]), c[held]))
     return out
 
 

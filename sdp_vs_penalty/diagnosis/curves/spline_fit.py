@@ -50,11 +50,10 @@ class Columns:
         v = 1.0
         if robust and len(s):
             T = fit.beside({joint: z})
-            c = np.linalg.solve(D + raw / count + 1e-9 * np.trace(raw) * np.eye(len(s)), s)
-            A = D + raw / count
-            inverse = np.linalg.inv(A + 1e-9 * np.trace(A) * np.eye(len(s)))
+            inverse = np.linalg.inv(D + raw / count + 1e-9 * np.trace(raw) * np.eye(len(s)))
+            c = inverse @ s
             freedom = max(float(np.trace(inverse @ D)), 1.0)
-            v = score.sandwich(T, fit.residual - T @ c, inverse, freedom)[1]
+            v = score.worth_of_one(T, fit.residual - T @ c, inverse, freedom)
         return cls(fit, joint, z, C, D, s, raw, count, v + count / ALPHA)
 
     def score(self, drop: float, freedom: float, looked: int) -> float:
@@ -124,7 +123,7 @@ def smoothed(basis: Basis, raw: Array, columns: Columns, looked: int) -> SplineF
     own = columns.raw / max(columns.count, 1.0) + 1e-10 * np.trace(columns.raw) * np.eye(len(columns.s))
     rough = sum(basis.penalties, np.zeros_like(own))
     best: tuple[float, Array] | None = None
-    for weight in _WEIGHTS if basis.penalties else (1.0,):
+    for weight in _WEIGHTS if rough.any() else (1.0,):
         P = own + weight * np.trace(columns.raw) * rough
         factor = scipy.linalg.cho_factor(columns.D + P, check_finite=False)
         c = scipy.linalg.cho_solve(factor, columns.s, check_finite=False)
