@@ -141,20 +141,18 @@ def check(
     if measurements.n != problem.robot.n:
         raise other_robot(measurements.n, problem.robot.n, measurements.names[0])
     settings = preprocessing or problem.preprocessing
-    reports, windows_of_long = list[Report](), PARTS // 2
+    reports: list[Report] = []
     for run in measurements.runs():
         windows = [run]
-        if run.samples > windows_of_long * PART:  # so many windows, whose rows count from their first
+        if run.samples > PARTS * PART:  # half as many windows, whose rows count from their first
             try:
                 check_usable(run.names[0], run)
             except InputError as error:
                 issue = _stopped("unusable rows", error, "certain: read from the file")
                 reports.append(Report(run.names[0], (issue,), run, run))
                 continue
-            name, starts = (
-                run.names[0],
-                np.linspace(0, run.samples - PART, windows_of_long).astype(int).tolist(),
-            )
+            name = run.names[0]
+            starts = np.linspace(0, run.samples - PART, PARTS // 2).astype(int).tolist()
             windows = [run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on") for k in starts]
         reports += [_check_run(problem, window, settings, thorough) for window in windows]
     return of_one_arm(reports)

@@ -111,8 +111,8 @@ def test_a_long_run_is_checked_in_windows(monkeypatch):
     problem = load_problem("two_link")
     run = small_run(problem, seconds=16.0)
     home = sys.modules[check.__module__]
-    monkeypatch.setattr(home, "PARTS", 2)
-    monkeypatch.setattr(home, "PART", 4 * len(run.t) // 10)
+    monkeypatch.setattr(home, "PARTS", 4)
+    monkeypatch.setattr(home, "PART", 2 * len(run.t) // 10)
     assert len(check(problem, run)) == 2
     run.q[len(run.t) // 2, 0] = np.nan
     first, *_ = check(problem, run)
