@@ -165,10 +165,7 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
         least, most = max(low, 0.1 * high) / masses / c.EFFORT[1], high / masses * c.EFFORT[1]
     large, small, far = known and ratio > most, known and ratio < least, over > c.EFFORT[1]
     times = f"{ratio:.3g} times what" if large else f"{1.0 / ratio:.3g} times less than"
-    told, right = (
-        f"{times} an arm of {weighs} kg needs",
-        "if they are right, correct the problem's masses",
-    )
+    told, right = f"{times} an arm of {weighs} kg needs", "if right, correct the problem's masses"
     figures = {"times_effort_limit": over, "times_nominal": ratio if known else None}
     if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
         yield Issue(

@@ -22,7 +22,6 @@ from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 _RATES = (0.5, 0.75, 1.4, 2.0)
 #: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
 _EARTH = max(map(abs, STANDARD_GRAVITY))
-_QUARTERS = (-np.pi / 2, np.pi / 2, np.pi)
 
 
 class Degrees(Transformation):
@@ -140,11 +139,13 @@ class Zero(Transformation):
     """Encoders that count from another zero than the robot's kinematics: what is to be added to one
     joint's position [rad]; of prismatic joints in lengths of the arm."""
 
+    quarters = -np.pi / 2, np.pi / 2, np.pi
+
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         for j in log.joints:
             at, unit = partial(_shifted, log, now, j), _unit(log, j)
             step, _ = log.screen.change(at, now.zero[j], 0.01 * unit)
-            quarters = _QUARTERS if j in log.revolute and score.poor.any() else ()
+            quarters = self.quarters if j in log.revolute and score.poor.any() else ()
             for x in (float(np.clip(step, -0.7 * unit, 0.7 * unit)), *quarters):
                 if x:
                     yield at(now.zero[j] + x)
@@ -153,7 +154,7 @@ class Zero(Transformation):
         for j in np.flatnonzero(repair.zero).tolist():
             x, turns, unit = repair.zero[j], j in log.revolute, _unit(log, j)
             tolerance, gross = (x * unit * (1.0 if turns else 0.25) for x in (c.CALIBRATED, c.GROSS))
-            text, snaps = (_degrees, _QUARTERS) if turns else ("{:.4g} m".format, ())
+            text, snaps = (_degrees, self.quarters) if turns else ("{:.4g} m".format, ())
             yield Element(
                 "encoder offset", "error" if abs(x) > gross else "warning", (j,),
                 f"the zero of {joints_text([j])} is {text(-x)} away from the robot's kinematics.",

@@ -21,6 +21,8 @@ _GAINS = (*UNITS, 0.1, 0.3, 0.6, 0.85, 1.17, 1.7, 3, 100, 1e3)
 _LATE = {"lead": (-0.12, -0.06, -0.025, -0.01, 0.01, 0.025, 0.06, 0.12), "lag": (0.01, 0.04, 0.1, 0.2)}
 #: Below this bend, the largest logged torque over the limit, a channel is as straight as sensors are.
 _STRAIGHT = 0.2
+#: Share of the time on either side of a step that the joint has to move each way: else it is friction's.
+_WAYS = 0.15
 
 
 class Gain(Transformation):
@@ -145,8 +147,7 @@ class Change(Transformation):
         forth = (motion.dq[:, list(now.order)].T > 0.0) * 1.0
         for side in (shapes[:, 1:] > 0.0, shapes[:, 1:] <= 0.0):
             share = forth @ side / np.maximum(side.sum(axis=0), 1)
-            # On either side of a step the joint has to move both ways: else it is friction's.
-            found[:, 1:] *= np.minimum(share, 1.0 - share) > 0.15
+            found[:, 1:] *= np.minimum(share, 1.0 - share) > _WAYS
         found[~log.moving] = 0.0
         for drift in (True, False):
             some = found[:, :1] if drift else found * (np.arange(len(events)) > 0)
