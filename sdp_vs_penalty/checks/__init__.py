@@ -24,7 +24,6 @@ from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.rules import Glance, mended
 from sdp_vs_penalty.checks.search import Search
 from sdp_vs_penalty.checks.several import compare
-from sdp_vs_penalty.checks.transformation import Scene
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque
@@ -40,10 +39,10 @@ __all__ = ["Issue", "Report", "check"]
 
 @dataclass(frozen=True)
 class Fit:
-    """scene and net ``repair``; ``certain`` the part of it without doubt; unexplained : share of the
+    """log and net ``repair``; ``certain`` the part of it without doubt; unexplained : share of the
     torques' energy that is left; settled : whether there were samples to spare for the parameters."""
 
-    scene: Scene
+    log: Likelihood
     repair: Repair
     certain: Repair
     unexplained: float
@@ -163,7 +162,7 @@ def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     it is named."""
     out = list(reports)
     whole = [(k, r.fit) for k, r in enumerate(out) if r.fit and r.fit.settled]
-    logs = [(fit.scene, fit.repair, out[k].run) for k, fit in whole]
+    logs = [(fit.log, fit.repair, out[k].run) for k, fit in whole]
     for number, issue in compare(logs):
         k = whole[number][0]
         if (issue.kind, issue.where) in [(f.kind, f.where) for f in out[k].issues]:
@@ -225,17 +224,15 @@ def _channels(
     first = [*channel_rules.dead(glance), *channel_rules.magnitude(glance)]
     if any(i.kind == "torque magnitude" for i in first):  # nothing else can be asked of such torques
         return first, None
-    data = RegressionData.of(problem, run, settings)
-    scene = Scene(problem, Likelihood(data))
-    search = Search(scene)
-    net = search.run()
-    score, (stated, certain) = scene.likelihood.score(net), _stated(search, net)
-    sizes = list(residual.size(scene, net))
-    parameters = int(data.independent.sum()) + scene.n * data.own.shape[2]
+    log = Likelihood(problem, data := RegressionData.of(problem, run, settings))
+    net = (search := Search(log)).run()
+    score, (stated, certain) = log.score(net), _stated(search, net)
+    sizes = list(residual.size(log, net))
+    parameters = int(data.independent.sum()) + log.n * data.own.shape[2]
     assert settings.torque_cutoff is not None
-    samples = 2.0 * settings.torque_cutoff * float(np.ptp(data.motion.t)) * len(scene.joints)
+    samples = 2.0 * settings.torque_cutoff * float(np.ptp(data.motion.t)) * len(log.joints)
     settled = samples > parameters
-    issues = [*first, *stated, *told, *sizes, *residual.find(scene, net, score, settled)]
+    issues = [*first, *stated, *told, *sizes, *residual.find(log, net, score, settled)]
     if any(i.kind == "torque channel kind" for i in sizes):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
     bent = {i.figures["joints"][0] for i in stated if i.kind == "saturation"}
@@ -246,19 +243,18 @@ def _channels(
         for issue in sizes:
             run = issue.repair(run) if issue.repair is not None else run
         issues += residual.not_excited(problem.with_gravity(net.gravity), net.apply(run), settings)
-        issues += residual.hidden_errors(scene, net)
-    unexplained = float(score.left[scene.moving].sum() / score.whole[scene.moving].sum())
+        issues += residual.hidden_errors(log, net)
+    unexplained = float(score.left[log.moving].sum() / score.whole[log.moving].sum())
     # A report holds the rows, not what was worked out of them.
-    return issues, Fit(Scene(problem, Likelihood(data)), net, certain, unexplained, settled)
+    return issues, Fit(Likelihood(problem, data), net, certain, unexplained, settled)
 
 
 def _stated(search: Search, net: Repair) -> tuple[list[Issue], Repair]:
     """An issue for each element of the net repair, with its interval and what it explains; the repair
     without what is only likely."""
-    fits, certain, out = search.scene.likelihood, net, []
-    after = fits.score(net).shares
+    certain, out, after = net, list[Issue](), search.log.score(net).shares
     for e in search.elements(net):
-        before = fits.score(e.without).shares
+        before = search.log.score(e.without).shares
         gain, change = search.posterior(net) - search.posterior(e.without), np.log(before / after)
         j, word = int(np.argmax(change)), "certain" if gain > LOUDEST else "likely"
         text = (
@@ -276,7 +272,7 @@ def _stated(search: Search, net: Repair) -> tuple[list[Issue], Repair]:
             what = f"{what.rstrip('.')} (95 %: {e.number.text(low)} to {e.number.text(high)})."
         mend, gravity = net.apply if e.mends else None, None
         if e.kind.startswith("gravity"):
-            share = net.weight[0] if len(set(net.weight)) == 1 else 1.0
+            share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
             gravity = tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
         out.append(Issue(e.kind, e.severity, where, what, text, e.remedy, mend, figures, gravity))
         if not out[-1].mends:

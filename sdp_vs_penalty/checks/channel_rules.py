@@ -8,7 +8,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks.constants import SAMPLES_A_PERIOD, STUCK, TIMES, TYPICAL
 from sdp_vs_penalty.checks.issue import Issue, joints_text
-from sdp_vs_penalty.checks.rules import Glance, constant_parts, lattice_step
+from sdp_vs_penalty.checks.rules import Glance, lattice_step
 from sdp_vs_penalty.data.plausibility import beside_range
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, low_passed
@@ -85,7 +85,7 @@ def _mirrored(x: Array) -> bool:
 def clipped(g: Glance) -> Iterator[Issue]:
     """A torque that stays exactly at its largest value while it is never constant elsewhere."""
     for j, x in enumerate(g.run.tau.T):
-        parts = constant_parts(x)
+        parts = spans(np.diff(x) == 0.0)
         if not len(parts) or not np.ptp(x):
             continue
         lengths, values = np.diff(parts)[:, 0] + 1, x[parts[:, 0]]

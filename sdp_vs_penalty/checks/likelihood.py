@@ -19,16 +19,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
+from sdp_vs_penalty.checks.constants import CONTRADICTS, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, under_gravity
 from sdp_vs_penalty.checks.repair import Event, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array, or_one
 
 
@@ -88,34 +89,45 @@ class Equations:
         return theta, left
 
 
-@dataclass(frozen=True)
-class Rows:
-    """What a repair of the motion makes of the rows of n joints: basis (n, M, k) of own columns, raw
-    (n, M, s) columns of the shared parameters, gram (n, k + s, k + s) of both."""
-
-    basis: Array
-    raw: Array
-    gram: Array
-
-    def rest(self, y: Array) -> Array:
-        """(n, M, K) torques or columns with own columns projected out."""
-        return np.asarray(y - self.basis @ (np.swapaxes(self.basis, 1, 2) @ y))
-
-
 class Likelihood:
-    """Of one log's rows; what depends on a part of a repair is kept for repairs of the rest."""
+    """Of one problem and one log's rows; what depends on a part of a repair is kept for repairs of the
+    rest."""
 
-    def __init__(self, data: RegressionData) -> None:
-        self.data = data
-        self._rows_of, self._columns_of = lru_cache(6)(self._rows), lru_cache(12)(self._columns)
-        self._basis_of, self._late = lru_cache(20)(self._basis), lru_cache(40)(self._torque)
-        self._pushed_of = lru_cache(6)(self._pushed)
+    def __init__(self, problem: Problem, data: RegressionData) -> None:
+        self.problem, self.data = problem, data
+        self.n, self.moving = data.n, data.moving
+        self.joints: list[int] = np.flatnonzero(self.moving).tolist()
+        self.revolute = [j for j in self.joints if problem.robot.joints[j].kind == "revolute"]
+        self.none = Repair.none(self.n, problem.robot.gravity)
+        self._rows, self._columns = lru_cache(6)(partial(Rows, self)), lru_cache(12)(self._made_columns)
+        self._basis, self._late = lru_cache(20)(self._made_basis), lru_cache(40)(self._shifted)
+
+    @cached_property
+    def screen(self) -> Likelihood:
+        """Of fewer rows: enough to see which hypotheses are worth a closer look."""
+        return Likelihood(self.problem, self.data.few())
+
+    @cached_property
+    def samples(self) -> float:
+        """How many independent samples the rows hold whose neighbours are alike: M (1 - rho) / (1 + rho)
+        of the median lag-1 correlation rho of what the arm leaves."""
+        left = self.score(self.none).residual[self.moving]
+        x = left - left.mean(axis=1, keepdims=True)
+        if self.data.count < 4 or not len(x):
+            return float(self.data.count)
+        rho = np.sum(x[:, 1:] * x[:, :-1], axis=1) / np.maximum(np.sum(x * x, axis=1), 1e-300)
+        r = float(np.clip(np.median(rho), 0.0, 0.95))
+        return self.data.count * (1.0 - r) / (1.0 + r)
+
+    def reach(self, repair: Repair) -> Array:
+        """(n,) largest position of each joint, whatever its sign."""
+        return np.abs(repair.positions(self.data.motion.q)).max(axis=0)
 
     # -- what a repair makes of the rows ---------------------------------------------------------
 
     def channels(self, repair: Repair) -> Array:
         """(n, M) the torque as repaired, 0 where it is not asked for."""
-        out = np.empty((self.data.n, self.data.count))
+        out = np.empty((self.n, self.data.count))
         for j, k in enumerate(repair.tau_order):
             value, rate = (x[:, k] for x in self._late(repair.lead[j]))
             if repair.bend[j]:
@@ -128,7 +140,7 @@ class Likelihood:
         """(n, M) 1 where a joint's torque is asked for."""
         return self.data.heard.T[list(repair.order)]
 
-    def _torque(self, lead: float) -> tuple[Array, Array]:
+    def _shifted(self, lead: float) -> tuple[Array, Array]:
         """(M, n) all channels and their rates, so much later [s]."""
         torque = self.data.torque
         late = np.clip(self.data.motion.t + lead, torque.x[0], torque.x[-1])
@@ -142,49 +154,37 @@ class Likelihood:
 
     def rows(self, repair: Repair) -> Rows:
         """What depends on the motion alone."""
-        return self._rows_of(repair.of_motion)
-
-    def _rows(self, repair: Repair) -> Rows:
-        basis, raw = self._basis_of(repair.order, repair.events), self.raw(repair)
-        both = np.concatenate([basis, raw], axis=2)
-        return Rows(basis, raw, np.swapaxes(both, 1, 2) @ both)
+        return self._rows(repair.of_motion)
 
     def raw(self, repair: Repair) -> Array:
         """(n, M, s) the columns of the parameters that joints share, 0 where torque is not asked for."""
-        weight = np.array(repair.weight)[:, None, None]
-        whole = replace(repair.of_motion, weight=(1.0,) * self.data.n, events=())
-        columns = self._columns_of(whole)
-        if np.any(weight != 1.0):
-            weightless = self._columns_of(replace(whole, gravity=(0.0, 0.0, 0.0)))
-            columns = weight * columns + (1.0 - weight) * weightless
+        lacks = np.array(repair.lacks)[:, None, None]
+        whole = replace(repair.of_motion, lacks=self.none.lacks, events=())
+        columns = self._columns(whole)
+        if lacks.any():
+            weightless = self._columns(replace(whole, gravity=(0.0, 0.0, 0.0)))
+            columns = (1.0 - lacks) * columns + lacks * weightless
         return np.asarray(self.heard(repair)[:, :, None] * columns)
 
-    def _columns(self, repair: Repair) -> Array:
-        return self._shared(repair.gravity, self.motion(repair))[:, :, self.data.independent]
+    def _made_columns(self, repair: Repair) -> Array:
+        return self.shared(repair.gravity, self.motion(repair))[:, :, self.data.independent]
 
-    def _shared(self, gravity: Sequence[float], motion: Motion) -> Array:
-        """(n, M, p) the columns of all parameters that joints share."""
-        shared, width = self.data.shared, len(self.data.independent)
+    def shared(self, gravity: Sequence[float], motion: Motion) -> Array:
+        """(n, M, p) columns of all parameters that joints share."""
+        shared = self.data.shared
         if shared is None:
-            return np.zeros((self.data.n, len(motion.t), 0))
+            return np.zeros((self.n, len(motion.t), 0))
+        width = len(shared.parameters)
         return np.stack([b.wide(width) for b in under_gravity(shared, gravity).columns(motion)])
-
-    def last_link(self, repair: Repair) -> Array:
-        """(n, M, 10) the columns of the last link's parameters."""
-        assert self.data.shared is not None
-        columns = self._shared(repair.gravity, self.motion(repair))
-        return self.heard(repair)[:, :, None] * columns[:, :, self.data.shared.rigid_indices[-10:]]
 
     def nominal(self, repair: Repair, still: bool) -> Array:
         """(M, n) torque of a plausible arm on the repaired motion, or its weight in these poses."""
-        m, shared, none = self.motion(repair), self.data.shared, 0.0 * self.data.motion.q
-        if shared is None or not len(shared.rigid_indices):
-            return none
-        robot = under_gravity(shared, repair.gravity).robot
+        m, none = self.motion(repair), 0.0 * self.data.motion.q
+        robot = self.problem.with_gravity(repair.gravity).robot
         states = (m.q, none, none) if still else (m.q, m.dq, m.ddq)
-        return np.asarray(robot.regressor(*states) @ self.data.nominal)
+        return np.asarray(robot.regressor(*states) @ self.problem.nominal_links.ravel(), float)
 
-    def _basis(self, order: Order, events: tuple[Event, ...]) -> Array:
+    def _made_basis(self, order: Order, events: tuple[Event, ...]) -> Array:
         """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others."""
         data = self.data
         own = np.arange(data.n)[:, None]
@@ -205,7 +205,7 @@ class Likelihood:
         columns are own ones; more (n, M, r) : further columns that joints share."""
         rows, y = self.rows(repair), self.channels(repair)[:, :, None]
         further = y[:, :, :0] if more is None else more
-        full = np.concatenate([rows.basis, rows.raw, further, y], axis=2)
+        full = np.concatenate([rows.both, further, y], axis=2)
         edges = np.linspace(0, self.data.count, count + 1).astype(int)
         parts = [full[:, a:b] for a, b in pairwise(edges.tolist())]
         return np.stack([np.swapaxes(p, 1, 2) @ p for p in parts]), rows.basis.shape[2]
@@ -221,9 +221,9 @@ class Likelihood:
         for of_motion, places in groups.items():
             rows = self.rows(of_motion)
             y = np.stack([self.channels(repairs[i]) for i in places], axis=2)
-            cross = np.concatenate([np.swapaxes(x, 1, 2) @ y for x in (rows.basis, rows.raw)], axis=1)
-            fit = Equations.of(rows.gram, cross, np.sum(y**2, axis=1), rows.basis.shape[2])
-            theta, left = fit.fitted(self.data.moving)
+            cross, k = np.swapaxes(rows.both, 1, 2) @ y, rows.basis.shape[2]
+            fit = Equations.of(rows.gram, cross, np.sum(y**2, axis=1), k)
+            theta, left = fit.fitted(self.moving)
             for k, i in enumerate(places):
                 numbers = theta[k], left[:, k], fit.whole[:, k], fit.gram
                 out[i] = Score(self, rows, y[..., k], *numbers)
@@ -256,20 +256,33 @@ class Likelihood:
         best, *found = (float(x.solved(score.weights[:, None])[0, -1]) / size for x in logs)
         return best, float(np.sqrt((PARTS - 1) * np.var(found)))
 
-    def pushed(self, repair: Repair) -> Array:
+
+class Rows:
+    """What a repair of the motion makes of the rows of n joints: basis (n, M, k) of own columns, raw
+    (n, M, s) columns of the shared parameters, gram (n, k + s, k + s) of ``both``."""
+
+    def __init__(self, of: Likelihood, repair: Repair) -> None:
+        self.of, self.repair = of, repair
+        self.basis, self.raw = of._basis(repair.order, repair.events), of.raw(repair)
+        self.both = np.concatenate([self.basis, self.raw], axis=2)
+        self.gram = np.swapaxes(self.both, 1, 2) @ self.both
+
+    def rest(self, y: Array) -> Array:
+        """(n, M, K) torques or columns with own columns projected out."""
+        return np.asarray(y - self.basis @ (np.swapaxes(self.basis, 1, 2) @ y))
+
+    @cached_property
+    def pushed(self) -> Array:
         """(2, s) what the mean of ddq^T M(q) ddq is of the shared parameters, and the weight's mean
         product with the weight of a plausible arm."""
-        return self._pushed_of(replace(repair.of_motion, events=()))
-
-    def _pushed(self, repair: Repair) -> Array:
-        m = self.motion(repair)
-        rest, loads = np.zeros_like(m.q), self.nominal(repair, still=True)
-        ways = (((0.0, 0.0, 0.0), m.ddq, m.ddq), (repair.gravity, rest, loads))
+        m, of = self.of.motion(self.repair), self.of
+        rest, loads = np.zeros_like(m.q), of.nominal(self.repair, still=True)
+        ways = (((0.0, 0.0, 0.0), m.ddq, m.ddq), (self.repair.gravity, rest, loads))
         made = [
-            np.einsum("jms,mj->s", self._shared(gravity, Motion(m.t, m.q, rest, ddq)), along)
+            np.einsum("jms,mj->s", of.shared(gravity, Motion(m.t, m.q, rest, ddq)), along)
             for gravity, ddq, along in ways
         ]
-        return np.array(made)[:, self.data.independent] / self.data.count
+        return np.array(made)[:, of.data.independent] / of.data.count
 
 
 @dataclass
@@ -285,10 +298,6 @@ class Score:
     whole: Array
     gram: Array
 
-    @property
-    def moving(self) -> NDArray[np.bool_]:
-        return self.of.data.moving
-
     @cached_property
     def shares(self) -> Array:
         """(n,) share of each channel's energy that is left over."""
@@ -297,7 +306,12 @@ class Score:
     @cached_property
     def score(self) -> float:
         """sum_j log of what is left, of joints that move."""
-        return float(np.log(self.shares)[self.moving].sum())
+        return float(np.log(self.shares)[self.of.moving].sum())
+
+    @property
+    def poor(self) -> NDArray[np.bool_]:
+        """(n,) joints of whose torque so much is unexplained that their motion may be another one."""
+        return np.asarray(self.of.moving & (self.shares > CONTRADICTS[1]))
 
     @cached_property
     def residual(self) -> Array:
@@ -307,7 +321,15 @@ class Score:
     @cached_property
     def weights(self) -> Array:
         """(n,) of each joint's rows, 0 where it does not move."""
-        return np.where(self.moving, 1.0 / self.left, 0.0)
+        return np.where(self.of.moving, 1.0 / self.left, 0.0)
+
+    def left_out_alone(self, repair: Repair) -> Array:
+        """(n,) share of each channel that its joint's own model leaves of parts it was not fitted to."""
+        parts = self.of.parts(repair)[0]
+        rests = parts.sum(axis=0) - parts
+        own = solve(rests[..., :-1, :-1], rests[..., :-1, -1:])[..., 0]
+        v = np.concatenate([own, -np.ones((*own.shape[:2], 1))], axis=2)
+        return np.maximum(np.einsum("pjw,pjwx,pjx->j", v, parts, v) / self.whole, FLOOR)
 
     def physics(self, repair: Repair, samples: float) -> float:
         """log-probability that inertia and masses are positive and friction takes power: the mean of
@@ -315,7 +337,7 @@ class Score:
         the weight times that of a plausible arm."""
         from scipy.special import log_ndtr
 
-        m, slopes = self.of.motion(repair), self.of.pushed(repair)
+        m, slopes = self.of.motion(repair), self.rows.pushed
         states = np.stack([-m.dq.T if repair.reversed else m.dq.T, m.ddq.T]) / len(m.t)
         states = states * self.of.heard(repair)
         values = np.sum(states * (self.channels - self.rows.raw @ self.theta), axis=2)
@@ -328,29 +350,8 @@ class Score:
         spread = np.append(noise[0], [noise[1].sum(), 0.0])
         spread += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
         z = value / np.sqrt(np.maximum(spread, 1e-300))
-        asked = np.append(self.moving, [True, True])
+        asked = np.append(self.of.moving, [True, True])
         return float(np.maximum(log_ndtr(z), -LOUDEST)[asked].sum())
-
-
-def left_out_alone(score: Score, repair: Repair) -> Array:
-    """(n,) share of each channel that its joint's own model leaves of parts it was not fitted to."""
-    parts = score.of.parts(repair)[0]
-    rests = parts.sum(axis=0) - parts
-    own = solve(rests[..., :-1, :-1], rests[..., :-1, -1:])[..., 0]
-    v = np.concatenate([own, -np.ones((*own.shape[:2], 1))], axis=2)
-    return np.maximum(np.einsum("pjw,pjwx,pjx->j", v, parts, v) / score.whole, FLOOR)
-
-
-def independent_samples(residual: Array, asked: NDArray[np.bool_]) -> float:
-    """How many independent samples rows (n, M) hold whose neighbours are alike: M (1 - rho) / (1 + rho)
-    of the median lag-1 correlation rho."""
-    count = residual.shape[1]
-    x = (residual - residual.mean(axis=1, keepdims=True))[asked]
-    if count < 4 or not len(x):
-        return float(count)
-    rho = np.sum(x[:, 1:] * x[:, :-1], axis=1) / np.maximum(np.sum(x * x, axis=1), 1e-300)
-    r = float(np.clip(np.median(rho), 0.0, 0.95))
-    return count * (1.0 - r) / (1.0 + r)
 
 
 def solve(gram: Array, right: Array) -> Array:

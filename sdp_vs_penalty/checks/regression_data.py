@@ -39,8 +39,7 @@ class RegressionData:
     motion : (M, n) low-passed states; torque : (n,) low-passed channels, a spline over time;
     own : (n, M, k) columns that each joint's own motion makes; heard : (M, n) 1 where a joint slides, 0
     where its torque is not asked; moving : (n,); shared : the effects whose columns joints share,
-    ``independent`` of their parameters stand for all; nominal : (10 links,) parameters of a plausible
-    arm; largest : (n,) sizes that the channels reach.
+    ``independent`` of their parameters stand for all; largest : (n,) sizes that the channels reach.
     """
 
     shared: Model | None
@@ -50,7 +49,6 @@ class RegressionData:
     own: Array
     heard: Array
     moving: NDArray[np.bool_]
-    nominal: Array
     largest: Array
 
     @property
@@ -92,6 +90,7 @@ class RegressionData:
         t, q, dq, ddq = (np.concatenate(x) for x in list(zip(*pieces, strict=True))[:4])
         own = np.concatenate([piece[4] for piece in pieces], axis=1)
         times, torque = (np.concatenate(x) for x in zip(*grid, strict=True))
+        spline = CubicSpline(times, torque)
         kept = np.zeros(0, bool) if shared is None else independent_columns(shared)
         moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)  # and its channel is not dead
         slides = np.abs(dq) > SLIDES * np.sqrt(np.mean(dq**2, axis=0))
@@ -100,11 +99,10 @@ class RegressionData:
             raise InputError(
                 "no joint both moves and has a torque that changes", "record such a run", run.names[0]
             )
-        nominal, spline = np.asarray(problem.nominal_links.ravel(), float), CubicSpline(times, torque)
         # Where all have stopped nothing is asked of any joint.
         motion, heard = Motion(t[asked], q[asked], dq[asked], ddq[asked]), slides[asked].astype(float)
         largest = np.abs(torque).max(axis=0)
-        return cls(shared, kept, motion, spline, own[:, asked], heard, moving, nominal, largest)
+        return cls(shared, kept, motion, spline, own[:, asked], heard, moving, largest)
 
 
 def _piece(

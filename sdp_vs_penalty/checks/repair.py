@@ -40,7 +40,7 @@ class Event:
 @dataclass(frozen=True)
 class Repair:
     """See the module; all tuples have an entry a joint. gravity : [m/s^2] in the base frame, and
-    ``weight``, the share of the arm's weight that each torque channel holds: what a model has to assume,
+    ``lacks``, the share of the arm's weight that each torque channel lacks: what a model has to assume,
     no change of the log; ``bend`` of a repaired file stays as it is."""
 
     order: Order
@@ -51,7 +51,7 @@ class Repair:
     lead: Numbers
     lag: Numbers
     gravity: tuple[float, float, float]
-    weight: Numbers
+    lacks: Numbers
     bend: Numbers
     rate: float = 1.0
     reversed: bool = False
@@ -62,7 +62,7 @@ class Repair:
         """The repair that changes nothing of n joints under a gravity [m/s^2]."""
         same, one, zero = tuple(range(n)), (1.0,) * n, (0.0,) * n
         x, y, z = gravity
-        return cls(same, one, zero, same, one, zero, zero, (x, y, z), one, zero)
+        return cls(same, one, zero, same, one, zero, zero, (x, y, z), zero, zero)
 
     @property
     def n(self) -> int:
@@ -85,12 +85,12 @@ class Repair:
         swapped: dict[str, Any] = {x: tuple(getattr(self, x)[k] for k in places) for x in names}
         return replace(self, **swapped)
 
-    def changed(self, name: str, usual: float) -> list[tuple[tuple[int, ...], float]]:
-        """Joints whose entry of a tuple is not the usual one, and the entry: all where it is one."""
+    def changed(self, name: str) -> list[tuple[tuple[int, ...], float]]:
+        """Joints whose entry of a tuple is not zero, and the entry: all where it is one."""
         values = getattr(self, name)
         if len(set(values)) == 1:
-            return [] if values[0] == usual else [(tuple(range(self.n)), values[0])]
-        return [((j,), x) for j, x in enumerate(values) if x != usual]
+            return [(tuple(range(self.n)), values[0])] if values[0] else []
+        return [((j,), x) for j, x in enumerate(values) if x]
 
     @property
     def of_motion(self) -> Repair:
@@ -103,7 +103,7 @@ class Repair:
     def leaves_log(self) -> bool:
         """Whether only what a model assumes is changed."""
         none = Repair.none(self.n, self.gravity)
-        return replace(self, weight=none.weight, bend=none.bend, events=()) == none
+        return replace(self, lacks=none.lacks, bend=none.bend, events=()) == none
 
     def positions(self, q: Array) -> Array:
         """(N, n) true positions from those of the log."""

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import Equations, Score, left_out_alone
+from sdp_vs_penalty.checks.likelihood import Equations, Likelihood, Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformation import Scene
 from sdp_vs_penalty.checks.transformations.torque import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
+from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -35,11 +36,11 @@ _SURE = (
 )
 
 
-def find(scene: Scene, repair: Repair, score: Score, settled: bool) -> Iterator[Issue]:
+def find(log: Likelihood, repair: Repair, score: Score, settled: bool) -> Iterator[Issue]:
     """A warning where more is left over than such an arm leaves; an error where nothing is explained.
 
     settled : whether there are samples to spare for the parameters."""
-    dark = float(np.mean(score.shares[scene.moving]))
+    dark = float(np.mean(score.shares[log.moving]))
     if dark > c.UNRELATED:
         yield Issue(
             "torque not explained", "error", "all torque channels",
@@ -50,23 +51,20 @@ def find(scene: Scene, repair: Repair, score: Score, settled: bool) -> Iterator[
             "and torques come from the same recording", None, {"unexplained_percent": 100.0 * dark},
         )  # fmt: skip
     elif settled:
-        yield from _unexplained(scene, repair, score)
-        yield from _event(scene, score)
-        yield from _two_arms(scene, repair, score)
+        yield from _unexplained(log, repair, score)
+        yield from _event(log, score)
+        yield from _two_arms(log, repair, score)
 
 
-def _unexplained(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
-    moving, percent = scene.moving, 100.0 * np.sqrt(score.shares)
+def _unexplained(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
+    moving, percent = log.moving, 100.0 * np.sqrt(score.shares)
     total = 100.0 * float(np.sqrt(score.left[moving].sum() / score.whole[moving].sum()))
-    against = score.shares > np.maximum(
-        c.CONTRADICTS[0] * left_out_alone(score, repair), c.CONTRADICTS[1]
-    )
-    where = np.flatnonzero(moving & against)
+    where = np.flatnonzero(score.poor & (score.shares > c.CONTRADICTS[0] * score.left_out_alone(repair)))
     what = "cannot belong to the same arm as the other joints' torques"
     if not len(where):
         where = np.array([np.argmax(np.where(moving, score.left, 0.0))])
         what = f"leaves more than such arms do ({total:.2g} % of all torques)"
-        if total <= 200.0 * c.TYPICAL[scene.problem.torque_side]:
+        if total <= 200.0 * c.TYPICAL[log.problem.torque_side]:
             return
     left = ", ".join(f"{percent[j]:.2g} %" for j in where)
     yield Issue(
@@ -78,17 +76,17 @@ def _unexplained(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
     )  # fmt: skip
 
 
-def _event(scene: Scene, score: Score) -> Iterator[Issue]:
+def _event(log: Likelihood, score: Score) -> Iterator[Issue]:
     """A moment at which the error is far larger than at any other: contact, a push."""
-    t = scene.likelihood.data.motion.t
-    for j in scene.joints:
+    t = log.data.motion.t
+    for j in log.joints:
         error = np.abs(score.residual[j])
         k = int(np.argmax(error))
         elsewhere = error[np.abs(t - t[k]) > _WIDTH]
         # At its ends the arm starts or comes to rest: stiction.
         inside = min(t[k] - t[0], t[-1] - t[k]) > 3.0 * _WIDTH
         if inside and len(elsewhere) and error[k] > c.TIMES * elsewhere.max():
-            at, unit = float(t[k]), scene.problem.robot.torque_units[j]
+            at, unit = float(t[k]), log.problem.robot.torque_units[j]
             yield Issue(
                 "one-off event", "warning", f"t = {at:.3g} s, {joints_text([j])}",
                 f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error "
@@ -104,27 +102,27 @@ def _without(at: float, run: Measurements) -> Measurements:
     return run.rows(np.abs(run.t - at) > 0.5 * _WIDTH)
 
 
-def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
+def _two_arms(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
     """Two parts of a log that no one arm explains: a load picked up, or two arms' logs in one file.
 
     Two arms in stripes that take turns have as many parameters, and no reason to explain it better.
     """
-    parts, k = scene.likelihood.parts(repair, 2 * c.PARTS)
+    parts, k = log.parts(repair, 2 * c.PARTS)
 
     def two(first: NDArray[np.bool_]) -> Array:
         """(n,) what two arms leave of these parts and of the others."""
         logs = (parts[first].sum(axis=0), parts[~first].sum(axis=0))
-        left = [Equations.of_part(x, k).fitted(scene.moving)[1][:, 0] for x in logs]
+        left = [Equations.of_part(x, k).fitted(log.moving)[1][:, 0] for x in logs]
         return np.asarray(left[0] + left[1])
 
     number = np.arange(len(parts))
     stripes, cuts = two(number % 2 == 0), number[3:-2]  # neither may be short
     halves = [two(number < cut) for cut in cuts]
-    gains = [float(np.median(np.log(stripes / h)[scene.moving])) for h in halves]
+    gains = [float(np.median(np.log(stripes / h)[log.moving])) for h in halves]
     best = int(np.argmax(gains))
     if gains[best] < c.TWO_ARMS or best in (0, len(gains) - 1) or repair.events:
         return
-    t = float(np.quantile(scene.likelihood.data.motion.t, cuts[best] / len(parts)))
+    t = float(np.quantile(log.data.motion.t, cuts[best] / len(parts)))
     one, apart = (100.0 * np.sqrt(np.mean(x / score.whole)) for x in (score.left, halves[best]))
     yield Issue(
         "two arms", "error" if one > 3.0 * apart else "warning", f"t = {t:.4g} s",
@@ -135,15 +133,14 @@ def _two_arms(scene: Scene, repair: Repair, score: Score) -> Iterator[Issue]:
     )  # fmt: skip
 
 
-def size(scene: Scene, repair: Repair) -> Iterator[Issue]:
+def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     """Torques of an impossible size: another unit, motor currents, the motor's side of the gear.
 
     What joints share tells the channels' ratios, never their common size. Two witnesses do: the joints'
     effort limits, and what an arm of the problem's masses needs on the same motion.
     """
-    problem, fits = scene.problem, scene.likelihood
-    channels, heard = fits.channels(repair).T, fits.heard(repair).T
-    needed = float(np.linalg.norm(heard * fits.nominal(repair, still=False)))
+    problem, channels = log.problem, log.channels(repair).T
+    needed = float(np.linalg.norm(log.heard(repair).T * log.nominal(repair, still=False)))
     ratio = max(float(np.linalg.norm(channels)), 1e-300) / max(needed, 1e-300)  # of 1e-300 squares are 0
     effort = np.array([j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints])
     each = np.abs(channels).max(axis=0) / effort
@@ -155,7 +152,7 @@ def size(scene: Scene, repair: Repair) -> Iterator[Issue]:
     odd = np.flatnonzero(each > c.EFFORT[1])
     by_size = "likely: judged by size alone"
     convert = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
-    if known and 0 < len(odd) <= 0.3 * scene.n:
+    if known and 0 < len(odd) <= 0.3 * log.n:
         for j in odd.tolist():
             yield Issue(
                 "torque unit", "error", joints_text([j]),
@@ -170,10 +167,7 @@ def size(scene: Scene, repair: Repair) -> Iterator[Issue]:
         least, most = max(low, 0.1 * high) / masses / c.EFFORT[1], high / masses * c.EFFORT[1]
     large, small, far = known and ratio > most, known and ratio < least, over > c.EFFORT[1]
     times = f"{ratio:.3g} times what" if large else f"{1.0 / ratio:.3g} times less than"
-    told, right = (
-        f"{times} an arm of {weighs} kg needs",
-        "if they are right, correct the problem's masses",
-    )
+    told, right = f"{times} an arm of {weighs} kg needs", "if right, correct the problem's masses"
     figures = {"times_effort_limit": over, "times_nominal": ratio if known else None}
     if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
         yield Issue(
@@ -205,7 +199,8 @@ def size(scene: Scene, repair: Repair) -> Iterator[Issue]:
 def not_excited(problem: Problem, run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
     """Base parameters that the data do not determine; those of idle joints are named elsewhere."""
     model = problem.model()
-    known = of_regression(problem, model, compress(run, model, settings), white=True)
+    data = compress(run, model, settings)
+    known = of_regression(make_task(problem, model, data), data, base_rows(problem, model), white=True)
     dark = [i.name.split(" ")[0] for i in known.base if i.verdict == NOT_SEEN]
     if not dark:
         return
@@ -221,12 +216,12 @@ def not_excited(problem: Problem, run: Measurements, settings: Preprocessing) ->
     )  # fmt: skip
 
 
-def hidden_errors(scene: Scene, repair: Repair) -> Iterator[Issue]:
+def hidden_errors(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     """One note: from which size on the zero of a joint would be named."""
     zeros = {}
-    for j in scene.revolute:
+    for j in log.revolute:
         at = partial(repair.with_entries, "zero", (j,))
-        zeros[j + 1] = 3.0 * scene.screen.change(at, repair.zero[j], 0.3 * c.CALIBRATED)[1]
+        zeros[j + 1] = 3.0 * log.screen.change(at, repair.zero[j], 0.3 * c.CALIBRATED)[1]
     hidden = [
         f"joint {j}{'' if not x < np.pi else f' below {np.degrees(x):.2g} degrees'}"
         for j, x in zeros.items()

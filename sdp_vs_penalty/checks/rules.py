@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.checks.constants import LONG, RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
 from sdp_vs_penalty.checks.issue import Issue, joints_text, rows_text
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.runs import Movement, movement, moving_joints, spans
 
@@ -158,6 +158,13 @@ def time_unit(g: Glance) -> Iterator[Issue]:
         )  # fmt: skip
 
 
+def _goes_on(g: Glance, rows: NDArray[np.intp]) -> Rows:
+    """(K,) whether the moving arm comes no farther in steps of the clock than in those around them."""
+    travel = np.linalg.norm(np.diff(g.run.q / or_one(np.ptp(g.run.q, axis=0)), axis=0), axis=1)
+    usual = np.array([np.median(travel[max(k - 10, 0) : k + 11]) for k in rows])
+    return np.asarray(travel[rows] < 3.0 * usual + 1e-3)
+
+
 def backwards(g: Glance) -> Iterator[Issue]:
     """Rows whose time lies before that of an earlier row."""
     bad = np.flatnonzero(g.steps < 0.0)
@@ -166,11 +173,9 @@ def backwards(g: Glance) -> Iterator[Issue]:
     step, how = 0.0, "the rows there do not continue the motion"
     remedy = "delete the rows whose time lies before that of an earlier row"
     if g.step > 0.0 and np.all(np.diff(bad, prepend=0, append=len(g.run.t) - 1) > RUN):
-        travel = np.abs(np.diff(g.run.q, axis=0))
-        usual = np.array([np.median(travel[max(k - 5, 0) : k + 6], axis=0) for k in bad])
         step, how = max(1.0, 50.0 * g.step), "several runs are in the file"
         remedy = "let each begin a second after the end of the one before (or write a file each)"
-        if np.all(travel[bad] <= 5.0 * usual + 1e-3 * np.ptp(g.run.q, axis=0)):
+        if _goes_on(g, bad).all():
             step, how = g.step, "the motion continues without a break"
             remedy = "continue the time at the usual step there"
 
@@ -232,14 +237,10 @@ def uneven(g: Glance) -> Iterator[Issue]:
 
 
 def jumps(g: Glance) -> Iterator[Issue]:
-    """Steps that are no jitter: of a clock that was set where the moving arm came no farther than in one
-    row, otherwise gaps."""
-    long, q = np.flatnonzero(g.steps > max(LONG * g.step, 0.02)), g.run.q
-    travel = np.linalg.norm(np.diff(q / np.maximum(np.ptp(q, axis=0), 1e-12), axis=0), axis=1)
-    near = [slice(max(k - 10, 0), k + 11) for k in long]
-    usual = np.array([np.median(travel[part]) for part in near])
-    moves = np.array([g.movement.moves[part].all() for part in near], bool)
-    stays = moves & (g.steps[long] > 2.0 * LONG * g.step) & (travel[long] < 3.0 * usual)
+    """Steps that are no jitter: of a clock that was set where the motion goes on, otherwise gaps."""
+    long = np.flatnonzero(g.steps > max(LONG * g.step, 0.02))
+    moves = [g.movement.moves[max(k - 10, 0) : k + 11].all() for k in long]
+    stays = np.array(moves, bool) & (g.steps[long] > 2.0 * LONG * g.step) & _goes_on(g, long)
     wrong = np.isin(np.arange(len(g.steps)), long[stays])
     for rows, is_set in ((long[stays], True), (long[~stays], False)):
         if not len(rows):
@@ -316,11 +317,12 @@ def frozen_packets(g: Glance) -> Iterator[Issue]:
     least = np.maximum(4.0 * np.median(steps, axis=0), [2.5 * lattice_step(x) for x in g.run.q.T])
     long = parts[lengths >= max(STUCK, TIMES * usual)]
     found = [p for p in long if p[1] < len(g.run.t) and np.any(steps[p[1] - 1] > least)]
-    what = (
-        "all channels repeat one row for up to {seconds:.3g} s, {parts} times, while the arm moves on: "
+    bad, what = (
+        {"": _mask(len(g.run.t), found)},
+        "all channels repeat one row for up to {seconds:.3g} s, ",
     )
-    bad = {"": _mask(len(g.run.t), found)}
-    yield from _deleted(g, bad, "frozen packets", what + "no packets came.", brief=STUCK_SECONDS)
+    what += "{parts} times, while the arm moves on: no packets came."
+    yield from _deleted(g, bad, "frozen packets", what, brief=STUCK_SECONDS)
 
 
 def doubled(g: Glance) -> Iterator[Issue]:
@@ -337,14 +339,13 @@ def doubled(g: Glance) -> Iterator[Issue]:
     skips = bool(np.median(near / np.maximum(far, 1e-300)) > 0.75)
     if skips and not 1 / RUN < same.mean() < 0.5:  # from half of the rows on the source is slower
         return
-    severity, remedy = "error", "delete the copies and their time"
-    how = "and the motion does not skip ahead after them: rows were doubled and the clock was made again"
+    how, after = "rows were doubled and the clock was made again", "does not skip ahead"
     if skips:
-        severity, remedy = "warning", "delete the copies"
-        how = "and the motion skips ahead after them: packets were lost, the last one was written again"
+        how, after = "packets were lost, the last one was written again", "skips ahead"
     yield Issue(
-        "doubled rows", severity, rows_text(np.flatnonzero(same) + 2),
-        f"{same.sum()} rows are copies of the row before, {how}.", _READ, remedy,
+        "doubled rows", "warning" if skips else "error", rows_text(np.flatnonzero(same) + 2),
+        f"{same.sum()} rows are copies of the row before, and the motion {after} after them: {how}.",
+        _READ, f"delete the copies{'' if skips else ' and their time'}",
         lambda r: (r if skips else with_steps(r, np.where(same[1:], 0.0, np.diff(r.t)))).rows(~same),
         {"rows": int(same.sum())},
     )  # fmt: skip
@@ -371,31 +372,26 @@ def interpolated_rows(g: Glance) -> Iterator[Issue]:
 
 
 def zeros(g: Glance) -> Iterator[Issue]:
-    """Exact zeros in channels of fine steps: rows that a logger filled in because it had no sample."""
-    bad = {name: _filled(x) & g.inside for name, j, x in g.channels if g.moving[j]}
+    """Exact zeros in channels of fine steps: rows that a logger filled in because it had no sample.
+
+    A zero between a sample below and one above it is a passage, however coarse the steps; a fill leaves
+    one side and comes back to it, by far more than the channel's usual step.
+    """
+    bad = {}
+    for name, j, x in g.channels:
+        changes, other = np.abs(np.diff(x)), x[np.abs(x) >= 1e-300]
+        parts = [p for p in spans(np.abs(x) < 1e-300) if p[0] > 0 and p[1] < len(x)]
+        if g.moving[j] and parts and len(other) >= RUN:
+            least = max(6.0 * float(np.median(changes[changes > 0.0])), 3.0 * lattice_step(other))
+            around = [(x[a - 1], x[b]) for a, b in parts]
+            ways = [least * (1.0 if before * after > 0.0 else 3.0) for before, after in around]
+            far = [p for p, w, ends in zip(parts, ways, around, strict=True) if min(map(abs, ends)) > w]
+            bad[name] = _mask(len(x), far) & g.inside
     # One torque at zero is an outlier as any other, and harms no fit; one position does.
     bad = {name: x for name, x in bad.items() if x.sum() > (name[0] == "t")}
     what = "{rows} rows of {named} are exactly zero, and jump there and back: nothing was measured."
     sure = "certain: the channel hardly ever takes any other value near zero"
     yield from _deleted(g, bad, "zeros", what, sure)
-
-
-def _filled(x: Array) -> Rows:
-    """(N,) which samples of a channel are zeros that it does not pass through.
-
-    A zero between a sample below and one above it is a passage, however coarse the steps; a fill leaves
-    one side and comes back to it, by far more than the channel's usual step.
-    """
-    zero, bad = np.abs(x) < 1e-300, np.zeros(len(x), bool)
-    parts, other, changes = spans(zero), np.flatnonzero(~zero), np.abs(np.diff(x))
-    if not len(parts) or len(other) < RUN or not changes.any():
-        return bad
-    least = max(6.0 * float(np.median(changes[changes > 0.0])), 3.0 * lattice_step(x[other]))
-    for a, b in parts:
-        if a > 0 and b < len(x):
-            returns = x[a - 1] * x[b] > 0.0
-            bad[a:b] = min(abs(x[a - 1]), abs(x[b])) > least * (1.0 if returns else 3.0)
-    return bad
 
 
 def spikes(g: Glance) -> Iterator[Issue]:
@@ -448,26 +444,24 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
         )  # fmt: skip
 
 
-def _frozen(g: Glance, word: str) -> Iterator[Issue]:
+def frozen(g: Glance, word: str) -> Iterator[Issue]:
     """Channels that repeat a value bit by bit while the arm moves, and did not slow down before."""
     asked = [x for x in g.channels if x[0][0] == word[0].replace("p", "q") and np.ptp(x[2]) > 0.0]
-    found = {n: _stuck(g, j, x, n[0] == "q") for n, j, x in asked if g.moving[j] or n[0] == "t"}
-    bad = {n: _mask(len(g.run.t), parts) for n, parts in found.items()}
+    bad = {n: _stuck(g, j, x, n[0] == "q") for n, j, x in asked if g.moving[j] or n[0] == "t"}
     what = "{named} repeats one value for {seconds:.3g} s, {parts} times, while the arm moves: "
     sure = "certain: elsewhere it never repeats for nearly as long"
     yield from _deleted(g, bad, f"frozen {word}", what + "the channel was frozen.", sure)
 
 
-def _stuck(g: Glance, j: int, x: Array, position: bool) -> list[tuple[int, int]]:
-    """First row and the one after the last of parts in which a channel of joint j is frozen: the same
-    number for long, and then not the next one."""
-    moved, parts = np.concatenate([[0], np.cumsum(g.movement.moves)]), constant_parts(x)
+def _stuck(g: Glance, j: int, x: Array, position: bool) -> Rows:
+    """(N,) where a channel of joint j is frozen: the same number for long, and then not the next one."""
+    moved, parts = np.concatenate([[0], np.cumsum(g.movement.moves)]), spans(np.diff(x) == 0.0)
     parts = parts[np.diff(moved[parts])[:, 0] > 0.9 * np.diff(parts)[:, 0]] if len(parts) else parts
-    lengths = np.diff(parts)[:, 0] if len(parts) else np.zeros(0)
+    lengths, bad = np.diff(parts)[:, 0], np.zeros(len(x), bool)
     alike = parts[lengths * TIMES > lengths.max(initial=0)]  # freezes must not hide each other
     if len(alike) > 2 * STUCK or lengths.max(initial=0) < STUCK:
-        return []
-    step, q, bad = np.abs(np.diff(x)), g.run.q[:, j], []
+        return bad
+    step, q = np.abs(np.diff(x)), g.run.q[:, j]
     usual, level = float(np.median(step[step > 0.0])), 3.0 * lattice_step(x)
     for a, b in alike.tolist():
         jump, slows = step[min(b, len(step) - 1)], abs(x[a] - x[max(a - STUCK, 0)])
@@ -478,23 +472,17 @@ def _stuck(g: Glance, j: int, x: Array, position: bool) -> list[tuple[int, int]]
             by_itself = usual < level and after * (q[b] - q[max(b - STUCK, 0)]) <= 0.0
         long = g.run.t[b] - g.run.t[a] >= 2.0 * STUCK_SECONDS
         clipped = x[a] in (x.min(), x.max())  # stays at its end
-        if long and not clipped and not by_itself and jump >= level:
-            bad.append((a, b + 1))
+        bad[a : b + 1] |= long and not clipped and not by_itself and jump >= level
     return bad
 
 
 #: In the order of mending; those of MOTION are about a motion.
 CLOCK: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
-    missing,
-    time_unit,
-    backwards,
-    repeated_time,
-    uneven,
-    jumps,
-)
+    missing, time_unit, backwards, repeated_time, uneven, jumps,
+)  # fmt: skip
 MOTION: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
     wrapped, repeated_run, frozen_packets, doubled, interpolated_rows, zeros, spikes, lost_rows,
-    partial(_frozen, word="position"), partial(_frozen, word="torque"),
+    partial(frozen, word="position"), partial(frozen, word="torque"),
 )  # fmt: skip
 
 

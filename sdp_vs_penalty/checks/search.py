@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.likelihood import Score
+from sdp_vs_penalty.checks.likelihood import Likelihood, Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation
+from sdp_vs_penalty.checks.transformation import Element, Number, Transformation
 from sdp_vs_penalty.checks.transformations import motion, torque
 
 #: What is tried, in the order of the words.
@@ -25,15 +25,15 @@ TRANSFORMATIONS: tuple[Transformation, ...] = (
 
 
 class Search:
-    """Of one scene."""
+    """Of one log."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        self.samples = scene.samples
+    def __init__(self, log: Likelihood) -> None:
+        self.log = log
+        self.samples = log.samples
         self._posteriors: dict[Repair, float] = {}
 
     def elements(self, repair: Repair) -> list[Element]:
-        return [e for t in TRANSFORMATIONS for e in t.elements(self.scene, repair)]
+        return [e for t in TRANSFORMATIONS for e in t.elements(self.log, repair)]
 
     def likelihood(self, score: Score, repair: Repair) -> float:
         """Log-likelihood less the repair's cost."""
@@ -46,14 +46,14 @@ class Search:
 
     def posterior(self, repair: Repair) -> float:
         if repair not in self._posteriors:
-            score = self.scene.likelihood.score(repair)
+            score = self.log.score(repair)
             value = self.likelihood(score, repair) + score.physics(repair, self.samples)
             self._posteriors[repair] = value
         return self._posteriors[repair]
 
     def run(self) -> Repair:
         """The net repair."""
-        now = self.scene.none
+        now = self.log.none
         for _ in range(c.MOST):
             better = self.added(now)
             if better is None:
@@ -63,8 +63,8 @@ class Search:
 
     def proposals(self, now: Repair) -> list[Repair]:
         """One more thing, the best first; those that only physics can tell are always looked at."""
-        score, screen = self.scene.likelihood.score(now), self.scene.screen
-        made = (t.proposals(self.scene, now, score) for t in TRANSFORMATIONS)
+        score, screen = self.log.score(now), self.log.screen
+        made = (t.proposals(self.log, now, score) for t in TRANSFORMATIONS)
         asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
         scores = screen.scores(asked)
         level = self.likelihood(screen.score(now), now)
@@ -94,11 +94,11 @@ class Search:
     def believed(self, repair: Repair, now: Repair) -> bool:
         """Whether it predicts what the arm was not fitted to, and its numbers are beyond what is
         usual."""
-        fits, known = self.scene.likelihood, {e.name for e in self.elements(now)}
+        fits, known = self.log, {e.name for e in self.elements(now)}
         numbers = [e.number for e in self.elements(repair) if e.name not in known and e.number]
         if not all(map(self._determined, numbers)):
             return False
-        change = np.log(fits.left_out(now) / fits.left_out(repair))[:, self.scene.moving].sum(axis=1)
+        change = np.log(fits.left_out(now) / fits.left_out(repair))[:, self.log.moving].sum(axis=1)
         error = float(np.std(change)) / np.sqrt(c.PARTS)
         if _same_fit(repair, now):  # physics alone may tell
             return bool(np.mean(change) >= -c.SIGNIFICANT * error)
@@ -107,14 +107,14 @@ class Search:
     def _determined(self, number: Number) -> bool:
         """Beyond what is usual, and its interval is closed: far to either side it explains less."""
         values = [number.value + d * number.reach for d in (0.0, -1.0, 1.0)]
-        here, *sides = self.scene.likelihood.scores([number.at(x) for x in values])
+        here, *sides = self.log.scores([number.at(x) for x in values])
         if 0.5 * self.samples * (min(s.score for s in sides) - here.score) < 0.5 * c.SIGNIFICANT**2:
             return False
         return abs(number.value) > number.tolerance + c.SIGMAS * self.deviation(number)
 
     def deviation(self, number: Number) -> float:
         """A number's standard deviation."""
-        return self.scene.likelihood.change(number.at, number.value, 0.3 * number.tolerance)[1]
+        return self.log.change(number.at, number.value, 0.3 * number.tolerance)[1]
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
         """With the best values of the numbers that ``now`` does not have; round ones where as likely."""
@@ -126,7 +126,7 @@ class Search:
             assert number is not None
             ends = number.value - number.reach, number.value + number.reach
             best = float(minimize_scalar(
-                lambda x, at=number.at: self.scene.likelihood.score(at(float(x))).score,
+                lambda x, at=number.at: self.log.score(at(float(x))).score,
                 bounds=ends, method="bounded", options={"xatol": 0.05 * number.tolerance, "maxiter": 14},
             ).x)  # fmt: skip
             near = [x for x in number.snaps if abs(x - best) < number.tolerance]

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import ODDS, SLOW_ODDS
 from sdp_vs_penalty.checks.issue import Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import Equations
+from sdp_vs_penalty.checks.likelihood import Equations, Likelihood
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformation import Scene, choices
+from sdp_vs_penalty.checks.transformation import choices
 from sdp_vs_penalty.robot.arrays import Array
 
 #: What is different in a run, and what to do about it; x is the number, j the joint from 1.
@@ -43,16 +43,16 @@ _WORDS = {
 }  # fmt: skip
 
 
-def compare(logs: Sequence[tuple[Scene, Repair, str]]) -> Iterator[tuple[int, Issue]]:
+def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[int, Issue]]:
     """(number, issue) where the arm of a log is not that of the others; none for a single one.
 
     logs : rows, net repair and name of each."""
     if len(logs) < 2:
         return
-    scenes, repairs, names = zip(*logs, strict=True)
-    samples = float(np.mean([s.samples for s in scenes]))
-    runs = [_equations(s, r) for s, r in zip(scenes, repairs, strict=True)]
-    asked = np.stack([s.moving for s in scenes])
+    fits, repairs, names = zip(*logs, strict=True)
+    samples = float(np.mean([s.samples for s in fits]))
+    runs = [_equations(s, r) for s, r in zip(fits, repairs, strict=True)]
+    asked = np.stack([s.moving for s in fits])
     alone = np.stack([x.fitted(a)[1][:, 0] for x, a in zip(runs, asked, strict=True)])
     theta, one = _one_arm(runs, asked)
 
@@ -63,12 +63,12 @@ def compare(logs: Sequence[tuple[Scene, Repair, str]]) -> Iterator[tuple[int, Is
     if apart < least:
         return
     odd = int(np.argmax(np.log(one / alone).sum(axis=1)))
-    scene, causes = scenes[odd], []
-    for kind, j, more in _changes(scene, repairs[odd], theta):
+    log, causes = fits[odd], []
+    for kind, j, more in _changes(log, repairs[odd], theta):
         count = more.shape[2]
         some = [_widened(r, count) for r in runs]
-        some[odd] = _equations(scene, repairs[odd], more)
-        cost = choices(1 if count > 1 else scene.n) + 0.5 * count * np.log(samples)
+        some[odd] = _equations(log, repairs[odd], more)
+        cost = choices(1 if count > 1 else log.n) + 0.5 * count * np.log(samples)
         found, left = _one_arm(some, asked)
         causes.append((gain(left) - cost, kind, j, float(found[-1])))
     value, kind, j, x = max(causes)
@@ -89,23 +89,22 @@ def compare(logs: Sequence[tuple[Scene, Repair, str]]) -> Iterator[tuple[int, Is
     )  # fmt: skip
 
 
-def _changes(scene: Scene, repair: Repair, theta: Array) -> Iterator[tuple[str, int, Array]]:
+def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[str, int, Array]]:
     """Kind, joint and columns (n, M, r) of what may be different in a run, beside an arm's torque."""
-    torque = scene.likelihood.raw(repair) @ theta
-    for j in scene.joints:
-        yield "torque gain", j, (torque * np.eye(scene.n)[j][:, None])[:, :, None]
-        if j in scene.revolute:
+    torque = log.raw(repair) @ theta
+    for j in log.joints:
+        yield "torque gain", j, (torque * np.eye(log.n)[j][:, None])[:, :, None]
+        if j in log.revolute:
             at = partial(repair.with_entries, "zero", (j,))
-            yield (
-                "encoder offset",
-                j,
-                -scene.likelihood.slope(at, repair.zero[j], 0.01, theta)[:, :, None],
-            )
-    yield "another load", scene.n - 1, scene.likelihood.last_link(repair)
+            away = log.slope(at, repair.zero[j], 0.01, theta)
+            yield "encoder offset", j, -away[:, :, None]
+    if log.data.shared is not None:
+        last = log.shared(repair.gravity, log.motion(repair))[:, :, log.data.shared.rigid_indices[-10:]]
+        yield "another load", log.n - 1, log.heard(repair)[:, :, None] * last
 
 
-def _equations(scene: Scene, repair: Repair, more: Array | None = None) -> Equations:
-    parts, k = scene.likelihood.parts(repair, 1, more)
+def _equations(log: Likelihood, repair: Repair, more: Array | None = None) -> Equations:
+    parts, k = log.parts(repair, 1, more)
     return Equations.of_part(parts[0], k)
 
 

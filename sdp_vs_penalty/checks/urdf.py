@@ -54,13 +54,10 @@ class LinkCheck:
         return self.verdict == "consistent"
 
     def to_dict(self) -> dict[str, Any]:
-        out: dict[str, Any] = {
-            "link": self.link, "mass": self.mass,
-            "triangle_margin": formatting.finite(self.triangle_margin),
-            "pseudo_inertia_margin": self.pseudo_inertia_margin, "consistent": self.consistent,
-            "verdict": self.verdict, "radius_of_gyration": self.gyration,
-            "plausible": self.consistent and not self.unlikely,
-        }  # fmt: skip
+        names = ("link", "mass", "pseudo_inertia_margin", "consistent", "verdict")
+        out = {name: getattr(self, name) for name in names} | {"radius_of_gyration": self.gyration}
+        out["triangle_margin"] = formatting.finite(self.triangle_margin)
+        out["plausible"] = self.consistent and not self.unlikely
         if self.nearest is not None:
             values = {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
             out |= {"nearest_inertia": values, "distance": self.distance}
@@ -131,11 +128,11 @@ def massless_links(path: str | Path) -> list[str]:
 
 def _check(name: str, theta: Array) -> LinkCheck:
     given, margin = Inertial.of(theta), float(inertia.consistency_margin(theta))
+    if not theta.any():
+        return LinkCheck(name, 0.0, 0.0, margin, "consistent")
     if given.mass <= 0.0:
-        empty = given.mass == 0.0 and not theta.any()
-        verdict = "moment of inertia without mass" if given.mass == 0.0 else "negative mass"
-        told = (0.0, margin, "consistent") if empty else (np.nan, margin, verdict)
-        return LinkCheck(name, given.mass, *told)
+        verdict = "negative mass" if given.mass < 0.0 else "moment of inertia without mass"
+        return LinkCheck(name, given.mass, np.nan, margin, verdict)
     triangle, least = float(inertia.triangle_margin(theta)), np.linalg.eigvalsh(given.about_com)[0]
     trace = float(np.trace(given.about_com))
     # What rounding leaves of a moment is relative to the moments about the link's origin.

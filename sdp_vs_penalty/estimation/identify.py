@@ -122,20 +122,12 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
     theta, certificate = certify(task, fit)
     certificate = replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
-    wide, data = with_sensitivities(task.model, theta), posed.regression
+    wide, data = with_sensitivities(task.model, theta), None
     if wide is not task.model and isinstance(measurements, Measurements):
         data = in_columns(measurements, wide, posed.preprocessing, workers)
-    uncertainty = of_regression(
-        problem,
-        task.model,
-        data,
-        theta,
-        base=base,
-        weighting=posed.weighting,
-        constrained=certificate.worst == 0.0,
-        gain_errors=posed.gain_errors,
-        own=posed.regression,
-    )
+    kept, errors = certificate.worst == 0.0, posed.gain_errors
+    own = task, posed.regression, base, theta
+    uncertainty = of_regression(*own, wide=data, constrained=kept, gain_errors=errors)
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {**asdict(estimator), "weighting": posed.weighting}  # type: ignore[call-overload]
     details = {**fit.details, "on_bounds": bounds, **record(task, theta, base, estimator.rest)}
@@ -196,8 +188,7 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
         upper = fit.objective.value(theta)
         same = np.array_equal(theta, fit.theta) and fit.bound is not None
         lower = (fit if same else replace(fit, theta=theta, bound=task.bound)).lower
-        scale = max(fit.objective.least_squares.loss(theta), 1e-12 * task.data.tau_squared)
-        gap = (upper - lower) / scale if scale > 0.0 else 0.0
+        gap = fit.objective.least_squares.gap(upper, lower, theta)
     worst = violations(fit.constraints, theta)
     return theta, Certificate(worst, task.data.loss(theta), upper, lower, gap)
 

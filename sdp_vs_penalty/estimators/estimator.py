@@ -42,7 +42,8 @@ class Task:
     data : the (weighted) least-squares problem in all parameters theta (p,).
     constraints : what the problem demands; bound : (p,) implied bounds on |theta|.
     nominal : (p,) a strictly consistent theta that the problem knows beforehand.
-    box : (n, 10, 2) barycentric bounds of each link.
+    box : (n, 10, 2) barycentric bounds of each link; weights : (n,) of the joints' rows in data, for
+        intervals.
     independent : names of the base parameters to use, or None.
     bodies : one constraint a link, that its mass lies inside of its body; prior : (n, 10) the nominal
         links, those of a guessed mass at the scale that the data choose (None: as in nominal);
@@ -64,6 +65,7 @@ class Task:
     bodies: tuple[Constraint, ...] = ()
     prior: Array | None = None
     total: float | None = None
+    weights: Array = field(default_factory=lambda: np.ones(0))
 
     @property
     def prior_links(self) -> Array:
@@ -185,12 +187,14 @@ def make_task(
     data = with_plausible(regression.least_squares(), model, regression.oversampling)
     known = problem.constraints(model), bound, nominal, problem.box, problem.independent
     plain = Task(model, data, *known, seed, progress, bodies=problem.body_constraints(model))
-    plain = replace(plain, joint_scale=joint_scale(regression, model, plain.ols))
+    scale, weights = joint_scale(regression, model, plain.ols), np.ones(regression.joints)
+    plain = replace(plain, joint_scale=scale, weights=weights)
     if weighting not in ("noise", "none"):
         raise unknown("weighting", weighting, ("noise", "none"))
     if weighting == "noise":
-        data = regression.least_squares(joint_weights(regression, plain.ols))
-        plain = replace(plain, data=with_plausible(data, model, regression.oversampling))
+        weights = joint_weights(regression, plain.ols)
+        data = with_plausible(regression.least_squares(weights), model, regression.oversampling)
+        plain = replace(plain, data=data, weights=weights)
     guessed = problem.guessed_links
     total = None if np.any(guessed) else float(nominal[plain.links[:, 0]].sum())
     return replace(plain, prior=scaled_prior(plain, guessed), total=total)

@@ -227,8 +227,7 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
                 box[places[name]] = new
         except (ValueError, KeyError):
             raise InputError(
-                f"--bounds {name}={ends}",
-                "write NAME=LOWER:UPPER, of m1, c1x, I1xx, total",
+                f"--bounds {name}={ends}", "write NAME=LOWER:UPPER, of m1, c1x, I1xx, total"
             ) from None
     return _within_masses(replace(problem, box=box, total_mass=total))
 

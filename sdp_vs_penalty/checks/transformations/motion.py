@@ -12,9 +12,9 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import Score
+from sdp_vs_penalty.checks.likelihood import Likelihood, Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformation import Element, Number, Scene, Transformation, choices
+from sdp_vs_penalty.checks.transformation import Element, Number, Transformation, choices
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
@@ -27,24 +27,22 @@ _EARTH = max(map(abs, STANDARD_GRAVITY))
 class Degrees(Transformation):
     """Positions in degrees: of all revolute joints, or of one of them."""
 
-    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        far = [j for j in scene.revolute if scene.reach(now)[j] > 2.0 * np.pi]
-        for joints in [scene.revolute, *([j] for j in far if scene.n > 1)] if far else ():
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        far = [j for j in log.revolute if log.reach(now)[j] > 2.0 * np.pi]
+        for joints in [log.revolute, *([j] for j in far if log.n > 1)] if far else ():
             yield now.times("scale", joints, float(np.radians(1.0)))
 
-    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
-        joints = tuple(np.flatnonzero(np.abs(repair.scale) < 0.1).tolist())
-        if not joints:
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        if not (joints := tuple(np.flatnonzero(np.abs(repair.scale) < 0.1).tolist())):
             return
         without = repair.times("scale", joints, float(np.degrees(1.0)))
-        reach = float(scene.reach(without)[list(joints)].max())
-        every, named = joints == tuple(scene.revolute), ", ".join(f"q{j + 1}" for j in joints)
+        reach = float(log.reach(without)[list(joints)].max())
+        every, named = joints == tuple(log.revolute), ", ".join(f"q{j + 1}" for j in joints)
         what = f"the position of {joints_text(joints)} is in degrees, not in radians"
         yield Element(
             "positions in degrees" if every else "position unit", "error", joints,
-            f"{what} (reaching {reach:.4g}).", f"multiply {named} (and dq) by pi / 180",
-            c.ODDS if every else len(joints) * choices(scene.n), without, place=named,
-            figures={"largest": reach},
+            f"{what} (reaching {reach:.4g}).", f"multiply {named} (and dq) by pi / 180", without,
+            c.ODDS if every else len(joints) * choices(log.n), named, figures={"largest": reach},
         )  # fmt: skip
 
 
@@ -52,43 +50,41 @@ class Clock(Transformation):
     """A clock at another rate, or rows in reverse order: inertia beside the weight tells the rate,
     friction the direction."""
 
-    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         yield replace(now, reversed=not now.reversed)
         for factor in _RATES if any(now.gravity) else ():
             yield replace(now, rate=now.rate * factor)
 
-    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         if repair.reversed:
             yield Element(
                 "time reversed", "error", (),
                 "the rows are in reverse order: friction would drive the motion.",
-                "reverse q and tau in time", c.ODDS, replace(repair, reversed=False),
-                place="all rows",
+                "reverse q and tau in time", replace(repair, reversed=False), place="all rows",
             )  # fmt: skip
-        if (factor := repair.rate) == 1.0:
-            return
-        word, at = "fast" if factor < 1.0 else "slow", lambda x: replace(repair, rate=x)
-        yield Element(
-            "clock rate", "error", (),
-            f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
-            "torques does not fit the weight.",
-            f"multiply t by {factor:.3g} (find out the log's true rate)", c.ODDS,
-            at(1.0), Number.factor(factor, at, c.CALIBRATED_GAIN, 0.4, _RATES),
-            place="column t", figures={"factor": factor},
-        )  # fmt: skip
+        if (factor := repair.rate) != 1.0:
+            word, at = "fast" if factor < 1.0 else "slow", lambda x: replace(repair, rate=x)
+            yield Element(
+                "clock rate", "error", (),
+                f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
+                "torques does not fit the weight.",
+                f"multiply t by {factor:.3g} (find out the log's true rate)",
+                Number.factor(factor, at, c.CALIBRATED_GAIN, 0.4, _RATES),
+                place="column t", figures={"factor": factor},
+            )  # fmt: skip
 
 
 class Sign(Transformation):
     """Joints and torques that count the other way: the torque's sign, the position's, or both."""
 
-    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        for turned in (range(scene.n), *((j,) for j in range(scene.n))):
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        for turned in (range(log.n), *((j,) for j in range(log.n))):
             yield now.times("gain", turned, -1.0)
-        for j in np.flatnonzero(scene.poor(score)).tolist():
+        for j in np.flatnonzero(score.poor).tolist():
             yield now.times("scale", (j,), -1.0)
             yield now.times("scale", (j,), -1.0).times("gain", (j,), -1.0)
 
-    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         q, tau = np.array(repair.scale) < 0.0, np.array(repair.gain) < 0.0
         for j in np.flatnonzero(q).tolist():
             without, k = repair.times("scale", (j,), -1.0), j + 1
@@ -98,29 +94,28 @@ class Sign(Transformation):
                 without = without.times("gain", (j,), -1.0)
                 kind, what = "joint sign", f"joint {k} counts the other way, position and torque alike."
                 remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
-            yield Element(kind, "error", (j,), what, remedy, choices(scene.n), without)
+            yield Element(kind, "error", (j,), what, remedy, without, choices(log.n))
         if alone := tuple(np.flatnonzero(tau & ~q).tolist()):
-            every = len(alone) == scene.n
-            cost = choices(1) if every else len(alone) * choices(scene.n)
+            every = len(alone) == log.n
+            cost = choices(1) if every else len(alone) * choices(log.n)
             what = f"the torque of {'every joint' if every else joints_text(alone)} has the wrong sign."
             remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
             without = repair.times("gain", alone, -1.0)
-            yield Element("torque sign", "error", alone, what, remedy, cost, without)
+            yield Element("torque sign", "error", alone, what, remedy, without, cost)
 
 
 class Exchange(Transformation):
     """Channels of other joints: positions, torques, or both exchanged."""
 
-    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        poor = scene.poor(score)
-        for a, b in combinations(scene.joints, 2):
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        for a, b in combinations(log.joints, 2):
             yield now.with_swap(a, b, "tau_order")
-            if poor[a] or poor[b]:
+            if score.poor[a] or score.poor[b]:
                 yield now.with_swap(a, b, "order")
                 yield now.with_swap(a, b, "order", "tau_order")
 
-    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
-        none, p, s = tuple(range(scene.n)), repair.order, repair.tau_order
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        none, p, s = tuple(range(log.n)), repair.order, repair.tau_order
         told = [
             ("position order", "the positions", "q and dq", p, replace(repair, order=none)),
             ("torque order", "the torques", "tau", s, replace(repair, tau_order=none)),
@@ -134,8 +129,8 @@ class Exchange(Transformation):
                 what = f"{word} of {joints_text(changed)} are swapped"
                 yield Element(
                     kind, "error", changed, f"{what}{'' if len(changed) == 2 else f': {how}'}.",
-                    f"rename the columns of {names}",
-                    (len(changed) - 1) * choices(scene.n * (scene.n - 1) // 2), without,
+                    f"rename the columns of {names}", without,
+                    (len(changed) - 1) * choices(log.n * (log.n - 1) // 2),
                     figures={"order": [k + 1 for k in order]},
                 )  # fmt: skip
 
@@ -144,62 +139,61 @@ class Zero(Transformation):
     """Encoders that count from another zero than the robot's kinematics: what is to be added to one
     joint's position [rad]; of prismatic joints in lengths of the arm."""
 
-    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
-        for j in scene.joints:
-            at, unit = partial(_at, scene, now, j), _unit(scene, j)
-            step, _ = scene.screen.change(at, now.zero[j], 0.01 * unit)
-            steps = [float(np.clip(step, -0.7 * unit, 0.7 * unit))]
-            steps += (
-                [-np.pi / 2, np.pi / 2, np.pi] if j in scene.revolute and scene.poor(score).any() else []
-            )
-            yield from (at(now.zero[j] + x) for x in steps if x)
+    quarters = -np.pi / 2, np.pi / 2, np.pi
 
-    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        for j in log.joints:
+            at, unit = partial(_shifted, log, now, j), _unit(log, j)
+            step, _ = log.screen.change(at, now.zero[j], 0.01 * unit)
+            quarters = self.quarters if j in log.revolute and score.poor.any() else ()
+            for x in (float(np.clip(step, -0.7 * unit, 0.7 * unit)), *quarters):
+                if x:
+                    yield at(now.zero[j] + x)
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(repair.zero).tolist():
-            x, turns, unit = repair.zero[j], j in scene.revolute, _unit(scene, j)
+            x, turns, unit = repair.zero[j], j in log.revolute, _unit(log, j)
             tolerance, gross = (x * unit * (1.0 if turns else 0.25) for x in (c.CALIBRATED, c.GROSS))
-            at = partial(_at, scene, repair, j)
-            text = _degrees if turns else "{:.4g} m".format
-            snaps = (-np.pi / 2, np.pi / 2, np.pi) if turns else ()
+            text, snaps = (_degrees, self.quarters) if turns else ("{:.4g} m".format, ())
             yield Element(
                 "encoder offset", "error" if abs(x) > gross else "warning", (j,),
                 f"the zero of {joints_text([j])} is {text(-x)} away from the robot's kinematics.",
-                f"add {x:+.5g} {scene.problem.robot.position_units[j]} to q{j + 1}", choices(scene.n),
-                at(0.0), Number(x, at, tolerance, 0.35 * unit, text, snaps),
-                figures={"shifts": [x]},
+                f"add {x:+.5g} {log.problem.robot.position_units[j]} to q{j + 1}",
+                Number(x, partial(_shifted, log, repair, j), tolerance, 0.35 * unit, text, snaps),
+                choices(log.n), figures={"shifts": [x]},
             )  # fmt: skip
 
 
-def _unit(scene: Scene, j: int) -> float:
-    return 1.0 if j in scene.revolute else 0.3 * float(scene.problem.robot.link_reach().sum())
+def _unit(log: Likelihood, j: int) -> float:
+    return 1.0 if j in log.revolute else 0.3 * float(log.problem.robot.link_reach().sum())
 
 
-def _at(scene: Scene, now: Repair, j: int, x: float) -> Repair:
+def _shifted(log: Likelihood, now: Repair, j: int, x: float) -> Repair:
     """An angle in (-pi, pi]; a length as it is."""
-    wrapped = float(np.pi - (np.pi - x) % (2.0 * np.pi)) if j in scene.revolute else x
+    wrapped = float(np.pi - (np.pi - x) % (2.0 * np.pi)) if j in log.revolute else x
     return now.with_entries("zero", (j,), wrapped)
 
 
 class Mounting(Transformation):
     """Gravity along another direction of the base: its six axes first, then around the assumed one."""
 
-    def proposals(self, scene: Scene, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         given = np.array(now.gravity)
         size = float(np.linalg.norm(given))
         known = _earthly(size)
-        if any(w != 1.0 for w in now.weight):
+        if any(now.lacks):
             return
         for axis in (*np.eye(3), *-np.eye(3)):
-            yield replace(now, gravity=_vector((size if known else _EARTH) * axis))
+            yield _under(now, (size if known else _EARTH) * axis)
         if known:
             turned = given
             for across in np.linalg.svd(given[None, :])[2][1:]:
-                step, _ = scene.screen.change(_turned(now, given, given + size * across), 0.0, 0.02)
+                step, _ = log.screen.change(_turned(now, given, given + size * across), 0.0, 0.02)
                 turned = turned + size * np.clip(step, -0.5, 0.5) * across
-            yield replace(now, gravity=_vector(size * turned / np.linalg.norm(turned)))
+            yield _under(now, size * turned / np.linalg.norm(turned))
 
-    def elements(self, scene: Scene, repair: Repair) -> Iterator[Element]:
-        assumed, g = np.array(scene.problem.robot.gravity), np.array(repair.gravity)
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        assumed, g = np.array(log.problem.robot.gravity), np.array(repair.gravity)
         if np.allclose(assumed, g, rtol=0.0, atol=1e-6):
             return
         given = float(np.linalg.norm(assumed))
@@ -211,11 +205,14 @@ class Mounting(Transformation):
         if not earthly:
             kind, remedy = "gravity of the problem", f"{remedy}, or correct the problem's gravity"
         number = Number(angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees)
+        seen, told = (
+            ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in vector) for vector in (g, assumed)
+        )
         yield Element(
             kind, "warning" if earthly and angle < c.GROSS else "error", (),
-            f"the weight in the torques points along {_text(g)} m/s^2, {np.degrees(angle):.0f} degrees "
-            f"away from the assumed {_text(assumed)}.", remedy, c.ODDS,
-            replace(repair, gravity=_vector(assumed)), number if earthly and not straight else None,
+            f"the weight in the torques points along ({seen}) m/s^2, {np.degrees(angle):.0f} degrees "
+            f"away from the assumed ({told}).", remedy,
+            number if earthly and not straight else _under(repair, assumed),
             mends=False, place="the base",
             figures={"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]},
         )  # fmt: skip
@@ -231,17 +228,13 @@ def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repai
     a = assumed / max(size, 1e-300)
     across = g - (g @ a) * a
     across = across / max(float(np.linalg.norm(across)), 1e-300)
-    return lambda v: replace(repair, gravity=_vector(size * (np.cos(v) * a + np.sin(v) * across)))
+    return lambda v: _under(repair, size * (np.cos(v) * a + np.sin(v) * across))
+
+
+def _under(repair: Repair, g: Array) -> Repair:
+    x, y, z = g.tolist()
+    return replace(repair, gravity=(x, y, z))
 
 
 def _degrees(angle: float) -> str:
     return f"{np.degrees(angle):.4g} degrees"
-
-
-def _vector(g: Array) -> tuple[float, float, float]:
-    x, y, z = (float(v) for v in g)
-    return x, y, z
-
-
-def _text(g: Array) -> str:
-    return "(" + ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g) + ")"
