@@ -58,12 +58,10 @@ class Certificate(Shown, Plain):
     def __str__(self) -> str:
         """Everything in words, a line each."""
         families = ", ".join(f"{family} {value:.2g}" for family, value in self.violations.items())
-        lines = self.summary()
-        lines.insert(1, ("violation by family", families or "there are no constraints"))
-        if self.upper is not None:
-            lines.insert(3, ("objective", f"{self.upper:.9g}"))
-        if self.lower is not None:
-            lines.insert(4, ("certified lower bound", f"{self.lower:.9g}"))
+        worst, loss, *rest = self.summary()
+        both = ("objective", self.upper), ("certified lower bound", self.lower)
+        lines = [worst, ("violation by family", families or "there are no constraints"), loss]
+        lines += [*((name, f"{x:.9g}") for name, x in both if x is not None), *rest]
         return "\n".join(["certificate", *(f"  {name:22} {text}" for name, text in lines)])
 
     def _summary(self) -> Summary:

@@ -51,10 +51,9 @@ class Regressor:
     def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
         """(N, n, p) rows of each sample and joint."""
         n = self.model.robot.n
-        wide = np.zeros((len(t), n, len(self.model.parameters)))
-        for j, block in enumerate(self.model.columns(Motion(t, q, dq, ddq))):
-            wide[:, j, block.indices] = block.columns
-        return wide[:, :, self.columns] * np.broadcast_to(self.scale, n)[:, None]
+        p, columns = len(self.model.parameters), self.model.columns(Motion(t, q, dq, ddq))
+        wide = np.stack([c.wide(p)[:, self.columns] for c in columns], axis=1)
+        return wide * np.broadcast_to(self.scale, n)[:, None]
 
     def along(self, trajectory: FourierTrajectory, rate: float = 20.0) -> Array:
         """W of a trajectory, sampled at ``rate`` [Hz]."""
@@ -267,10 +266,7 @@ class _Search:
         units = np.column_stack([limits.half, limits.velocity, limits.acceleration])
         # (n, K, 2 L + 1) states over their limits, and the middle of the range.
         self.rows = np.concatenate(maps) / np.repeat(units, len(maps[0]), axis=1)[:, :, None]
-        self.offset = np.pad(
-            np.outer(-limits.middle / limits.half, np.ones(len(maps[0]))),
-            ((0, 0), (0, 2 * len(maps[0]))),
-        )
+        self.offset = np.outer(-limits.middle / limits.half, np.arange(3 * len(maps[0])) < len(maps[0]))
         self.x = np.column_stack([start.a, start.b, start.q_0])
         # A joint's amplitudes of velocity are of the size of its limit, its centre of the range.
         self.unit = np.column_stack([*[limits.velocity] * (self.x.shape[1] - 1), limits.half])
@@ -350,10 +346,8 @@ class _Search:
 def _state_maps(like: FourierTrajectory, t: Array) -> tuple[Array, Array, Array]:
     """Three (N, 2 L + 1) maps from a joint's (a, b, q_0) to its q, dq, ddq at t."""
     count = like.a.shape[1]
-    units = np.eye(2 * count + 1)
-    each = replace(like, a=units[:, :count], b=units[:, count:-1], q_0=units[:, -1])
-    q, dq, ddq = each.states(t)
-    return q, dq, ddq
+    a, b, q_0 = np.split(np.eye(2 * count + 1), [count, 2 * count], axis=1)
+    return replace(like, a=a, b=b, q_0=q_0[:, 0]).states(t)
 
 
 def _dense(trajectory: FourierTrajectory) -> Array:

@@ -71,12 +71,11 @@ def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[st
     every = np.vstack([np.eye(len(theta)), base.rows])
     names = [*(p.name for p in task.model.parameters), *base.names]
     shares = (data_share(task, every) > DATA_SHARE).tolist()
-    sources = [
-        "given" if k in task.model.known else DATA if x else rest
-        for k, x in zip(names, shares, strict=True)
+    given, (values, before) = task.model.known, ((every @ x).tolist() for x in (theta, task.nominal))
+    found = [
+        {"name": k, "value": x, "nominal": y, "source": "given" if k in given else DATA if own else rest}
+        for k, own, x, y in zip(names, shares, values, before, strict=True)
     ]
-    values = zip(names, (every @ theta).tolist(), (every @ task.nominal).tolist(), sources, strict=True)
-    found = [dict(zip(("name", "value", "nominal", "source"), row, strict=True)) for row in values]
     own = found[: len(theta)]
     return {
         "undetermined": {x["name"]: x["source"] for x in own if x["source"] != DATA},
@@ -158,9 +157,8 @@ def proved(
             f"method {method} has no lower bound to prove",
             "choose one that solves the SDP, such as lmi-sdp, or penalty",
         )
-    names = [parameter.name for parameter in task.model.parameters]
     solved = fit.objective, fit.constraints, fit.multipliers, theta, task.bound, fit.entropy_slopes
-    return optimum_proof(*solved, names, made_of)
+    return optimum_proof(*solved, [p.name for p in task.model.parameters], made_of)
 
 
 def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
@@ -300,12 +298,18 @@ def identify(
     estimator = make_estimator(DEFAULT_METHOD if refined else method)
     measurements = readable(problem, measurements, "identify(measurements=...)")
     _check_method(estimator, refined, isinstance(measurements, BlackBox), proof is not None)
-    chosen = effects, preprocessing, weighting, gain_uncertainty, known_loads, seed
     if refined and isinstance(measurements, Measurements):
         measurements.require_torque(f"method {OUTPUT_ERROR}")
+    chosen = effects, preprocessing, weighting, gain_uncertainty, known_loads, seed
     options = PoseOptions(*chosen, known or {}, instruments)
     posed = pose(problem, measurements, options, progress, workers)
-    fit = _fitted(posed.task, estimator, proof)
+    posed.task.progress(f"estimating by {estimator.name}")
+    try:
+        fit = estimator.fit(posed.task)
+    except Infeasible as error:
+        if proof is not None and error.proof:
+            write_proof(infeasibility_proof(*error.proof, posed.task.bound), proof)
+        raise
     estimate = build_estimate(posed, estimator, fit, workers)
     if refined:
         linear, fit = refine(estimate, posed, estimator)
@@ -316,17 +320,6 @@ def identify(
         made_of = {"model": estimate.identity, "data": posed.measurements.data_hash}
         write_proof(proved(posed.task, fit, estimate.theta, estimate.method, made_of), proof)
     return estimate
-
-
-def _fitted(task: Task, estimator: Estimator, proof: str | Path | None) -> Fit:
-    """What the estimator makes of it; a proof is written where nothing satisfies all constraints."""
-    task.progress(f"estimating by {estimator.name}")
-    try:
-        return estimator.fit(task)
-    except Infeasible as error:
-        if proof is not None and error.proof:
-            write_proof(infeasibility_proof(*error.proof, task.bound), proof)
-        raise
 
 
 def _check_method(estimator: Estimator, refined: bool, black_box: bool, proof: bool) -> None:

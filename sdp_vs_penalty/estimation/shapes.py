@@ -136,13 +136,8 @@ def estimate_shapes(
         return found
     near = replace(model, effects=with_shapes(model.effects, found))
     best = settled(near, fine, compressed, weighting).model
-    return [
-        replace(s, after=value)
-        for s in found
-        for e in best.effects
-        if e.name == s.effect and s.joint in e.joints
-        for value in (e.shape[s.shape],)
-    ]
+    values = {(e.name, j, key): x for e in best.effects for j in e.joints for key, x in e.shape.items()}
+    return [replace(s, after=values[s.effect, s.joint, s.shape]) for s in found]
 
 
 @dataclass(frozen=True)
@@ -164,8 +159,8 @@ class _Cells:
 @dataclass(frozen=True)
 class _Bank:
     """One shape constant of one effect on one joint: the value that the model has, the values (K,) whose
-    columns are known, where these (K, k) stand among all others, the ends of its range, and of ln u the
-    weights (K,) of each value's columns, a cubic spline."""
+    columns are known (the first and the last are the range), where these (K, k) stand among all others,
+    and of ln u the weights (K,) of each value's columns, a cubic spline."""
 
     effect: Effect
     joint: int
@@ -173,8 +168,12 @@ class _Bank:
     now: float
     values: Array
     columns: NDArray[np.intp]
-    ends: tuple[float, float]
     weights: Any
+
+    @cached_property
+    def ends(self) -> Array:
+        """(2,) of its range, ln u."""
+        return np.log(self.values[[0, -1]])
 
 
 def _with_banks(
@@ -192,14 +191,13 @@ def _with_banks(
         grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
         grid = (*grid, *(grid[-1] * 2.0**k for k in range(1, beyond + 1)))
         ends, now = (grid[0], grid[-1]), effect.shape[key]
-        if ends[0] <= now <= ends[1]:  # in place of those within a tenth of it: exact there as well
+        if ends[0] <= now <= ends[-1]:  # in place of those within a tenth of it: exact there as well
             grid = tuple(sorted({now, *(g for g in grid if g in ends or abs(np.log(g / now)) > 0.1)}))
         parts.append(_Grid([alone(effect, joint, **{key: value}) for value in grid]))
         columns = first + np.arange(len(parts[-1].parameters)).reshape(len(grid), -1)
         first += columns.size
         spline = CubicSpline(np.log(grid), np.eye(len(grid)))
-        one = alone(effect, joint)
-        banks.append(_Bank(one, joint, key, now, np.array(grid), columns, ends, spline))
+        banks.append(_Bank(alone(effect, joint), joint, key, now, np.array(grid), columns, spline))
     return Model(model.robot, (*fixed, *parts), gains=model.gains, known=model.known), base, banks
 
 
@@ -263,7 +261,7 @@ class _Profile:
     @cached_property
     def now(self) -> Array:
         """(B,) ln u as the model has them, or the nearest that is known."""
-        return np.array([np.log(np.clip(b.now, b.values[0], b.values[-1])) for b in self.banks])
+        return np.array([np.clip(np.log(b.now), *b.ends) for b in self.banks])
 
     @cached_property
     def _parts(self) -> tuple[list[Array], NDArray[np.bool_], NDArray[np.bool_]]:
@@ -357,7 +355,7 @@ class _Profile:
             out[free] = x
             return out
 
-        low, high = np.log([[self.banks[k].values[0], self.banks[k].values[-1]] for k in free]).T
+        low, high = np.transpose([self.banks[k].ends for k in free])
         return all_of(least_squares(at, start[free], (low, high), xtol=1e-4, ftol=1e-6, steps=50)[0])
 
     def estimates(self) -> list[ShapeEstimate]:
@@ -372,7 +370,7 @@ class _Profile:
         slopes = self.at(u)[1]
         out = []
         for k, bank in enumerate(self.banks):
-            low, high = np.log(bank.ends)
+            low, high = bank.ends
             own = float(np.linalg.norm(partialled(np.delete(slopes, k, axis=1), slopes[:, k])))
             std = np.sqrt(self.variance) / own if own > 0.0 else np.inf
             # As many digits as a written effect has; a spread wider than the range bounds nothing.
@@ -446,21 +444,9 @@ def with_shapes(effects: Sequence[Effect], found: Sequence[ShapeEstimate]) -> tu
 def asked_effects(effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]) -> list[str]:
     """How effects are written so that `identify` estimates again what it has estimated: ``shapes`` as
     an estimate's details hold them."""
-    estimated = {(s["effect"], s["joint"] - 1) for s in shapes}
-    joints: dict[str, list[int]] = {}
-    out: list[str] = []
-    for effect in effects:
-        if not all((effect.name, j) in estimated for j in effect.joints):
-            out.append(effect.text)
-        elif effect.name in joints:
-            joints[effect.name] += effect.joints
-        else:
-            joints[effect.name] = list(effect.joints)
-            out.append(effect.name)
+    estimated, asked = {(s["effect"], s["joint"] - 1) for s in shapes}, dict[str, list[str]]()
+    for e in effects:
+        open_ = all((e.name, j) in estimated for j in e.joints)
+        asked.setdefault(e.name if open_ else e.text, []).extend(str(j + 1) for j in e.joints if open_)
     every = effects[0].robot.n if effects else 0
-    return [
-        f"{name}:{'+'.join(str(j + 1) for j in joints[name])}"
-        if name in joints and len(joints[name]) < every
-        else name
-        for name in out
-    ]
+    return [f"{x}:{'+'.join(own)}" if 0 < len(own) < every else x for x, own in asked.items()]

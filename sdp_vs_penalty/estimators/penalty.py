@@ -70,15 +70,13 @@ class AffinePart:
         matrix[:, : stack.matrix.shape[1]] = stack.matrix
         matrix *= theta_scale
         if stack.cone == "psd":
-            diagonal = np.abs(np.diagonal(at, axis1=1, axis2=2))
-            root = 1.0 / np.sqrt(or_one(diagonal))
+            root = 1.0 / np.sqrt(or_one(np.abs(np.diagonal(at, axis1=1, axis2=2))))
             scale = root[:, :, None] * root[:, None, :]
         else:
             size = np.abs(matrix).max(axis=1) + np.abs(stack.constant.ravel())
-            size = or_one(size).reshape(at.shape)
+            scale = 1.0 / or_one(size).reshape(at.shape)
             if stack.cone == "soc":
-                size = np.broadcast_to(size.max(axis=1, keepdims=True), size.shape)
-            scale = 1.0 / size
+                scale = np.broadcast_to(scale.min(axis=1, keepdims=True), scale.shape)
         flat = scale.ravel()
         return cls(stack.cone, at.shape, stack.constant.ravel() * flat, matrix * flat[:, None], scale)
 

@@ -169,9 +169,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "bounds": {name: pair for name, pair in bounds.items() if pair != [None, None]},
         "total_mass": _pair(problem.total_mass),
         "centre_of_mass_cones": [cone.to_dict() for cone in problem.cones],
-        "link_defaults": [
-            {"mass": mass, "radius": radius} for mass, radius in problem.link_defaults.tolist()
-        ],
+        "link_defaults": [{"mass": m, "radius": r} for m, r in problem.link_defaults.tolist()],
         "bodies": [body.to_dict() for body in problem.link_bodies],
         "nominal_links": problem.nominal_links.tolist(),
         "nominal_from": None if problem.nominal_from is None else list(problem.nominal_from),
@@ -195,23 +193,20 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
                 f"bounds: {name!r} is no parameter of a link of this robot", "write the file anew"
             )
         box[places[name]] = _ends(pair)
-    texts = _texts(data["effects"])
+    texts, base = _texts(data["effects"]), data["base_parameters"]
     parse_effects(texts, robot)
-    base = data["base_parameters"]
     defaults = _finite("link_defaults", [[d["mass"], d["radius"]] for d in data["link_defaults"]])
     if not np.all(defaults > 0.0):
         raise InputError(
             "link_defaults: a mass or a radius is not above 0", "correct it, or write the file anew"
         )
-    (name, title) = _texts([data["name"], data["title"]])
+    cones = tuple(map(CentreOfMassCone.from_dict, data["centre_of_mass_cones"]))
+    stated = _finite("nominal_links", data["nominal_links"]), _ends(data["total_mass"]), cones
     return Problem(
-        name,
-        title,
+        *_texts([data["name"], data["title"]]),
         robot,
         box,
-        _finite("nominal_links", data["nominal_links"]),
-        _ends(data["total_mass"]),
-        tuple(map(CentreOfMassCone.from_dict, data["centre_of_mass_cones"])),
+        *stated,
         data["torque_side"],
         Preprocessing(**data["preprocessing"]),
         None if base is None else _texts(base),

@@ -145,9 +145,8 @@ class Problem(Shown):
         """(n, 2) largest mass [kg] and radius [m] of each link where nothing narrower is known."""
         if self.defaults is not None:
             return self.defaults
-        return np.array(
-            [(default_mass(m), self._radius(k)) for k, m in enumerate(self.nominal_links[:, 0])]
-        )
+        masses = self.nominal_links[:, 0]
+        return np.array([(default_mass(m), self._radius(k)) for k, m in enumerate(masses)])
 
     @cached_property
     def link_bodies(self) -> tuple[Body, ...]:
@@ -315,15 +314,11 @@ class Problem(Shown):
         rows, constant = _interval(box[0, 0] if box[0, 0] > 0.0 else -np.inf, mass)
         out.append(build.linear("mass", name, indices[:1], rows[None, :], constant))
         axes, ends = np.nonzero(np.isfinite(box[1:4]))
-        if len(axes):
-            signs, coefficients = np.array([1.0, -1.0])[ends], np.zeros((4, len(axes)))
-            coefficients[0], coefficients[1 + axes, np.arange(len(axes))] = (
-                -signs * box[1 + axes, ends],
-                signs,
-            )
-            out.append(
-                build.linear("centre of mass", name, indices[:4], coefficients, np.zeros(len(axes)))
-            )
+        if k := len(axes):
+            signs, coefficients = np.array([1.0, -1.0])[ends], np.zeros((4, k))
+            coefficients[0] = -signs * box[1 + axes, ends]
+            coefficients[1 + axes, np.arange(k)] = signs
+            out.append(build.linear("centre of mass", name, indices[:4], coefficients, np.zeros(k)))
         out += [cone.constraint(indices) for cone in self.cones if cone.link == link]
         if self._has_full_box(link):
             # J_aa <= upper + m max(c_b^2 + c_c^2): the convex consequence of I_aa <= upper.

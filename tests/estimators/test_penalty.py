@@ -43,9 +43,9 @@ def task_named(name: str, request: pytest.FixtureRequest) -> Task:
     if name in ("panda", "two_link"):
         problem = request.getfixturevalue(name)
         return posed_task(problem, run_of(problem, problem.nominal_links))
-    n, seed, side = name.split(", ")
+    n, seed, *side = name.split(", ")
     problem, links = random_problem(int(seed[-1]), int(n[0]))
-    return posed_task(replace(problem, torque_side=side), run_of(problem, links))
+    return posed_task(replace(problem, torque_side=(*side, "link")[0]), run_of(problem, links))
 
 
 #: The SDP that gets the arrays that `penalty` gets, and no more.
@@ -68,8 +68,8 @@ def independent_margins(theta: Array, links: NDArray[np.intp], thickness: float)
 @pytest.mark.parametrize(
     "name",
     [
-        *("two_link", "panda", "1 joint, seed 0, link", "3 joints, seed 3, link"),
-        *("6 joints, seed 4, link", "3 joints, seed 3, unknown"),  # with rotors beside heavier links
+        *("two_link", "panda", "1 joint, seed 0", "3 joints, seed 3", "6 joints, seed 4"),
+        "3 joints, seed 3, unknown",  # with rotors beside the links
     ],
 )
 def test_penalty_reaches_the_sdp_and_is_feasible(name, request):
