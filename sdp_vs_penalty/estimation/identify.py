@@ -288,7 +288,7 @@ def identify(
         then in true units, and the problem of the estimate keeps the gains; known : parameters of which
         the value is known, by name: without torque they set the scale ({"kp2": 600.0}); instruments :
         "command" or "none", default: the former where no torque was logged
-        (:mod:`~sdp_vs_penalty.estimation.servo`); workers : who compresses the
+        (:mod:`~sdp_vs_penalty.regression.instruments`); workers : who compresses the
         runs (:class:`~sdp_vs_penalty.parallel.Workers`); the estimate is the same to the last bit.
     A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.

@@ -24,13 +24,14 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot, unknown
 from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
-from sdp_vs_penalty.estimation.servo import servo_filters, servo_log, with_instruments
+from sdp_vs_penalty.estimation.servo import servo_filters, servo_log
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task, no_progress
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, compress_black_box, load_answers
+from sdp_vs_penalty.regression.instruments import commanded_motion
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -134,8 +135,7 @@ def pose(
         model = replace(model, effects=with_shapes(model.effects, shapes))
         details = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
         if options.instruments == "command":
-            progress("simulating the command")
-            data = with_instruments(problem, model.effects, data, settings, options.weighting)
+            data = commanded_motion(data)
     else:
         wanted = options.known, options.weighting, progress, options.instruments != "none"
         chosen = options.effects is not None
