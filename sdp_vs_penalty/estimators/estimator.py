@@ -165,11 +165,6 @@ class Estimator(ABC):
         """Estimate theta; raises InputError where the constraints admit none."""
 
 
-#: Farthest that a guessed mass is rescaled, up or down: the EMPS's carriage weighs 240 times what is
-#: drawn for it.
-_WRONG_BY = 1000.0
-
-
 def make_task(
     problem: Problem,
     model: Model,
@@ -225,7 +220,7 @@ def scaled_prior(task: Task, guessed: np.ndarray) -> np.ndarray:
     size = or_one(np.linalg.norm(columns, axis=0))
     factor = np.linalg.lstsq(columns / size, task.data.rho - stated, rcond=1e-9)[0][0] / size[0]
     out = links.copy()
-    out[guessed] *= np.clip(factor, 1.0 / _WRONG_BY, _WRONG_BY) if factor > 0.0 else 1.0
+    out[guessed] *= factor if factor > 0.0 else 1.0
     return out
 
 

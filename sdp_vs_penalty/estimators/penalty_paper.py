@@ -91,10 +91,8 @@ def retrieve(settings: PenaltyPaper, task: Task, data: LeastSquares, free: NDArr
         runs.append({**found, **worst, "evaluations": evaluations})
         if best is None or penalised < best[0]:
             best = (penalised, theta)
-        task.progress(
-            f"run {run + 1} of {settings.runs}: best {best[0]:.6g}, "
-            f"violation {runs[-1]['violation']:.1e}"
-        )
+        violation = runs[-1]["violation"]
+        task.progress(f"run {run + 1} of {settings.runs}: best {best[0]:.6g}, violation {violation:.1e}")
     theta = task.ols if best is None else best[1]
     return Fit(theta, Objective(data), task.constraints, details={"runs": runs})
 
