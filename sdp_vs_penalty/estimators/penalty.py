@@ -1,18 +1,15 @@
 """Penalty-based retrieval at its strongest: an exact penalty, from several seeded starts.
 
 It receives the SDP's convex constraints as the same arrays, and the barycentric bounds that are not
-convex as they are. What it finds is feasible; its shifts are multipliers, from which the certificate
-bounds the optimum. For constraints F_i(x) in cones K_i (self-dual), weight w and shifts S_i,
+convex as they are. For constraints F_i(x) in cones K_i (self-dual), weight w and shifts S_i,
 
     L(x; S, w) = f(x) + 1 / (2 w) sum_i (|Pi_K(S_i - w F_i(x))|^2 - |S_i|^2)
 
-is smooth; S <- Pi_K(S - w F(x)) after each minimisation makes the minimiser feasible at a finite w,
-and S tends to the multipliers (Powell 1969, Hestenes 1969, Rockafellar 1974: the augmented
-Lagrangian). The weight starts far too small and grows tenfold while the violation does not fall to
-a quarter.
-
-Each minimisation is a damped semismooth Newton method (Zhao, Sun, Toh, SIAM J. Optim. 2010): the
-curvatures of loss and penalty differ by ten orders of magnitude, too much for SciPy's quasi-Newton ones.
+is smooth; S <- Pi_K(S - w F(x)) after each minimisation makes the minimiser feasible at a finite w, and S
+tends to the multipliers, from which the certificate bounds the optimum (Powell 1969, Hestenes 1969,
+Rockafellar 1974: the augmented Lagrangian). The weight grows tenfold while the violation does not fall to a
+quarter. Each minimisation is a damped semismooth Newton method (Zhao, Sun, Toh, SIAM J. Optim. 2010): the
+curvatures of loss and penalty differ by ten orders of magnitude.
 """
 
 from __future__ import annotations
