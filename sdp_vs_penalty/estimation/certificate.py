@@ -19,10 +19,11 @@ class Certificate(Shown, Plain):
     nearest feasible point towards the interior; lower : a lower bound on the optimum of the convex
     problem; gap : (upper - lower) / max(loss, 1e-12 |tau|^2); positive_mass_matrices : share of 10 000
     random poses at which M(q) is positive definite; at_every_pose : the links' pseudo-inertias imply it.
-    largest_gyration : of a link [m]; body_share : the largest ratio of a link's radius of gyration to the
-    largest half axis of its body, at most 1 for what fits; density : least and largest mean density of
-    the links whose geometry has a volume [kg/m^3]. None where it does not apply. held : effects that were
-    not optimised: violations are of the whole model, upper, lower and gap of the other effects alone.
+    largest_gyration : of a link [m]; body_share : the largest ratio of a link's radius of gyration to
+    the largest half axis of its body, at most 1 for what fits; density : least and largest mean density
+    of the links whose geometry has a volume [kg/m^3]. None where it does not apply. held : effects that
+    were not optimised: violations are of the whole model, upper, lower and gap of the other effects
+    alone.
     """
 
     violations: dict[str, float]

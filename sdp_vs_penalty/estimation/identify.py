@@ -190,8 +190,9 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
 
 
 def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certificate) -> Certificate:
-    """The certificate of a whole model of which only the last effects were optimised: every constraint of
-    the problem is judged at the whole theta, what only the method demanded (a thickness) stays as judged.
+    """The certificate of a whole model of which only the last effects were optimised: every constraint
+    of the problem is judged at the whole theta, what only the method demanded (a thickness) stays as
+    judged.
 
     model, theta : the whole, beginning with the estimate's own; part : the certificate of the new
     effects alone, whose objective and gap remain.

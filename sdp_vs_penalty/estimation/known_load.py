@@ -12,8 +12,9 @@ is solved for theta, psi and ln g by Gauss-Newton on the compressed runs, with w
 within ``GAIN_PRIOR`` of one, and the load lies within ``LOAD_REACH`` of the last link's frame.
 
 A log without torque shows its gains' ratios, not their scale. Least squares of 0 = L theta - kp e shrink
-everything; divided by the gain, e = L theta / kp, they do not: :func:`balanced` solves that for all joints
-together, the start of the convex problem that is posed (:mod:`~sdp_vs_penalty.regression.instruments`).
+everything; divided by the gain, e = L theta / kp, they do not: :func:`balanced` solves that for all
+joints together, the start of the convex problem that is posed
+(:mod:`~sdp_vs_penalty.regression.instruments`).
 """
 
 from __future__ import annotations

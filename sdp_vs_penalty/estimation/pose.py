@@ -81,9 +81,9 @@ class Posed:
 
     problem : with the gains that known loads determined; measurements : as they were read; regression :
     they in the columns of task.model; task : what every estimator minimises; gain_errors (n, e) : factor
-    of the covariance of the gains' relative errors; details : shapes and gains, plain JSON, and where the
-    rows are made with a servo's law, "recipe" (:meth:`PoseOptions.recipe`), from which the same problem
-    follows, with the scale that known loads gave a log without torque.
+    of the covariance of the gains' relative errors; details : shapes and gains, plain JSON, and where
+    the rows are made with a servo's law, "recipe" (:meth:`PoseOptions.recipe`), from which the same
+    problem follows, with the scale that known loads gave a log without torque.
     """
 
     problem: Problem
@@ -106,8 +106,8 @@ def pose(
     """The optimisation problem of identifying ``problem`` from ``measurements``.
 
     Open shape constants are estimated first, then gains from known loads, then the current model that
-    some effects refer to; rows in these columns are compressed, and weighted by joint. A black box has no
-    friction, filters or noise: one effect, equal weights. Raises InputError for unusable input.
+    some effects refer to; rows in these columns are compressed, and weighted by joint. A black box has
+    no friction, filters or noise: one effect, equal weights. Raises InputError for unusable input.
     """
     problem = as_problem(problem, "pose(problem=...)")
     data = readable(problem, measurements, "pose(measurements=...)")
@@ -196,8 +196,8 @@ def with_reference(
     passes: int = 2,
 ) -> Model:
     """The model with the current model that its torque-dependent effects refer to: least squares without
-    those effects, then ``passes - 1`` times with them. compressed : the training data in the columns of a
-    model."""
+    those effects, then ``passes - 1`` times with them. compressed : the training data in the columns of
+    a model."""
     reference = np.zeros(len(model.parameters))
     for k in range(passes):
         progress(f"the current model, pass {k + 1} of {passes}")

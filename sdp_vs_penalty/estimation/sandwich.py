@@ -33,10 +33,11 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @dataclass(frozen=True)
 class Sandwich:
-    """directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these coordinates;
-    kernel (B, B): how far blocks' errors are one error; white: variance of white rows, and inflation: how
-    much larger that of the scores is; prior (r, r): part of the information that is no data's; norms (p,):
-    of the columns; solution (p,): the smallest least-squares theta; taken_white: the blocks are not asked."""
+    """directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these coordinates; kernel
+    (B, B): how far blocks' errors are one error; white: variance of white rows, and inflation: how much
+    larger that of the scores is; prior (r, r): part of the information that is no data's; norms (p,): of
+    the columns; solution (p,): the smallest least-squares theta; taken_white: the blocks are not
+    asked."""
 
     regression: Regression
     weights: Array

@@ -11,8 +11,8 @@ A's parameters that B can make best; the smaller of A against B and B against A 
 alone the other hypothesis is that it is not there.
 
 Motions go from point to point within the limits of position, velocity, acceleration, jerk and torque,
-without touching the arm itself: random ones, the best of which is changed at random as long as that helps
-(a (1 + 1) evolution strategy: Rechenberg 1973).
+without touching the arm itself: random ones, the best of which is changed at random as long as that
+helps (a (1 + 1) evolution strategy: Rechenberg 1973).
 """
 
 from __future__ import annotations

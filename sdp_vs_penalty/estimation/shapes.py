@@ -177,8 +177,8 @@ class _Bank:
 def _with_banks(
     model: Model, wanted: Sequence[tuple[Effect, int, str]], beyond: int
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
-    """The model with the columns of each open constant at all values of its grid; where all other columns
-    stand; the grids."""
+    """The model with the columns of each open constant at all values of its grid; where all other
+    columns stand; the grids."""
     from scipy.interpolate import CubicSpline
 
     own = [effect for effect, _, _ in wanted]
@@ -299,8 +299,9 @@ class _Profile:
 
     def near(self, found: Sequence[ShapeEstimate]) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
         """Columns (p, d) in which a fit near what was found is linear: what the other columns show, each
-        bank's at the value that the model has, and, of a constant that moves, those at its new value and,
-        within its range, their derivative; (d,) whose each is, -1 of no bank, and whether it is new.
+        bank's at the value that the model has, and, of a constant that moves, those at its new value
+        and, within its range, their derivative; (d,) whose each is, -1 of no bank, and whether it is
+        new.
         """
         u = np.log([s.after for s in found])
         theta, owner = self._solved(u)[0], self._parts[1]

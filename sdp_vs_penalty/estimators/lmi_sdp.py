@@ -4,8 +4,8 @@
 
 (Sousa, Cortesao, IJRR 2014, with the 4x4 pseudo-inertia of Wensing et al. 2018, which contains the
 triangle inequalities). Plain, its optimum makes rods of most links. Three convex remedies: a body that a
-link's mass must lie in, an entropic pull towards the problem's nominal robot, and a minimum thickness. The
-default is the first two (results/default_method.md).
+link's mass must lie in, an entropic pull towards the problem's nominal robot, and a minimum thickness.
+The default is the first two (results/default_method.md).
 """
 
 from __future__ import annotations
@@ -32,9 +32,11 @@ class LmiSdp(Estimator):
         link: filtered rows repeat each other 2.3 to 4.5 times.
     joint_prior : weight, in the same unit, of the pull of friction, offsets and other joint parameters
         to zero; one that alone would make all of its joint's torque costs one row (0: none). Where a
-        joint does not reverse, only this keeps Coulomb friction and offset from growing against each other.
+        joint does not reverse, only this keeps Coulomb friction and offset from growing against each
+        other.
     total_spread : relative standard deviation of the total mass that a file or bounds state, which
-        counts like ``entropy`` rows (0: no prior on it): the divergence alone lets masses follow moments.
+        counts like ``entropy`` rows (0: no prior on it): the divergence alone lets masses follow
+        moments.
     solver : one of solvers/; None: our own (solvers/primal_dual.py) where its answer is certified, else
         Clarabel; accuracy : what it is asked for.
     """

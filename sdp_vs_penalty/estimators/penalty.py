@@ -5,11 +5,11 @@ convex as they are. For constraints F_i(x) in cones K_i (self-dual), weight w an
 
     L(x; S, w) = f(x) + 1 / (2 w) sum_i (|Pi_K(S_i - w F_i(x))|^2 - |S_i|^2)
 
-is smooth; S <- Pi_K(S - w F(x)) after each minimisation makes the minimiser feasible at a finite w, and S
-tends to the multipliers, from which the certificate bounds the optimum (Powell 1969, Hestenes 1969,
-Rockafellar 1974: the augmented Lagrangian). The weight grows tenfold while the violation does not fall to a
-quarter. Each minimisation is a damped semismooth Newton method (Zhao, Sun, Toh, SIAM J. Optim. 2010): the
-curvatures of loss and penalty differ by ten orders of magnitude.
+is smooth; S <- Pi_K(S - w F(x)) after each minimisation makes the minimiser feasible at a finite w, and
+S tends to the multipliers, from which the certificate bounds the optimum (Powell 1969, Hestenes 1969,
+Rockafellar 1974: the augmented Lagrangian). The weight grows tenfold while the violation does not fall
+to a quarter. Each minimisation is a damped semismooth Newton method (Zhao, Sun, Toh, SIAM J. Optim.
+2010): the curvatures of loss and penalty differ by ten orders of magnitude.
 """
 
 from __future__ import annotations

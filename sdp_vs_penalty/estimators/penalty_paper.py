@@ -8,8 +8,8 @@ xi = 0, 10, 20, 30, 40; ten independent runs, of which the one of least penalise
 external penalties g are linear in what they punish: (lambda_max(I) - tr(I) / 2)+ of each link (the
 triangle inequalities, eq. 16), the total mass [kg], the conditional bounds on centres of mass [m].
 
-A linear penalty is exact above the loss's multiplier, in (N m)^2 per kg m^2, which grows with the data: at
-40 the answer is in general not physically consistent.
+A linear penalty is exact above the loss's multiplier, in (N m)^2 per kg m^2, which grows with the data:
+at 40 the answer is in general not physically consistent.
 """
 
 from __future__ import annotations
@@ -38,10 +38,12 @@ class PenaltyPaper(Estimator):
     """runs : independent runs from random starts inside the bounds; weights : xi of each step.
 
     evaluations : of the loss in one run, shared equally by the steps, and in each step by annealing and
-        local search, which finish what they have begun; PAPER_BUDGET is what the authors' program allows.
+        local search, which finish what they have begun; PAPER_BUDGET is what the authors' program
+        allows.
 
-    The local search here gets analytic gradients, which the authors' had to estimate. Friction and offsets
-    are searched with the links, inside their signs and +-max(100, |tau| / |Y_k|) (the authors' +-100).
+    The local search here gets analytic gradients, which the authors' had to estimate. Friction and
+    offsets are searched with the links, inside their signs and +-max(100, |tau| / |Y_k|) (the authors'
+    +-100).
     """
 
     name = "penalty-paper"
