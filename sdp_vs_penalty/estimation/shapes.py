@@ -55,20 +55,18 @@ class ShapeEstimate(Plain):
     shape: str
     before: float
     after: float
-    std: float
-    gain: float
-    at_end: bool
+    std: float = np.inf
+    gain: float = 0.0
+    at_end: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """joint counts from 1; std is null where the data do not bound the constant on both sides."""
-        std = self.std if np.isfinite(self.std) else None
-        return {**super().to_dict(), "joint": self.joint + 1, "std": std}
+        return {**super().to_dict(), "joint": self.joint + 1}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What :meth:`to_dict` wrote."""
-        std = np.inf if data["std"] is None else data["std"]
-        return super().from_dict({**data, "joint": data["joint"] - 1, "std": std})
+        return super().from_dict({**data, "joint": data["joint"] - 1})
 
 
 def at_end(u: float, low: float, high: float) -> bool:
