@@ -87,7 +87,7 @@ class Problem(Shown):
     effects : texts of the effects that a model has by default; independent : the base parameters' names.
     bodies : where each link's mass can be; None: from the bounds and the kinematics. nominal_from :
         where each nominal link comes from ("inertial", "bounds", "geometry", "kinematics"): a mass of
-        the last two is a guess, and the data choose its scale.
+        the last two is a guess, whose scale the data may choose.
     gains : (n,) what each torque channel reads over the true torque, where known loads have shown it.
     Raises InputError where bounds contradict themselves or do not belong to the robot.
     """
