@@ -284,10 +284,8 @@ def load_estimate(path: str | Path) -> Estimate:
 
 def _from_dict(data: dict[str, Any]) -> Estimate:
     if not isinstance(data["format"], int) or data["format"] > FORMAT:
-        raise InputError(
-            f"written by a newer version (format {data['format']}, this one reads up to {FORMAT})",
-            "upgrade sdp-vs-penalty",
-        )
+        what = f"written by a newer version (format {data['format']}, this one reads up to {FORMAT})"
+        raise InputError(what, "upgrade sdp-vs-penalty")
     if data["format"] < FORMAT:
         raise InputError(
             f"written by an earlier version (format {data['format']}), which did not keep the "

@@ -121,10 +121,8 @@ class Problem(Shown):
         )
         for name, value, shape in shapes:
             if value is not None and np.shape(value) != shape:
-                raise InputError(
-                    f"the {name} are of another robot than {self.robot.name} ({n} links)",
-                    "give one a link",
-                )
+                what = f"the {name} are of another robot than {self.robot.name} ({n} links)"
+                raise InputError(what, "give one a link")
         if not np.all(self.box[..., 0] <= self.box[..., 1]):
             raise InputError("a bound has its lower end above its upper", "swap them")
         if not low <= high:
