@@ -183,9 +183,12 @@ def separate(
     search.run(iterations, progress)
     usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
     default = float(np.median([hypotheses.distance(hypotheses.motion(s, duration)) for s in usual]))
-    each = search.value, default
-    right, seconds = ([of(x, duration) for x in each] for of in (hypotheses.right, hypotheses.needed))
-    return Separation(search.best, *each, *right, *seconds, hypotheses.scale, collision is not None)
+    (right, right_before), (seconds, before) = (
+        [of(x, duration) for x in (search.value, default)]
+        for of in (hypotheses.right, hypotheses.needed)
+    )
+    told = right, right_before, seconds, before, hypotheses.scale, collision is not None
+    return Separation(search.best, search.value, default, *told)
 
 
 class _Search:
