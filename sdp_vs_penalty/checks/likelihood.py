@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import CONTRADICTS, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
-from sdp_vs_penalty.checks.regression_data import RegressionData, under_gravity
+from sdp_vs_penalty.checks.regression_data import RegressionData, split
 from sdp_vs_penalty.checks.repair import Event, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.problem.problem import Problem
@@ -109,15 +109,16 @@ class Likelihood:
 
     @cached_property
     def samples(self) -> float:
-        """How many independent samples the rows hold whose neighbours are alike: M (1 - rho) / (1 + rho)
-        of the median lag-1 correlation rho of what the arm leaves."""
-        left = self.score(self.none).residual[self.moving]
-        x = left - left.mean(axis=1, keepdims=True)
-        if self.data.count < 4 or not len(x):
-            return float(self.data.count)
-        rho = np.sum(x[:, 1:] * x[:, :-1], axis=1) / np.maximum(np.sum(x * x, axis=1), 1e-300)
-        r = float(np.clip(np.median(rho), 0.0, 0.95))
-        return self.data.count * (1.0 - r) / (1.0 + r)
+        """How many independent samples M rows hold whose neighbours are alike: M / (1 + 2 sum_k rho_k) of
+        the median joint, over the lags before what the arm leaves is correlated no more (Geyer 1992)."""
+        left, count = self.score(self.none).residual[self.moving], self.data.count
+        if not len(left):
+            return float(count)
+        power = np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), 2 * count)) ** 2
+        rho = np.fft.irfft(power)[:, :count]
+        rho = rho / or_one(rho[:, :1])
+        lasts = 2.0 * np.sum(rho * np.cumprod(rho > 0.0, axis=1), axis=1) - 1.0
+        return count / max(float(np.median(lasts)), 1.0)
 
     def reach(self, repair: Repair) -> Array:
         """(n,) largest position of each joint, whatever its sign."""
@@ -171,11 +172,10 @@ class Likelihood:
 
     def shared(self, gravity: Sequence[float], motion: Motion) -> Array:
         """(n, M, p) columns of all parameters that joints share."""
-        shared = self.data.shared
+        shared = split(self.problem.with_gravity(gravity).model())[1]
         if shared is None:
             return np.zeros((self.n, len(motion.t), 0))
-        width = len(shared.parameters)
-        return np.stack([b.wide(width) for b in under_gravity(shared, gravity).columns(motion)])
+        return np.stack([b.wide(len(shared.parameters)) for b in shared.columns(motion)])
 
     def nominal(self, repair: Repair, still: bool) -> Array:
         """(M, n) torque of a plausible arm on the repaired motion, or its weight in these poses."""

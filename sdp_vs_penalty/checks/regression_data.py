@@ -24,7 +24,6 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import random_motion, structure
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints
 
@@ -148,12 +147,3 @@ def independent_columns(model: Model) -> NDArray[np.bool_]:
         _, independent = structure(stack.reshape(-1, len(links)))
         kept[links] = np.isin(np.arange(len(links)), independent)
     return kept
-
-
-def under_gravity(model: Model, gravity: Sequence[float]) -> Model:
-    """The same model under another vector of gravity."""
-    x, y, z = (float(g) for g in gravity)
-    if (x, y, z) == tuple(model.robot.gravity):
-        return model
-    robot: Robot = replace(model.robot, gravity=(x, y, z))
-    return Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects))

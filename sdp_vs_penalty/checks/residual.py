@@ -50,8 +50,9 @@ def find(log: Likelihood, repair: Repair, score: Score, settled: bool) -> Iterat
         )  # fmt: skip
     elif settled:
         yield from _unexplained(log, repair, score)
-        yield from _event(log, score)
-        yield from _two_arms(log, repair, score)
+        if not repair.events:  # what happens once has been told
+            yield from _event(log, score)
+            yield from _two_arms(log, repair, score)
 
 
 def _unexplained(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
@@ -118,7 +119,7 @@ def _two_arms(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
     halves = [two(number < cut) for cut in cuts]
     gains = [float(np.median(np.log(stripes / h)[log.moving])) for h in halves]
     best = int(np.argmax(gains))
-    if gains[best] < c.TWO_ARMS or best in (0, len(gains) - 1) or repair.events:
+    if gains[best] < c.TWO_ARMS or best in (0, len(gains) - 1):
         return
     t = float(np.quantile(log.data.motion.t, cuts[best] / len(parts)))
     one, apart = (100.0 * np.sqrt(np.mean(x / score.whole)) for x in (score.left, halves[best]))
