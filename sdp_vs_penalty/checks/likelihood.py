@@ -26,11 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import CONTRADICTS, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
-from sdp_vs_penalty.checks.regression_data import RegressionData, split
+from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Event, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -109,8 +111,8 @@ class Likelihood:
 
     @cached_property
     def samples(self) -> float:
-        """How many independent samples M rows hold whose neighbours are alike: M / (1 + 2 sum_k rho_k) of
-        the median joint, over the lags before what the arm leaves is correlated no more (Geyer 1992)."""
+        """How many independent samples M rows hold whose neighbours are alike: M / (1 + 2 sum_k rho_k)
+        of the median joint, over lags before what the arm leaves is correlated no more (Geyer 1992)."""
         left, count = self.score(self.none).residual[self.moving], self.data.count
         if not len(left):
             return float(count)
@@ -168,21 +170,35 @@ class Likelihood:
         return np.asarray(self.heard(repair)[:, :, None] * columns)
 
     def _made_columns(self, repair: Repair) -> Array:
-        return self.shared(repair.gravity, self.motion(repair))[:, :, self.data.independent]
+        return self.shared(repair, self.motion(repair))
 
-    def shared(self, gravity: Sequence[float], motion: Motion) -> Array:
+    def robot(self, repair: Repair) -> Robot:
+        """Under another vector of gravity, with other distances between joints."""
+        robot = replace(self.problem.robot, gravity=repair.gravity)
+        if not any(repair.longer):
+            return robot
+        joints = list(robot.joints)
+        for j, x in enumerate(repair.longer):
+            placement = joints[j].placement.copy()
+            placement[:3, 3] *= 1.0 + x / or_one(np.linalg.norm(placement[:3, 3]))
+            joints[j] = replace(joints[j], placement=placement)
+        return replace(robot, joints=tuple(joints))
+
+    def shared(self, repair: Repair, motion: Motion) -> Array:
         """(n, M, p) columns of all parameters that joints share."""
-        shared = split(self.problem.with_gravity(gravity).model())[1]
-        if shared is None:
+        if (known := self.data.shared) is None:
             return np.zeros((self.n, len(motion.t), 0))
-        return np.stack([b.wide(len(shared.parameters)) for b in shared.columns(motion)])
+        robot = self.robot(repair)
+        shared = Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in known.effects))
+        return np.stack([b.wide(len(known.parameters)) for b in shared.columns(motion)])
 
     def nominal(self, repair: Repair, still: bool) -> Array:
         """(M, n) torque of a plausible arm on the repaired motion, or its weight in these poses."""
         m, none = self.motion(repair), 0.0 * self.data.motion.q
-        robot = self.problem.with_gravity(repair.gravity).robot
         states = (m.q, none, none) if still else (m.q, m.dq, m.ddq)
-        return np.asarray(robot.regressor(*states) @ self.problem.nominal_links.ravel(), float)
+        return np.asarray(
+            self.robot(repair).regressor(*states) @ self.problem.nominal_links.ravel(), float
+        )
 
     def _made_basis(self, order: Order, events: tuple[Event, ...]) -> Array:
         """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others."""
@@ -277,12 +293,12 @@ class Rows:
         product with the weight of a plausible arm."""
         m, of = self.of.motion(self.repair), self.of
         rest, loads = np.zeros_like(m.q), of.nominal(self.repair, still=True)
-        ways = (((0.0, 0.0, 0.0), m.ddq, m.ddq), (self.repair.gravity, rest, loads))
+        weightless = replace(self.repair, gravity=(0.0, 0.0, 0.0))
         made = [
-            np.einsum("jms,mj->s", of.shared(gravity, Motion(m.t, m.q, rest, ddq)), along)
-            for gravity, ddq, along in ways
+            np.einsum("jms,mj->s", of.shared(repair, Motion(m.t, m.q, rest, ddq)), along)
+            for repair, ddq, along in ((weightless, m.ddq, m.ddq), (self.repair, rest, loads))
         ]
-        return np.array(made)[:, of.data.independent] / of.data.count
+        return np.array(made) / of.data.count
 
 
 @dataclass

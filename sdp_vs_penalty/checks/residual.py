@@ -119,7 +119,7 @@ def _two_arms(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
     halves = [two(number < cut) for cut in cuts]
     gains = [float(np.median(np.log(stripes / h)[log.moving])) for h in halves]
     best = int(np.argmax(gains))
-    if gains[best] < c.TWO_ARMS or best in (0, len(gains) - 1):
+    if gains[best] < np.log(c.TIMES) or best in (0, len(gains) - 1):
         return
     t = float(np.quantile(log.data.motion.t, cuts[best] / len(parts)))
     one, apart = (100.0 * np.sqrt(np.mean(x / score.whole)) for x in (score.left, halves[best]))

@@ -143,7 +143,7 @@ class Zero(Transformation):
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         for j in log.joints:
-            at, unit = partial(_shifted, log, now, j), _unit(log, j)
+            at, unit = partial(_shifted, log, now, j), 1.0 if j in log.revolute else _length(log)
             step, _ = log.screen.change(at, now.zero[j], 0.01 * unit)
             quarters = self.quarters if j in log.revolute and score.poor.any() else ()
             for x in (float(np.clip(step, -0.7 * unit, 0.7 * unit)), *quarters):
@@ -152,7 +152,11 @@ class Zero(Transformation):
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(repair.zero).tolist():
-            x, turns, unit = repair.zero[j], j in log.revolute, _unit(log, j)
+            x, turns, unit = (
+                repair.zero[j],
+                j in log.revolute,
+                1.0 if j in log.revolute else _length(log),
+            )
             tolerance, gross = (x * unit * (1.0 if turns else 0.25) for x in (c.CALIBRATED, c.GROSS))
             text, snaps = (_degrees, self.quarters) if turns else ("{:.4g} m".format, ())
             yield Element(
@@ -164,14 +168,39 @@ class Zero(Transformation):
             )  # fmt: skip
 
 
-def _unit(log: Likelihood, j: int) -> float:
-    return 1.0 if j in log.revolute else 0.3 * float(log.problem.robot.link_reach().sum())
+def _length(log: Likelihood) -> float:
+    """What a radian is to an angle: a length of this arm's size [m]."""
+    return 0.3 * float(log.problem.robot.link_reach().sum())
 
 
 def _shifted(log: Likelihood, now: Repair, j: int, x: float) -> Repair:
     """An angle in (-pi, pi]; a length as it is."""
     wrapped = float(np.pi - (np.pi - x) % (2.0 * np.pi)) if j in log.revolute else x
     return now.with_entries("zero", (j,), wrapped)
+
+
+class Length(Transformation):
+    """Joints farther apart or nearer than the problem says, along the line between them [m]."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        unit = _length(log)
+        for j, joint in enumerate(log.problem.robot.joints):
+            if j and joint.placement[:3, 3].any():
+                at = partial(now.with_entries, "longer", (j,))
+                step, _ = log.screen.change(at, now.longer[j], 0.01 * unit)
+                yield at(now.longer[j] + float(np.clip(step, -0.7 * unit, 0.7 * unit)))
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        unit, text = _length(log), "{:.4g} m".format
+        for j in np.flatnonzero(repair.longer).tolist():
+            x, how = repair.longer[j], "farther from" if repair.longer[j] > 0.0 else "nearer to"
+            yield Element(
+                "link length", "warning", (j,),
+                f"joint {j + 1} is {text(abs(x))} {how} joint {j} than in the robot's kinematics.",
+                "correct the kinematics, or choose the problem of the robot that was logged",
+                Number.of(repair, "longer", (j,), x, 0.25 * c.CALIBRATED * unit, 0.35 * unit, text),
+                choices(log.n), mends=False, figures={"metres": x},
+            )  # fmt: skip
 
 
 class Mounting(Transformation):
