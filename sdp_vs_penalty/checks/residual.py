@@ -50,8 +50,8 @@ def find(log: Likelihood, repair: Repair, score: Score, settled: bool) -> Iterat
         )  # fmt: skip
     elif settled:
         yield from _unexplained(log, repair, score)
-        if not repair.events:  # what happens once has been told
-            yield from _event(log, score)
+        yield from _event(log, repair, score)
+        if not repair.events:
             yield from _two_arms(log, repair, score)
 
 
@@ -75,15 +75,18 @@ def _unexplained(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issu
     )  # fmt: skip
 
 
-def _event(log: Likelihood, score: Score) -> Iterator[Issue]:
+def _event(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
     """A moment at which the error is far larger than at any other: contact, a push."""
     t = log.data.motion.t
     for j in log.joints:
         error = np.abs(score.residual[j])
         k = int(np.argmax(error))
         elsewhere = error[np.abs(t - t[k]) > _WIDTH]
-        # At its ends the arm starts or comes to rest: stiction.
-        inside = min(t[k] - t[0], t[-1] - t[k]) > 3.0 * _WIDTH
+        # At its ends the arm starts or comes to rest: stiction; a step has been told.
+        known = [e.at for e in repair.events if e.at is not None]
+        inside = (
+            min(t[k] - t[0], t[-1] - t[k]) > 3.0 * _WIDTH < np.min(np.abs(t[k] - known), initial=9e9)
+        )
         if inside and len(elsewhere) and error[k] > c.TIMES * elsewhere.max():
             at, unit = float(t[k]), log.problem.robot.torque_units[j]
             yield Issue(
