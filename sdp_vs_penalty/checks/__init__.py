@@ -228,7 +228,9 @@ def _channels(
     net = (search := Search(log)).run()
     score, (stated, certain) = log.score(net), _stated(search, net)
     sizes = list(residual.size(log, net))
-    settled = log.samples * len(log.joints) > len(score.theta) + log.n * data.own.shape[2]
+    assert settings.torque_cutoff is not None
+    samples = 2.0 * settings.torque_cutoff * float(np.ptp(data.motion.t)) * len(log.joints)
+    settled = samples > len(score.theta) + log.n * data.own.shape[2]
     issues = [*first, *stated, *told, *sizes, *residual.find(log, net, score, settled)]
     if any(i.kind == "torque channel kind" for i in sizes):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
@@ -237,6 +239,8 @@ def _channels(
     if not any(i.kind in ("encoder offset", "positions in degrees") for i in stated):
         issues += rules.beside(glance)
     if thorough:
+        for issue in sizes:
+            run = issue.repair(run) if issue.repair is not None else run
         issues += residual.not_excited(problem.with_gravity(net.gravity), net.apply(run), settings)
         issues += residual.hidden_errors(log, net)
     unexplained = float(score.left[log.moving].sum() / score.whole[log.moving].sum())

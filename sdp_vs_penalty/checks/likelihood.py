@@ -114,19 +114,11 @@ class Likelihood:
         """How many independent samples M rows hold whose neighbours are alike: M / (1 + 2 sum_k rho_k)
         of the median joint, over lags before what the arm leaves is correlated no more (Geyer 1992)."""
         left, count = self.score(self.none).residual[self.moving], self.data.count
-        if not len(left):
-            return float(count)
         power = np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), 2 * count)) ** 2
         rho = np.fft.irfft(power)[:, :count]
         rho = rho / or_one(rho[:, :1])
         lasts = 2.0 * np.sum(rho * np.cumprod(rho > 0.0, axis=1), axis=1) - 1.0
         return count / max(float(np.median(lasts)), 1.0)
-
-    def reach(self, repair: Repair) -> Array:
-        """(n,) largest position of each joint, whatever its sign."""
-        return np.abs(repair.positions(self.data.motion.q)).max(axis=0)
-
-    # -- what a repair makes of the rows ---------------------------------------------------------
 
     def channels(self, repair: Repair) -> Array:
         """(n, M) the torque as repaired, 0 where it is not asked for."""
@@ -225,8 +217,6 @@ class Likelihood:
         edges = np.linspace(0, self.data.count, count + 1).astype(int)
         parts = [full[:, a:b] for a, b in pairwise(edges.tolist())]
         return np.stack([np.swapaxes(p, 1, 2) @ p for p in parts]), rows.basis.shape[2]
-
-    # -- the likelihood ----------------------------------------------------------------------------
 
     def scores(self, repairs: Sequence[Repair]) -> list[Score]:
         """One arm fitted to each; those of one motion side by side."""

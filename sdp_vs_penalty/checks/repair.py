@@ -101,20 +101,14 @@ class Repair:
         same = {k: getattr(none, k) for k in ("tau_order", "gain", "lead", "lag", "bend")}
         return replace(self, **same)
 
-    @property
-    def leaves_log(self) -> bool:
-        """Whether only what a model assumes is changed."""
-        none = Repair.none(self.n, self.gravity)
-        assumed = {k: getattr(none, k) for k in ("lacks", "longer", "bend", "events")}
-        return replace(self, **assumed) == none
-
     def positions(self, q: Array) -> Array:
         """(N, n) true positions from those of the log."""
         return np.asarray(q[:, list(self.order)] * np.array(self.scale) + np.array(self.zero))
 
     def apply(self, run: Measurements) -> Measurements:
         """The log repaired; gravity, weight and events are the model's matter and are left alone."""
-        if self.leaves_log:
+        none = Repair.none(self.n, self.gravity)
+        if replace(none, **{k: getattr(self, k) for k in ("lacks", "longer", "bend", "events")}) == self:
             return run
         t, q, tau = run.t, self.positions(run.q), run.tau[:, list(self.tau_order)]
         dq = None

@@ -95,13 +95,9 @@ def _event(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
                 f"there is {error[k]:.3g} {unit} in joint {j + 1}, over {c.TIMES:g} times that at "
                 f"any other moment.",
                 "likely: an effect of the arm itself would recur", f"exclude {_WIDTH:g} s around it",
-                partial(_without, at), {"t": at, "joints": [j + 1]},
+                lambda r, at=at: r.rows(np.abs(r.t - at) > 0.5 * _WIDTH), {"t": at, "joints": [j + 1]},
             )  # fmt: skip
             return
-
-
-def _without(at: float, run: Measurements) -> Measurements:
-    return run.rows(np.abs(run.t - at) > 0.5 * _WIDTH)
 
 
 def _two_arms(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:

@@ -31,7 +31,6 @@ _STEPS = (2e-5, 0.5)
 #: The samples of the median that a spike is measured from.
 _WIDTH = 7
 _READ, _DELETE = "certain: read from the file", "delete these rows"
-_STILL = "certain: the positions change by noise only"
 
 
 @dataclass(frozen=True)
@@ -487,19 +486,18 @@ def _stuck(g: Glance, j: int, x: Array, position: bool) -> Rows:
 def idle(g: Glance) -> Iterator[Issue]:
     """Joints that never move, or all of them."""
     joints = np.flatnonzero(~g.moving)
-    if len(joints) == g.run.n:
-        yield Issue(
-            "no motion", "error", "all joints",
-            "no joint moves: these data contain only static friction and the weight in one pose.",
-            _STILL, "record a motion of all joints",
-        )  # fmt: skip
-    elif len(joints):
-        yield Issue(
-            "idle joints", "warning", joints_text(joints),
-            f"{joints_text(joints)} never moves: friction and inertia about that axis are not "
-            "identifiable, and the torque there is stiction.", _STILL,
-            "move every joint, or add a run that does", None, {"joints": (joints + 1).tolist()},
-        )  # fmt: skip
+    if not len(joints):
+        return
+    kind, severity, where, remedy = "no motion", "error", "all joints", "record a motion of all joints"
+    what = "no joint moves: these data contain only static friction and the weight in one pose."
+    if g.moving.any():
+        kind, severity, where = "idle joints", "warning", joints_text(joints)
+        what = (
+            f"{where} never moves: friction and inertia about that axis are not identifiable, and the "
+        )
+        what, remedy = f"{what}torque there is stiction.", "move every joint, or add a run that does"
+    sure, figures = "certain: the positions change by noise only", {"joints": (joints + 1).tolist()}
+    yield Issue(kind, severity, where, what, sure, remedy, None, figures)
 
 
 def beside(g: Glance) -> Iterator[Issue]:

@@ -56,8 +56,7 @@ class Search:
         """The net repair."""
         now = self.log.none
         for _ in range(c.MOST):
-            better = self.added(now)
-            if better is None:
+            if (better := self.added(now)) is None:
                 break
             now = better
         return now

@@ -28,7 +28,8 @@ class Degrees(Transformation):
     """Positions in degrees: of all revolute joints, or of one of them."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        far = [j for j in log.revolute if log.reach(now)[j] > 2.0 * np.pi]
+        reach = np.abs(now.positions(log.data.motion.q)).max(axis=0)
+        far = [j for j in log.revolute if reach[j] > 2.0 * np.pi]
         for joints in [log.revolute, *([j] for j in far if log.n > 1)] if far else ():
             yield now.times("scale", joints, float(np.radians(1.0)))
 
@@ -36,7 +37,7 @@ class Degrees(Transformation):
         if not (joints := tuple(np.flatnonzero(np.abs(repair.scale) < 0.1).tolist())):
             return
         without = repair.times("scale", joints, float(np.degrees(1.0)))
-        reach = float(log.reach(without)[list(joints)].max())
+        reach = float(np.abs(without.positions(log.data.motion.q)[:, joints]).max())
         every, named = joints == tuple(log.revolute), ", ".join(f"q{j + 1}" for j in joints)
         what = f"the position of {joints_text(joints)} is in degrees, not in radians"
         yield Element(
@@ -69,7 +70,7 @@ class Clock(Transformation):
                 f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
                 "torques does not fit the weight.",
                 f"multiply t by {factor:.3g} (find out the log's true rate)",
-                Number.factor(factor, at, c.CALIBRATED_GAIN, 0.4, _RATES),
+                Number.factor(factor, at, _RATES),
                 place="column t", figures={"factor": factor},
             )  # fmt: skip
 
@@ -209,7 +210,7 @@ class Mounting(Transformation):
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         given = np.array(now.gravity)
         size = float(np.linalg.norm(given))
-        known = _earthly(size)
+        known = abs(size / _EARTH - 1.0) < c.CALIBRATED_GAIN
         if any(now.lacks):
             return
         for axis in (*np.eye(3), *-np.eye(3)):
@@ -228,7 +229,8 @@ class Mounting(Transformation):
         given = float(np.linalg.norm(assumed))
         cosine = assumed @ g / max(given * float(np.linalg.norm(g)), 1e-300)
         angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        straight, earthly = np.count_nonzero(np.abs(g) > 1e-9) == 1, _earthly(given)
+        straight = np.count_nonzero(np.abs(g) > 1e-9) == 1
+        earthly = abs(given / _EARTH - 1.0) < c.CALIBRATED_GAIN
         x, y, z = (float(round(v, 2)) + 0.0 for v in g)
         kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
         if not earthly:
@@ -245,10 +247,6 @@ class Mounting(Transformation):
             mends=False, place="the base",
             figures={"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]},
         )  # fmt: skip
-
-
-def _earthly(size: float) -> bool:
-    return abs(size / _EARTH - 1.0) < c.CALIBRATED_GAIN
 
 
 def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repair]:
