@@ -161,6 +161,23 @@ def test_the_coupled_wrist(tmp_path, data_folder, monkeypatch, capsys):
     check_printed("coupled-wrist.md", said[""])
 
 
+@pytest.mark.long
+def test_the_hobby_arm(tmp_path, monkeypatch, capsys):
+    """The identified MJCF follows an unseen command better than the given one, on every joint."""
+    pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    text = (DOCS / "hobby-arm.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(blocks[0], names)  # our own page
+    said = run_all(commands("hobby-arm.md"), capsys)[""]
+    exec(blocks[1], names)
+    followed = capsys.readouterr().out
+    check_printed("hobby-arm.md", said + followed)
+    given, identified = ([float(x) for x in line.split()[1:-1]] for line in followed.splitlines())
+    assert all(2.0 * better < worse for better, worse in zip(identified, given, strict=True))
+
+
 def test_the_notebook_is_kept_without_outputs_and_types_no_results():
     nbformat = pytest.importorskip("nbformat")
     book = nbformat.read(DOCS / "panda_hysteresis.ipynb", as_version=4)

@@ -189,7 +189,7 @@ def hardening(w: World, j: int, rng: np.random.Generator) -> Hidden:
         stretched = np.exp(m.q[:, j] / q_0)
         return np.asarray(side * q_0 * (stretched - 1.0 / stretched) / 2.0)
 
-    return at_joint(NAME, j, law, side, q_0=q_0)
+    return at_joint(j, law, side, q_0=q_0)
 
 
 def test_one_file_keeps_the_contracts_and_is_listed(added):

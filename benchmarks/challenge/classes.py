@@ -60,11 +60,11 @@ class CaseClass:
         self, names: Sequence[str], world: World, motions: Sequence[TrueMotion], rng: np.random.Generator
     ) -> list[Hidden]:
         """The hidden effects, sized on the motions that are identified from."""
-        kinds = {"unknown": unknown, "curves": nameless, "disturbance": disturbance, **FROZEN}
-        makers = [EFFECTS[name] for name in names] or [kinds[x] for x in (self.what,) if x in kinds]
-        coarse = [m.thinned(10) for m in motions]
-        made = [make(world, int(rng.integers(world.arm.n)), rng) for make in makers]
-        return [one.sized(world, coarse, LEVELS[self.level]) for one in made]
+        kinds = {"unknown": unknown, "curves": nameless, "disturbance": disturbance, **FROZEN, **EFFECTS}
+        coarse, wanted = [m.thinned(10) for m in motions], names or {self.what} & set(kinds)
+        made = [(x, kinds[x](world, int(rng.integers(world.arm.n)), rng)) for x in wanted]
+        called = [replace(one, effect=one.effect or x) for x, one in made]
+        return [one.sized(world, coarse, LEVELS[self.level]) for one in called]
 
 
 CLASSES: Mapping[str, CaseClass] = {

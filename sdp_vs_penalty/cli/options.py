@@ -41,8 +41,8 @@ models model.json ...: Models written by `identify` or `add`.
     all.
 --known-load LOAD.csv:KG: Run with a load of this mass on the last link; determines the torque channels'
     gains.
---instruments command|none: Instruments against noise of positions: the command's simulated motion, or
-    none. Default: command where no torque was logged.
+--instruments command|none: Instruments against noise of positions: the command (without torque the
+    motion simulated from it), or none. Default: command where no torque was logged.
 --out: Folder to write into.
 """
 

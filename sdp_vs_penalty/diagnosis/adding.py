@@ -227,15 +227,9 @@ def _add_frozen(
     if reference is not None:
         reference = np.append(reference, np.zeros(sum(len(e.parameters) for e in constants)))
     wide = Model(model.robot, (*model.effects, *constants), reference, model.gains)
-    uncertainty = beside_held(
-        problem,
-        own,
-        compress(measurements, wide, settings),
-        (estimate.model, estimate.theta, estimate.uncertainty),
-        part,
-        base,
-        gain_errors=gain_errors,
-    )
+    held = (estimate.theta, estimate.uncertainty), base_rows(problem, estimate.model)
+    data = compress(measurements, wide, settings)
+    uncertainty = beside_held(task, data, *held, part, base, gain_errors)
     old, new_record = estimate.details, record(task, part, base, estimator.rest)
     before, new_motion = estimate.training_motion, record_motion(measurements, settings)
     return replace(

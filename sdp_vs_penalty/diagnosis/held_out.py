@@ -201,6 +201,7 @@ def task_beside(
         None,
         seed,
         progress,
+        weights=weights,
     )
 
 

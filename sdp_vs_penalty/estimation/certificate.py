@@ -15,16 +15,15 @@ from sdp_vs_penalty.robot.constraint import BarycentricBound
 class Certificate(Shown, Plain):
     """violations : worst violation of each family, in its own units (kg, kg m, kg m^2, ...).
 
-    loss : the sum of squared (weighted) torque errors of the estimate; upper : the objective of
-    the nearest feasible point towards the interior; lower : a lower bound on the optimum of the
-    convex problem; gap : (upper - lower) / max(loss, 1e-12 |tau|^2); positive_mass_matrices : the
-    share of 10 000 random poses at which M(q) is positive definite; at_every_pose : that it is follows
-    from the links' pseudo-inertias, and nothing was sampled. None where it does not apply.
+    loss : the sum of squared (weighted) torque errors of the estimate; upper : the objective of the
+    nearest feasible point towards the interior; lower : a lower bound on the optimum of the convex
+    problem; gap : (upper - lower) / max(loss, 1e-12 |tau|^2); positive_mass_matrices : share of 10 000
+    random poses at which M(q) is positive definite; at_every_pose : the links' pseudo-inertias imply it.
     largest_gyration : of a link [m]; body_share : the largest ratio of a link's radius of gyration to
     the largest half axis of its body, at most 1 for what fits; density : least and largest mean density
-    of the links whose geometry has a volume [kg/m^3].
-    held : the effects that were not optimised but held as they were: violations are of the whole model
-    all the same, upper, lower and gap of the other effects alone.
+    of the links whose geometry has a volume [kg/m^3]. None where it does not apply. held : effects that
+    were not optimised: violations are of the whole model, upper, lower and gap of the other effects
+    alone.
     """
 
     violations: dict[str, float]
@@ -58,12 +57,10 @@ class Certificate(Shown, Plain):
     def __str__(self) -> str:
         """Everything in words, a line each."""
         families = ", ".join(f"{family} {value:.2g}" for family, value in self.violations.items())
-        lines = self.summary()
-        lines.insert(1, ("violation by family", families or "there are no constraints"))
-        if self.upper is not None:
-            lines.insert(3, ("objective", f"{self.upper:.9g}"))
-        if self.lower is not None:
-            lines.insert(4, ("certified lower bound", f"{self.lower:.9g}"))
+        worst, loss, *rest = self.summary()
+        both = ("objective", self.upper), ("certified lower bound", self.lower)
+        lines = [worst, ("violation by family", families or "there are no constraints"), loss]
+        lines += [*((name, f"{x:.9g}") for name, x in both if x is not None), *rest]
         return "\n".join(["certificate", *(f"  {name:22} {text}" for name, text in lines)])
 
     def _summary(self) -> Summary:

@@ -81,8 +81,7 @@ class CrossValidation(Shown):
     @property
     def _whole(self) -> Fold:
         """All folds as one."""
-        names = ("losses", "rows", "torque_squared")
-        sums = (np.sum([getattr(f, name) for f in self.folds], axis=0) for name in names)
+        sums = np.sum([[f.losses, f.rows, f.torque_squared] for f in self.folds], axis=0)
         return Fold(self.folds[0].start, self.folds[-1].stop, self.folds[0].theta, *sums)
 
     @property
@@ -133,28 +132,14 @@ class CrossValidation(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
-        return {
-            "problem": self.problem,
-            "method": self.method,
-            "effects": list(self.effects),
-            "periodic": self.periodic,
-            "guard": self.guard,
-            "band_hz": self.band_hz,
-            "relative_error_percent": self.relative_error_percent,
-            "rmse": self.rmse.tolist(),
-            "worst_fold": self.worst,
-            "folds": [
-                {
-                    "number": k,
-                    "start": f.start,
-                    "stop": f.stop,
-                    "relative_error_percent": f.relative_error_percent,
-                    "rmse": f.rmse.tolist(),
-                    "rows": int(f.rows.max(initial=0)),
-                }
-                for k, f in enumerate(self.folds, start=1)
-            ],
-        }
+        names = ("problem", "method", "periodic", "guard", "band_hz", "relative_error_percent")
+        folds = [
+            {"number": k, "start": f.start, "stop": f.stop, "rows": int(f.rows.max(initial=0))}
+            | {"relative_error_percent": f.relative_error_percent, "rmse": f.rmse.tolist()}
+            for k, f in enumerate(self.folds, start=1)
+        ]
+        own = {name: getattr(self, name) for name in names} | {"effects": list(self.effects)}
+        return {**own, "rmse": self.rmse.tolist(), "worst_fold": self.worst, "folds": folds}
 
 
 def cross_validate(

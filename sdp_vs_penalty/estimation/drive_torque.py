@@ -118,19 +118,10 @@ def plant(estimate: Estimate) -> Estimate:
     """The same without its drives."""
     keep = ~estimate.model.drives
     effects = tuple(e for e in estimate.model.effects if e.forward != "drive")
-    known = estimate.uncertainty
-    reference = estimate.model.reference
-    own = replace(
-        known,
-        standard=tuple(i for i, kept in zip(known.standard, keep, strict=True) if kept),
-        base=(),
-        spread=known.spread[keep],
-        gains=known.gains[keep],
-    )
-    model = replace(
-        estimate.model,
-        effects=effects,
-        known={},
-        reference=None if reference is None else reference[keep],
-    )
+    known, reference = estimate.uncertainty, estimate.model.reference
+    standard = tuple(i for i, kept in zip(known.standard, keep, strict=True) if kept)
+    spread, gains = known.spread[keep], known.gains[keep]
+    own = replace(known, standard=standard, base=(), spread=spread, gains=gains)
+    reference = None if reference is None else reference[keep]
+    model = replace(estimate.model, effects=effects, known={}, reference=reference)
     return replace(estimate, model=model, theta=estimate.theta[keep], uncertainty=own)

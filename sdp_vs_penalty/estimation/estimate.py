@@ -20,13 +20,13 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.constants import FAR_MASS
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, write_text
 from sdp_vs_penalty.formatting import Shown, Summary, Table
+from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.fields import problem_from_dict, problem_to_dict
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
@@ -161,27 +161,20 @@ class Estimate(Shown):
         t : (N,) instants [s], needed where an effect depends on time or on earlier motion.
         Raises InputError for arrays of other shapes, and where t is needed.
         """
-        names = ("q", "dq", "ddq")
-        states = tuple(np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq))
-        for name, x in zip(names, states, strict=True):
-            if x.shape != states[0].shape or x.shape[1:] != (self.robot.n,):
-                raise InputError(
-                    f"predict({name}=...) has shape {np.shape(x)}",
-                    f"give q, dq and ddq as (N, {self.robot.n})",
-                )
-        if t is None:
-            clocks = {e.name for e in self.model.effects for s in e.shapes.values() if s.role == "clock"}
-            timed = [e.name for e in self.model.effects if e.has_memory or e.name in clocks]
-            if timed:
-                raise InputError(f"predict(): {timed[0]} depends on time", "pass t, (N,) in seconds")
-            t = np.zeros(len(states[0]))
-        times = np.asarray(t, float)
-        if times.shape != (len(states[0]),):
-            raise InputError(
-                f"predict(t=...): shape {times.shape}, but q has {len(states[0])} rows",
-                "give one time a row",
-            )
-        return self.torque(Motion(times, states[0], states[1], states[2]))
+        n, states = self.robot.n, [np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq)]
+        for name, x in zip(("q", "dq", "ddq"), states, strict=True):
+            if x.shape != states[0].shape or x.shape[1:] != (n,):
+                what = f"predict({name}=...) has shape {np.shape(x)}"
+                raise InputError(what, f"give q, dq and ddq as (N, {n})")
+        for e in self.model.effects if t is None else ():
+            if e.has_memory or any(s.role == "clock" for s in e.shapes.values()):
+                raise InputError(f"predict(): {e.name} depends on time", "pass t, (N,) in seconds")
+        rows = len(states[0])
+        times = np.zeros(rows) if t is None else np.asarray(t, float)
+        if times.shape != (rows,):
+            what = f"predict(t=...): shape {times.shape}, but q has {rows} rows"
+            raise InputError(what, "give one time a row")
+        return self.torque(Motion(times, *states))
 
     def plot(self, axes: Any = None) -> Any:
         """Draw link masses and the other effects' parameters, with two standard deviations.
@@ -335,12 +328,10 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
     provenance = data["provenance"]
     if provenance.get("verdict") is not None:
         Verdict.from_dict(provenance["verdict"])  # refused here, not by whoever asks for it
-    certificate, filters = (
-        Certificate.from_dict(data["certificate"]),
-        Preprocessing(**data["preprocessing"]),
-    )
-    found = problem, model, theta, uncertainty, data["method"], certificate, filters
-    return Estimate(*found, data["settings"], details, provenance, motion)
+    certificate = Certificate.from_dict(data["certificate"])
+    found = problem, model, theta, uncertainty, data["method"], certificate
+    filters = Preprocessing(**data["preprocessing"])
+    return Estimate(*found, filters, data["settings"], details, provenance, motion)
 
 
 #: One Estimate or the path of a model.json; a sequence of these; or a mapping from names to these.

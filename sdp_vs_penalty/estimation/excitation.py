@@ -9,9 +9,7 @@ For W(x), the stacked base regressor of a trajectory with coefficients x = (a, b
 subject to limits of position, velocity and acceleration at every instant (Swevers et al., T-RA 1997;
 Gautier, Khalil, IJRR 1992): linear inequalities in x, which every step of the sequential linear
 programming keeps. Collisions are not looked at: choose position limits within which the robot is free.
-
-The run that weighs a load (:func:`payload_run`) is a short motion of the wrist beside an arm that stays
-fixed, so that the load's ten parameters alone are estimated, d-optimally.
+:func:`payload_run` weighs a load: a short motion of the wrist, d-optimal for its ten parameters.
 """
 
 from __future__ import annotations
@@ -51,10 +49,9 @@ class Regressor:
     def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
         """(N, n, p) rows of each sample and joint."""
         n = self.model.robot.n
-        wide = np.zeros((len(t), n, len(self.model.parameters)))
-        for j, block in enumerate(self.model.columns(Motion(t, q, dq, ddq))):
-            wide[:, j, block.indices] = block.columns
-        return wide[:, :, self.columns] * np.broadcast_to(self.scale, n)[:, None]
+        p, columns = len(self.model.parameters), self.model.columns(Motion(t, q, dq, ddq))
+        wide = np.stack([c.wide(p)[:, self.columns] for c in columns], axis=1)
+        return wide * np.broadcast_to(self.scale, n)[:, None]
 
     def along(self, trajectory: FourierTrajectory, rate: float = 20.0) -> Array:
         """W of a trajectory, sampled at ``rate`` [Hz]."""
@@ -267,10 +264,7 @@ class _Search:
         units = np.column_stack([limits.half, limits.velocity, limits.acceleration])
         # (n, K, 2 L + 1) states over their limits, and the middle of the range.
         self.rows = np.concatenate(maps) / np.repeat(units, len(maps[0]), axis=1)[:, :, None]
-        self.offset = np.pad(
-            np.outer(-limits.middle / limits.half, np.ones(len(maps[0]))),
-            ((0, 0), (0, 2 * len(maps[0]))),
-        )
+        self.offset = np.outer(-limits.middle / limits.half, np.arange(3 * len(maps[0])) < len(maps[0]))
         self.x = np.column_stack([start.a, start.b, start.q_0])
         # A joint's amplitudes of velocity are of the size of its limit, its centre of the range.
         self.unit = np.column_stack([*[limits.velocity] * (self.x.shape[1] - 1), limits.half])
@@ -350,10 +344,8 @@ class _Search:
 def _state_maps(like: FourierTrajectory, t: Array) -> tuple[Array, Array, Array]:
     """Three (N, 2 L + 1) maps from a joint's (a, b, q_0) to its q, dq, ddq at t."""
     count = like.a.shape[1]
-    units = np.eye(2 * count + 1)
-    each = replace(like, a=units[:, :count], b=units[:, count:-1], q_0=units[:, -1])
-    q, dq, ddq = each.states(t)
-    return q, dq, ddq
+    a, b, q_0 = np.split(np.eye(2 * count + 1), [count, 2 * count], axis=1)
+    return replace(like, a=a, b=b, q_0=q_0[:, 0]).states(t)
 
 
 def _dense(trajectory: FourierTrajectory) -> Array:
@@ -394,11 +386,10 @@ def payload_run(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> PayloadRun:
-    """A motion of ``joints`` (from 0; default the last three) that determines a load at the flange.
+    """A motion of ``joints`` (from 0; default the last three) that determines a load at the flange, the
+    others in the middle of their ranges; noise and cut-off are those of the model's data.
 
-    The other joints stand in the middle of their ranges. Noise and cut-off are those of the model's
-    data. Raises InputError for a joint that does not exist, and where such a motion cannot tell the
-    load's ten parameters apart.
+    Raises InputError for a joint that does not exist.
     """
     robot = estimate.robot
     moving = list(range(max(robot.n - 3, 0), robot.n)) if joints is None else list(joints)

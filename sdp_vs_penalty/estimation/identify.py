@@ -1,12 +1,10 @@
 """The verb ``identify``: from a problem and measurements to a certified estimate.
 
 Who determines a parameter (:func:`record`): of a linear function a^T theta the data alone know the
-variance a^T H^-1 a, H = R^T R in units of the residual variance (infinite where no torque shows
-it), the prior alone a^T H_prior^-1 a. H_prior is one independent measurement a link: 1/2 P0^-1 (x)
-P0^-1, the curvature of the entropic pull at the nominal robot P0, and of the joints' own parameters
-one over their scale squared. The data's share of what both know, prior variance over the sum of the
-two, decides: above one half the parameter is from the data. For a method without a prior the rest
-is where its answer is an accident of the bounds.
+variance a^T H^-1 a, H = R^T R in units of the residual variance (infinite where no torque shows it), the
+prior alone a^T H_prior^-1 a. H_prior is one independent measurement a link: 1/2 P0^-1 (x) P0^-1, the
+curvature of the entropic pull at the nominal robot P0, and of the joints' own parameters one over their
+scale squared. Above one half of what both know, prior variance over the sum, it is from the data.
 """
 
 from __future__ import annotations
@@ -71,12 +69,11 @@ def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[st
     every = np.vstack([np.eye(len(theta)), base.rows])
     names = [*(p.name for p in task.model.parameters), *base.names]
     shares = (data_share(task, every) > DATA_SHARE).tolist()
-    sources = [
-        "given" if k in task.model.known else DATA if x else rest
-        for k, x in zip(names, shares, strict=True)
+    given, (values, before) = task.model.known, ((every @ x).tolist() for x in (theta, task.nominal))
+    found = [
+        {"name": k, "value": x, "nominal": y, "source": "given" if k in given else DATA if own else rest}
+        for k, own, x, y in zip(names, shares, values, before, strict=True)
     ]
-    values = zip(names, (every @ theta).tolist(), (every @ task.nominal).tolist(), sources, strict=True)
-    found = [dict(zip(("name", "value", "nominal", "source"), row, strict=True)) for row in values]
     own = found[: len(theta)]
     return {
         "undetermined": {x["name"]: x["source"] for x in own if x["source"] != DATA},
@@ -122,20 +119,12 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
     theta, certificate = certify(task, fit)
     certificate = replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
-    wide, data = with_sensitivities(task.model, theta), posed.regression
+    wide, data = with_sensitivities(task.model, theta), None
     if wide is not task.model and isinstance(measurements, Measurements):
         data = in_columns(measurements, wide, posed.preprocessing, workers)
-    uncertainty = of_regression(
-        problem,
-        task.model,
-        data,
-        theta,
-        base=base,
-        weighting=posed.weighting,
-        constrained=certificate.worst == 0.0,
-        gain_errors=posed.gain_errors,
-        own=posed.regression,
-    )
+    kept, errors = certificate.worst == 0.0, posed.gain_errors
+    own = task, posed.regression, base, theta
+    uncertainty = of_regression(*own, wide=data, constrained=kept, gain_errors=errors)
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {**asdict(estimator), "weighting": posed.weighting}  # type: ignore[call-overload]
     details = {**fit.details, "on_bounds": bounds, **record(task, theta, base, estimator.rest)}
@@ -166,9 +155,8 @@ def proved(
             f"method {method} has no lower bound to prove",
             "choose one that solves the SDP, such as lmi-sdp, or penalty",
         )
-    names = [parameter.name for parameter in task.model.parameters]
     solved = fit.objective, fit.constraints, fit.multipliers, theta, task.bound, fit.entropy_slopes
-    return optimum_proof(*solved, names, made_of)
+    return optimum_proof(*solved, [p.name for p in task.model.parameters], made_of)
 
 
 def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
@@ -196,18 +184,18 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
         upper = fit.objective.value(theta)
         same = np.array_equal(theta, fit.theta) and fit.bound is not None
         lower = (fit if same else replace(fit, theta=theta, bound=task.bound)).lower
-        scale = max(fit.objective.least_squares.loss(theta), 1e-12 * task.data.tau_squared)
-        gap = (upper - lower) / scale if scale > 0.0 else 0.0
+        gap = fit.objective.least_squares.gap(upper, lower, theta)
     worst = violations(fit.constraints, theta)
     return theta, Certificate(worst, task.data.loss(theta), upper, lower, gap)
 
 
 def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certificate) -> Certificate:
-    """The certificate of a whole model of which only the last effects were optimised.
+    """The certificate of a whole model of which only the last effects were optimised: every constraint
+    of the problem is judged at the whole theta, what only the method demanded (a thickness) stays as
+    judged.
 
     model, theta : the whole, beginning with the estimate's own; part : the certificate of the new
-    effects alone, whose objective and gap remain. Every constraint of the problem is judged at the
-    whole theta; what only the estimate's method demanded of it (a thickness) stays as it was judged.
+    effects alone, whose objective and gap remain.
     """
     own = violations(estimate.problem.constraints(model), theta)
     return replace(
@@ -238,11 +226,8 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
 
 
 def consistent(links: Array) -> bool:
-    """Whether every pseudo-inertia is positive definite, beyond rounding.
-
-    Then so is every spatial inertia, and with it M(q) = sum J_i^T I_i J_i at every q, since whatever
-    moves a joint moves a link (Traversaro et al., IROS 2016).
-    """
+    """Whether every pseudo-inertia is positive definite, beyond rounding, and with it every M(q) = sum
+    J_i^T I_i J_i, since whatever moves a joint moves a link (Traversaro et al., IROS 2016)."""
     eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(links))
     return bool(np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]))
 
@@ -299,7 +284,7 @@ def identify(
         then in true units, and the problem of the estimate keeps the gains; known : parameters of which
         the value is known, by name: without torque they set the scale ({"kp2": 600.0}); instruments :
         "command" or "none", default: the former where no torque was logged
-        (:mod:`~sdp_vs_penalty.estimation.servo`); workers : who compresses the
+        (:mod:`~sdp_vs_penalty.regression.instruments`); workers : who compresses the
         runs (:class:`~sdp_vs_penalty.parallel.Workers`); the estimate is the same to the last bit.
     A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
@@ -309,12 +294,18 @@ def identify(
     estimator = make_estimator(DEFAULT_METHOD if refined else method)
     measurements = readable(problem, measurements, "identify(measurements=...)")
     _check_method(estimator, refined, isinstance(measurements, BlackBox), proof is not None)
-    chosen = effects, preprocessing, weighting, gain_uncertainty, known_loads, seed
     if refined and isinstance(measurements, Measurements):
         measurements.require_torque(f"method {OUTPUT_ERROR}")
+    chosen = effects, preprocessing, weighting, gain_uncertainty, known_loads, seed
     options = PoseOptions(*chosen, known or {}, instruments)
     posed = pose(problem, measurements, options, progress, workers)
-    fit = _fitted(posed.task, estimator, proof)
+    posed.task.progress(f"estimating by {estimator.name}")
+    try:
+        fit = estimator.fit(posed.task)
+    except Infeasible as error:
+        if proof is not None and error.proof:
+            write_proof(infeasibility_proof(*error.proof, posed.task.bound), proof)
+        raise
     estimate = build_estimate(posed, estimator, fit, workers)
     if refined:
         linear, fit = refine(estimate, posed, estimator)
@@ -325,17 +316,6 @@ def identify(
         made_of = {"model": estimate.identity, "data": posed.measurements.data_hash}
         write_proof(proved(posed.task, fit, estimate.theta, estimate.method, made_of), proof)
     return estimate
-
-
-def _fitted(task: Task, estimator: Estimator, proof: str | Path | None) -> Fit:
-    """What the estimator makes of it; a proof is written where nothing satisfies all constraints."""
-    task.progress(f"estimating by {estimator.name}")
-    try:
-        return estimator.fit(task)
-    except Infeasible as error:
-        if proof is not None and error.proof:
-            write_proof(infeasibility_proof(*error.proof, task.bound), proof)
-        raise
 
 
 def _check_method(estimator: Estimator, refined: bool, black_box: bool, proof: bool) -> None:

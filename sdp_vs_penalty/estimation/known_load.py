@@ -11,10 +11,10 @@ reading g_j times the true torque,
 is solved for theta, psi and ln g by Gauss-Newton on the compressed runs, with weak priors: gains are
 within ``GAIN_PRIOR`` of one, and the load lies within ``LOAD_REACH`` of the last link's frame.
 
-A log without torque shows its gains' ratios, not their scale. Of 0 = L theta - kp e the least
-squares shrink theta, and with it everything; divided by the gain, e = L theta / kp, they do not. So
-that is what :func:`balanced` solves, for all joints together, for the start of the convex problem
-that is posed (:mod:`~sdp_vs_penalty.regression.instruments`).
+A log without torque shows its gains' ratios, not their scale. Least squares of 0 = L theta - kp e shrink
+everything; divided by the gain, e = L theta / kp, they do not: :func:`balanced` solves that for all
+joints together, the start of the convex problem that is posed
+(:mod:`~sdp_vs_penalty.regression.instruments`).
 """
 
 from __future__ import annotations
@@ -186,25 +186,23 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
     p, gains = regression.p, np.array(model.error_gains)
     links, nominal = model.rigid_indices, problem.nominal(model)
     rest = np.setdiff1d(np.arange(p), gains)
-    errors, loads, of_links = list[Array](), list[Array](), list[Array]()
+    white = list[Array]()
     for f, at in zip(regression.per_joint, gains, strict=True):
         wide = np.zeros((len(f.triangle), p))
         wide[:, f.indices] = f.triangle[:, :-1]
-        e, own = -wide[:, at], wide[:, rest]
-        left, whole = np.linalg.norm(partialled(own, e)), np.linalg.norm(e)
+        left, whole = np.linalg.norm(partialled(wide[:, rest], wide[:, at])), np.linalg.norm(wide[:, at])
         s = max(float(left), 1e-9 * float(whole)) / np.sqrt(max(f.rows, 1))
         if s == 0.0:
             raise InputError(
                 f"joint {f.joint + 1} does not move, or follows its command without error",
                 "check the columns qcmd1..qcmdn",
             )
-        errors.append(e / s)
-        loads.append(own / s)
-        of_links.append(wide[:, links] / s)
-    e, owner = np.concatenate(errors), np.repeat(np.arange(len(gains)), [len(e) for e in errors])
-    L, L_links = np.vstack(loads), np.vstack(of_links)
-    pulls = [np.linalg.norm(own @ nominal[links]) for own in of_links]
-    start = np.maximum([w / np.linalg.norm(x) for w, x in zip(pulls, errors, strict=True)], 1e-6)
+        white.append(wide / s)
+    whole, owner = np.vstack(white), np.repeat(np.arange(len(gains)), [len(x) for x in white])
+    e, L, L_links = -whole[np.arange(len(whole)), gains[owner]], whole[:, rest], whole[:, links]
+    pulls = [np.linalg.norm(own[:, links] @ nominal[links]) for own in white]
+    pushes = [np.linalg.norm(own[:, at]) for own, at in zip(white, gains, strict=True)]
+    start = np.maximum(np.divide(pulls, pushes), 1e-6)
 
     def fitted(x: Array) -> tuple[Array, Array, Array]:
         """psi, what remains, and its change with ln kp (Kaufman, BIT 1975)."""
@@ -256,22 +254,19 @@ def factor_of_known(
 
     Raises InputError for what motion does not tell by itself.
     """
-    names = [p.name for p in model.parameters]
-    free = ~model.drives
+    names, free = [p.name for p in model.parameters], ~model.drives
     told, share = regression.keeping(free).least_squares(), np.ones(len(names))
     share[free] = told.own_torque / or_one(told.column_norms)
     for name in known:
+        wrong = ""
         if name.startswith("total"):
-            raise InputError(
-                "--known total: the first link's mass makes no torque, so a total is no scale", _SCALES
-            )
-        if name not in names:
-            raise InputError(f"--known {name}: the model has no such parameter", _SCALES)
-        k = names.index(name)
-        if share[k] <= SCALE_TOLD or theta[k] == 0.0:
-            raise InputError(
-                f"--known {name}: motion shows it only in sums with others, so it sets no scale", _SCALES
-            )
+            wrong = "the first link's mass makes no torque, so a total is no scale"
+        elif name not in names:
+            wrong = "the model has no such parameter"
+        elif share[names.index(name)] <= SCALE_TOLD or theta[names.index(name)] == 0.0:
+            wrong = "motion shows it only in sums with others, so it sets no scale"
+        if wrong:
+            raise InputError(f"--known {name}: {wrong}", _SCALES)
     name, value = next(iter(known.items()))
     return float(value / theta[names.index(name)])
 
@@ -299,11 +294,10 @@ def factor_of_motors(
     bare, shares = replace(model, known={}), []
 
     def filtered(whole: Measurements, joint: int) -> Array:
-        parts = []
-        for rows in (filtered_torque(run, bare, settings) for run in whole.runs()):
-            x = rows.torque[:, joint]
-            parts.append(partialled(np.column_stack([np.ones(len(x)), rows.motion.dq[:, joint]]), x))
-        return np.concatenate(parts)
+        runs = [filtered_torque(run, bare, settings) for run in whole.runs()]
+        others = [np.stack([np.ones(len(x.torque)), x.motion.dq[:, joint]], axis=1) for x in runs]
+        pairs = zip(others, runs, strict=True)
+        return np.concatenate([partialled(some, rows.torque[:, joint]) for some, rows in pairs])
 
     made = with_drive_torque(model, theta, data)
     for (column, j), constant in motors.items():

@@ -43,13 +43,12 @@ def noise_level(
 
 def with_parameters(runs: SegmentedRuns, model: Model, theta: Array) -> SegmentedRuns:
     """The same runs with a model's parameters as the current model."""
+    return replace(runs.with_model(lambda m: with_current(model, theta, m)), gains=model.gains)
+
+
+def with_current(model: Model, theta: Array, motion: Motion) -> Motion:
+    """The motion with a model's torque, links (none: without mass) and widths of signs."""
     links = theta[model.rigid_indices].reshape(-1, 10)
-    if not len(links):
-        links = np.zeros((model.robot.links, 10))
-    current, width = CurrentModel(model.robot, links), model.sign_width
-
-    def attach(motion: Motion) -> Motion:
-        torque = model.torque(theta, motion)
-        return replace(motion, torque=torque, current=current, sign_width=width)
-
-    return replace(runs.with_model(attach), gains=model.gains)
+    current = CurrentModel(model.robot, links if len(links) else np.zeros((model.robot.links, 10)))
+    torque = model.torque(theta, motion)
+    return replace(motion, torque=torque, current=current, sign_width=model.sign_width)

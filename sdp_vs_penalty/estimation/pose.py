@@ -24,13 +24,14 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot, unknown
 from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
-from sdp_vs_penalty.estimation.servo import servo_filters, servo_log, with_instruments
+from sdp_vs_penalty.estimation.servo import servo_filters, servo_log
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task, no_progress
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, compress_black_box, load_answers
+from sdp_vs_penalty.regression.instruments import commanded_motion
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -82,8 +83,7 @@ class Posed:
     they in the columns of task.model; task : what every estimator minimises; gain_errors (n, e) : factor
     of the covariance of the gains' relative errors; details : shapes and gains, plain JSON, and where
     the rows are made with a servo's law, "recipe" (:meth:`PoseOptions.recipe`), from which the same
-    problem follows again, with the scale that known loads gave a log without torque; beside torque they
-    leave none.
+    problem follows, with the scale that known loads gave a log without torque.
     """
 
     problem: Problem
@@ -105,10 +105,9 @@ def pose(
 ) -> Posed:
     """The optimisation problem of identifying ``problem`` from ``measurements``.
 
-    Open shape constants are estimated first, then gains from known loads, then the current model
-    that some effects refer to; the rows in these columns are compressed, and weighted by joint. A
-    black box's answers have no friction, filters or noise: one effect, equal weights.
-    Raises InputError for input that cannot be used.
+    Open shape constants are estimated first, then gains from known loads, then the current model that
+    some effects refer to; rows in these columns are compressed, and weighted by joint. A black box has
+    no friction, filters or noise: one effect, equal weights. Raises InputError for unusable input.
     """
     problem = as_problem(problem, "pose(problem=...)")
     data = readable(problem, measurements, "pose(measurements=...)")
@@ -134,8 +133,7 @@ def pose(
         model = replace(model, effects=with_shapes(model.effects, shapes))
         details = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
         if options.instruments == "command":
-            progress("simulating the command")
-            data = with_instruments(problem, model.effects, data, settings, options.weighting)
+            data = commanded_motion(data)
     else:
         wanted = options.known, options.weighting, progress, options.instruments != "none"
         chosen = options.effects is not None
@@ -197,12 +195,9 @@ def with_reference(
     progress: Progress = no_progress,
     passes: int = 2,
 ) -> Model:
-    """The model with the current model that its torque-dependent effects refer to.
-
-    Least squares without those effects, then ``passes - 1`` times with them: the reference is what
-    the other effects are estimated to be when these have taken their share. compressed : the training
-    data in the columns of a model.
-    """
+    """The model with the current model that its torque-dependent effects refer to: least squares without
+    those effects, then ``passes - 1`` times with them. compressed : the training data in the columns of
+    a model."""
     reference = np.zeros(len(model.parameters))
     for k in range(passes):
         progress(f"the current model, pass {k + 1} of {passes}")

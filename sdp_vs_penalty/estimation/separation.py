@@ -10,9 +10,9 @@ parameters cost; delta^2 grows with the run. theta has the size that a user name
 A's parameters that B can make best; the smaller of A against B and B against A counts. Of one effect
 alone the other hypothesis is that it is not there.
 
-Motions go from point to point. Random ones are drawn, the best is changed at random as long as that
-helps (a (1 + 1) evolution strategy: Rechenberg 1973); each keeps the limits of position, velocity,
-acceleration, jerk and torque, and does not touch the arm itself.
+Motions go from point to point within the limits of position, velocity, acceleration, jerk and torque,
+without touching the arm itself: random ones, the best of which is changed at random as long as that
+helps (a (1 + 1) evolution strategy: Rechenberg 1973).
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ import numpy as np
 from scipy import optimize, special
 
 from sdp_vs_penalty.effects import parse_effects
-from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
+from sdp_vs_penalty.effects.effect import Effect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.excitation import Limits, independent_rate, shrunk
+from sdp_vs_penalty.estimation.noise_level import with_current
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.self_collision import SelfCollision
 from sdp_vs_penalty.robot.trajectory import PointTrajectory, random_trajectory, shortest_moves
@@ -101,10 +102,7 @@ class Hypotheses:
         """A motion with the model's torque and links, sampled."""
         t = np.arange(0.0, duration, 1.0 / _RATE)
         motion = Motion(t, *states(t))
-        e = self.estimate
-        links = e.links if len(e.links) else np.zeros((e.robot.links, 10))
-        current = CurrentModel(e.robot, links)
-        return replace(motion, torque=e.torque(motion), current=current, sign_width=e.model.sign_width)
+        return with_current(self.estimate.model, self.estimate.theta, motion)
 
     def _white(self, effect: Effect, motion: Motion) -> Array:
         """(n, N, k)."""
@@ -115,20 +113,16 @@ class Hypotheses:
 
     def distance(self, motion: Motion) -> float:
         """delta^2 of a motion, counted in independent rows."""
-        e, N = self.estimate, len(motion.t)
-        base = np.zeros((e.robot.n, N, len(e.model.parameters)))
-        for j, c in enumerate(e.model.columns(replace(motion, torque=None, current=None))):
-            base[j][:, c.indices] = c.columns / self.noise[j]
-        X = base.reshape(e.robot.n * N, -1)
-        A, *others = (
+        model = self.estimate.model
+        columns = model.columns(replace(motion, torque=None, current=None))
+        own = zip(columns, self.noise, strict=True)
+        X = np.vstack([c.wide(len(model.parameters)) / noise for c, noise in own])
+        parts = [
             self._white(effect, motion).reshape(len(X), -1) * scale
             for effect, scale in zip(self.effects, self.scale, strict=True)
-        )
-        B = others[0] if others else X[:, :0]
-        found = _apart(X, A, B)
-        if others:
-            found = min(found, _apart(X, B, A))
-        return found * self.row_rate / _RATE
+        ]
+        pairs = [(parts[0], parts[1]), (parts[1], parts[0])] if parts[1:] else [(parts[0], X[:, :0])]
+        return min(_apart(X, A, B) for A, B in pairs) * self.row_rate / _RATE
 
     def right(self, delta2: float, seconds: float) -> float:
         """Probability that the sum of squares decides rightly, whichever of the two is true."""
@@ -143,9 +137,10 @@ class Hypotheses:
             return self.right(delta2 * np.exp(log) / seconds, np.exp(log)) - LEVEL
 
         first, last = np.log([1e-3, 1e7])
-        if short(last) < 0.0 or short(first) >= 0.0:
-            return float("inf") if short(last) < 0.0 else 1e-3
-        return float(np.exp(optimize.brentq(short, first, last, xtol=1e-4)))
+        if short(last) < 0.0:
+            return float("inf")
+        found = first if short(first) >= 0.0 else optimize.brentq(short, first, last, xtol=1e-4)
+        return float(np.exp(found))
 
 
 def _apart(X: Array, A: Array, B: Array) -> float:
@@ -191,14 +186,10 @@ def separate(
     search = _Search(hypotheses, bounds, collision, duration, np.random.default_rng(seed))
     search.run(iterations, progress)
     usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
-    motions = (hypotheses.motion(states, duration) for states in usual)
-    default = float(np.median([hypotheses.distance(motion) for motion in motions]))
-    (right, seconds), (right_before, before) = (
-        (hypotheses.right(delta2, duration), hypotheses.needed(delta2, duration))
-        for delta2 in (search.value, default)
-    )
-    told = right, right_before, seconds, before, hypotheses.scale, collision is not None
-    return Separation(search.best, search.value, default, *told)
+    default = float(np.median([hypotheses.distance(hypotheses.motion(s, duration)) for s in usual]))
+    each = search.value, default
+    right, seconds = ([of(x, duration) for x in each] for of in (hypotheses.right, hypotheses.needed))
+    return Separation(search.best, *each, *right, *seconds, hypotheses.scale, collision is not None)
 
 
 class _Search:
@@ -248,11 +239,10 @@ class _Search:
         return points, slow, self.rng.uniform(0.0, _PAUSE, count) * self.rng.random()
 
     def _changed(self, reach: float) -> tuple[Array, Array, Array]:
-        points, slow, pauses = (x.copy() for x in self.now)
+        points, slow, pauses = self.now
         share = self.rng.choice([0.1, 0.3, 1.0])
         step = reach * (self.high - self.low) * self.rng.normal(size=points.shape)
-        points += step * (self.rng.random(points.shape) < share)
-        points = np.clip(points, self.low, self.high)
+        points = np.clip(points + step * (self.rng.random(points.shape) < share), self.low, self.high)
         which = self.rng.random(len(slow)) < share
         slow = np.clip(slow * np.exp(which * reach * 2.0 * self.rng.normal(size=len(slow))), 1.0, 10.0)
         pauses = np.clip(pauses + reach * _PAUSE * self.rng.normal(size=len(pauses)), 0.0, _PAUSE)

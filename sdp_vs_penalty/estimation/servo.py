@@ -51,7 +51,7 @@ from sdp_vs_penalty.estimation.known_load import (
 from sdp_vs_penalty.estimation.shape_constants import prior_deviation, with_sensitivities
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
+from sdp_vs_penalty.estimators.estimator import Progress, make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import compress, compress_cells
@@ -318,20 +318,6 @@ def servo_log(
     return ServoLog(
         replace(model, known=scale, reference=factor * model.reference), used, details, error
     )
-
-
-def with_instruments(
-    problem: Problem,
-    effects: Sequence[Effect],
-    data: Measurements,
-    settings: Preprocessing,
-    weighting: str,
-) -> Measurements:
-    """A log with torque, and the motion that its servos make of the command: that needs no scale."""
-    groups = {name: block for name, block in data.groups.items() if name not in ("tau", "tauff")}
-    silent = Measurements.of(data.t, groups, data.names, data.run)
-    made = servo_log(problem, effects, silent, settings, {}, weighting, no_progress).measurements
-    return replace(data, commanded=made.commanded)
 
 
 def _parts(

@@ -6,14 +6,12 @@ those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a function of 
 Columns are computed on a grid of u once, and are cubic splines of ln u between its values. Where data
 tell a constant more finely, columns at the value itself follow (:func:`shape_constants.settled`).
 
-Every fold of the motion is left out once, all constants are found anew from the rest (by one step of
-Gauss and Newton), and the fold is predicted with a constant as found there and as the model has it.
-With r what the former leaves of the torque and d the difference of the two predictions, sum_k |d_k|^2 +
-2 r_k'd_k is what it takes from the squared error of all folds k. A constant is confirmed where that
-exceeds Student's 95 % quantile times its own deviation: the larger of sqrt(sum_k (2 r_k'd_k)^2), which
-holds for noise of any colour, and what white noise would make of it. Else the model's own value stays:
-the simpler model unless another is significantly better (Breiman et al., Classification and Regression
-Trees, 1984, sec. 3.4.3).
+Every fold k of the motion is left out once, constants are found anew from the rest (one step of Gauss
+and Newton), and the fold is predicted with a constant as found there and as the model has it. With r
+what the former leaves and d the difference of the two, sum_k |d_k|^2 + 2 r_k'd_k is taken from the
+squared error. A constant is confirmed where that exceeds Student's 95 % quantile times its deviation:
+sqrt(sum_k (2 r_k'd_k)^2), for noise of any colour, at least that of white noise; else the model's own
+value stays, the simpler model (Breiman et al., Classification and Regression Trees, 1984, 3.4.3).
 """
 
 from __future__ import annotations
@@ -57,20 +55,18 @@ class ShapeEstimate(Plain):
     shape: str
     before: float
     after: float
-    std: float
-    gain: float
-    at_end: bool
+    std: float = np.inf
+    gain: float = 0.0
+    at_end: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """joint counts from 1; std is null where the data do not bound the constant on both sides."""
-        std = self.std if np.isfinite(self.std) else None
-        return {**super().to_dict(), "joint": self.joint + 1, "std": std}
+        return {**super().to_dict(), "joint": self.joint + 1}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What :meth:`to_dict` wrote."""
-        std = np.inf if data["std"] is None else data["std"]
-        return super().from_dict({**data, "joint": data["joint"] - 1, "std": std})
+        return super().from_dict({**data, "joint": data["joint"] - 1})
 
 
 def at_end(u: float, low: float, high: float) -> bool:
@@ -136,13 +132,8 @@ def estimate_shapes(
         return found
     near = replace(model, effects=with_shapes(model.effects, found))
     best = settled(near, fine, compressed, weighting).model
-    return [
-        replace(s, after=value)
-        for s in found
-        for e in best.effects
-        if e.name == s.effect and s.joint in e.joints
-        for value in (e.shape[s.shape],)
-    ]
+    values = {(e.name, j, key): x for e in best.effects for j in e.joints for key, x in e.shape.items()}
+    return [replace(s, after=values[s.effect, s.joint, s.shape]) for s in found]
 
 
 @dataclass(frozen=True)
@@ -164,8 +155,8 @@ class _Cells:
 @dataclass(frozen=True)
 class _Bank:
     """One shape constant of one effect on one joint: the value that the model has, the values (K,) whose
-    columns are known, where these (K, k) stand among all others, the ends of its range, and of ln u the
-    weights (K,) of each value's columns, a cubic spline."""
+    columns are known (the first and the last are the range), where these (K, k) stand among all others,
+    and of ln u the weights (K,) of each value's columns, a cubic spline."""
 
     effect: Effect
     joint: int
@@ -173,15 +164,19 @@ class _Bank:
     now: float
     values: Array
     columns: NDArray[np.intp]
-    ends: tuple[float, float]
     weights: Any
+
+    @cached_property
+    def ends(self) -> Array:
+        """(2,) of its range, ln u."""
+        return np.log(self.values[[0, -1]])
 
 
 def _with_banks(
     model: Model, wanted: Sequence[tuple[Effect, int, str]], beyond: int
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
-    """The model with the columns of each open constant at all values of its grid, where all other
-    columns stand, and where those of the grids do."""
+    """The model with the columns of each open constant at all values of its grid; where all other
+    columns stand; the grids."""
     from scipy.interpolate import CubicSpline
 
     own = [effect for effect, _, _ in wanted]
@@ -192,14 +187,13 @@ def _with_banks(
         grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
         grid = (*grid, *(grid[-1] * 2.0**k for k in range(1, beyond + 1)))
         ends, now = (grid[0], grid[-1]), effect.shape[key]
-        if ends[0] <= now <= ends[1]:  # in place of those within a tenth of it: exact there as well
+        if ends[0] <= now <= ends[-1]:  # in place of those within a tenth of it: exact there as well
             grid = tuple(sorted({now, *(g for g in grid if g in ends or abs(np.log(g / now)) > 0.1)}))
         parts.append(_Grid([alone(effect, joint, **{key: value}) for value in grid]))
         columns = first + np.arange(len(parts[-1].parameters)).reshape(len(grid), -1)
         first += columns.size
         spline = CubicSpline(np.log(grid), np.eye(len(grid)))
-        one = alone(effect, joint)
-        banks.append(_Bank(one, joint, key, now, np.array(grid), columns, ends, spline))
+        banks.append(_Bank(alone(effect, joint), joint, key, now, np.array(grid), columns, spline))
     return Model(model.robot, (*fixed, *parts), gains=model.gains, known=model.known), base, banks
 
 
@@ -263,7 +257,7 @@ class _Profile:
     @cached_property
     def now(self) -> Array:
         """(B,) ln u as the model has them, or the nearest that is known."""
-        return np.array([np.log(np.clip(b.now, b.values[0], b.values[-1])) for b in self.banks])
+        return np.array([np.clip(np.log(b.now), *b.ends) for b in self.banks])
 
     @cached_property
     def _parts(self) -> tuple[list[Array], NDArray[np.bool_], NDArray[np.bool_]]:
@@ -302,12 +296,10 @@ class _Profile:
             used &= ~pushes
 
     def near(self, found: Sequence[ShapeEstimate]) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
-        """Columns (p, d) in which a fit near what was found is linear; (d,) whose each is, -1 of no
-        bank, and whether it is new.
-
-        First what the other columns show, then each bank's columns at the value that the model has; new
-        are, of a constant that moves, those at its new value, and within its range their derivative (for
-        one step of Gauss and Newton).
+        """Columns (p, d) in which a fit near what was found is linear: what the other columns show, each
+        bank's at the value that the model has, and, of a constant that moves, those at its new value
+        and, within its range, their derivative; (d,) whose each is, -1 of no bank, and whether it is
+        new.
         """
         u = np.log([s.after for s in found])
         theta, owner = self._solved(u)[0], self._parts[1]
@@ -357,7 +349,7 @@ class _Profile:
             out[free] = x
             return out
 
-        low, high = np.log([[self.banks[k].values[0], self.banks[k].values[-1]] for k in free]).T
+        low, high = np.transpose([self.banks[k].ends for k in free])
         return all_of(least_squares(at, start[free], (low, high), xtol=1e-4, ftol=1e-6, steps=50)[0])
 
     def estimates(self) -> list[ShapeEstimate]:
@@ -372,7 +364,7 @@ class _Profile:
         slopes = self.at(u)[1]
         out = []
         for k, bank in enumerate(self.banks):
-            low, high = np.log(bank.ends)
+            low, high = bank.ends
             own = float(np.linalg.norm(partialled(np.delete(slopes, k, axis=1), slopes[:, k])))
             std = np.sqrt(self.variance) / own if own > 0.0 else np.inf
             # As many digits as a written effect has; a spread wider than the range bounds nothing.
@@ -446,21 +438,9 @@ def with_shapes(effects: Sequence[Effect], found: Sequence[ShapeEstimate]) -> tu
 def asked_effects(effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]) -> list[str]:
     """How effects are written so that `identify` estimates again what it has estimated: ``shapes`` as
     an estimate's details hold them."""
-    estimated = {(s["effect"], s["joint"] - 1) for s in shapes}
-    joints: dict[str, list[int]] = {}
-    out: list[str] = []
-    for effect in effects:
-        if not all((effect.name, j) in estimated for j in effect.joints):
-            out.append(effect.text)
-        elif effect.name in joints:
-            joints[effect.name] += effect.joints
-        else:
-            joints[effect.name] = list(effect.joints)
-            out.append(effect.name)
+    estimated, asked = {(s["effect"], s["joint"] - 1) for s in shapes}, dict[str, list[str]]()
+    for e in effects:
+        open_ = all((e.name, j) in estimated for j in e.joints)
+        asked.setdefault(e.name if open_ else e.text, []).extend(str(j + 1) for j in e.joints if open_)
     every = effects[0].robot.n if effects else 0
-    return [
-        f"{name}:{'+'.join(str(j + 1) for j in joints[name])}"
-        if name in joints and len(joints[name]) < every
-        else name
-        for name in out
-    ]
+    return [f"{x}:{'+'.join(own)}" if 0 < len(own) < every else x for x, own in asked.items()]

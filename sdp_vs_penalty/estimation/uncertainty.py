@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +21,11 @@ from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.estimation.constants import IDENTIFIABLE_WIDTH, LEVEL, NORMAL_95, WEAK_WIDTH
 from sdp_vs_penalty.estimation.sandwich import Sandwich, sandwich, stretched
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
-from sdp_vs_penalty.estimators.estimator import joint_weights, with_plausible
+from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.files.plain import Plain
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
+from sdp_vs_penalty.regression.base_parameters import BaseParameters
 from sdp_vs_penalty.regression.partial import smallest
-from sdp_vs_penalty.regression.regression import Regression, nearest_least_squares
+from sdp_vs_penalty.regression.regression import Regression
 from sdp_vs_penalty.robot.arrays import Array
 
 IDENTIFIABLE, WEAKLY, NOT_SEEN = "identifiable", "weakly", "not seen"
@@ -45,21 +44,10 @@ class Interval(Plain):
     name: str
     unit: str
     value: float
-    std: float
-    lower: float
-    upper: float
-    verdict: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """As in model.json: null where the data say nothing."""
-        own = super().to_dict()
-        return {k: None if isinstance(x, float) and not np.isfinite(x) else x for k, x in own.items()}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote."""
-        none = {"std": np.nan, "lower": -np.inf, "upper": np.inf}
-        return super().from_dict({k: none.get(k) if x is None else x for k, x in data.items()})
+    std: float = np.nan
+    lower: float = -np.inf
+    upper: float = np.inf
+    verdict: str = NOT_SEEN
 
     def widened(self, extra: float) -> Interval:
         """With an independent error of the standard deviation ``extra`` more; a lower end at zero is a
@@ -78,7 +66,7 @@ def intervals_of(
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         value, least, std = (float(x) for x in figures[:, k])
         if np.isnan(std):
-            out.append(Interval(name, unit, value, np.nan, -np.inf, np.inf, NOT_SEEN))
+            out.append(Interval(name, unit, value))
             continue
         half = NORMAL_95 * std
         low, high = max(least - half, limits[k, 0]), min(least + half, limits[k, 1])
@@ -88,19 +76,16 @@ def intervals_of(
     return tuple(out)
 
 
-def physical_limits(problem: Problem, model: Model) -> Array:
+def physical_limits(task: Task) -> Array:
     """(p, 2) smallest and largest value that a parameter can have by the problem's bounds: masses and
     moments of inertia are not negative, nor is friction."""
-    bound = problem.parameter_bound(model)
-    limits = np.column_stack([-bound, bound])
-    limits[:, 0] = np.maximum(limits[:, 0], [p.lower for p in model.parameters])
-    for link, indices in enumerate(model.rigid_indices.reshape(-1, 10)):
-        limits[indices[0], 0] = problem.box[link, 0, 0]
-    for body in problem.constraints(model).convex:
+    low = np.maximum(-task.bound, [p.lower for p in task.model.parameters])
+    low[task.links[:, 0]] = task.box[: len(task.links), 0, 0]
+    for body in task.constraints.convex:
         if body.family == "pseudo-inertia":
             own = body.indices[[0, 4, 6, 9]]
-            limits[own, 0] = np.maximum(limits[own, 0], 0.0)
-    return limits
+            low[own] = np.maximum(low[own], 0.0)
+    return np.column_stack([low, task.bound])
 
 
 def combined_limits(rows: Array, limits: Array) -> Array:
@@ -146,10 +131,8 @@ class Uncertainty:
     @classmethod
     def unknown(cls, model: Model, theta: Array) -> Uncertainty:
         """Of a model of which nothing but the parameters is known."""
-        standard = tuple(
-            Interval(p.name, p.unit, float(x), np.nan, -np.inf, np.inf, NOT_SEEN)
-            for p, x in zip(model.parameters, theta, strict=True)
-        )
+        pairs = zip(model.parameters, theta, strict=True)
+        standard = tuple(Interval(p.name, p.unit, float(x)) for p, x in pairs)
         p, n = len(theta), model.robot.n
         return cls(standard, (), np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n), np.zeros((n, 0)))
 
@@ -220,155 +203,113 @@ class Uncertainty:
         )
 
 
-class _Evidence:
-    """Compressed data of a model, which may have the columns of its shape constants behind its own.
+def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> Sandwich:
+    """Of a task's data, in its columns and maybe those of shape constants behind them: without constants
+    on a grid that the data do not contradict, since such a value is taken for the true one."""
 
-    centre (p,) : least squares next to the nominal robot; smallest (p,) : the smallest ones; known : the
-    sandwich, without constants on a grid that the data do not contradict: such a value is taken for the
-    true one; largest (p,) : value that bounds or the measured torque allow each parameter.
-    """
+    def of(regression: Regression) -> Sandwich:
+        # A shape constant has a standard normal prior.
+        scale = np.append(task.model.plausible, np.ones(regression.p - len(task.bound)))
+        return replace(sandwich(regression, task.weights, scale), taken_white=white)
 
-    def __init__(
-        self,
-        problem: Problem,
-        model: Model,
-        regression: Regression,
-        weighting: str,
-        white: bool = False,
-        own: Regression | None = None,
-    ) -> None:
-        self.problem, self.model, self.regression = problem, model, regression
-        self.p, self.bound, nominal = (
-            len(model.parameters),
-            problem.parameter_bound(model),
-            problem.nominal(model),
+    known, agrees = of(regression), np.array([q.effect == ON_A_GRID for q in regression.parameters])
+    if agrees.any():
+        half = known.half_widths(np.eye(regression.p)[agrees], LEVEL)
+        agrees[agrees] = np.abs(known.solution[agrees]) <= half
+    return of(regression.keeping(~agrees)) if agrees.any() else known
+
+
+def _uncertainty(
+    task: Task,
+    own: Regression,
+    known: Sandwich,
+    value: Array,
+    base: BaseParameters,
+    constrained: bool,
+    gain_errors: Array,
+    gains: Array,
+    extra: Array,
+) -> Uncertainty:
+    """own : the data in the task's columns; extra (p, e) : factor of the covariance of a known error."""
+    parameters, p, data = task.model.parameters, len(task.bound), task.data
+    limits = physical_limits(task) if constrained else np.tile([-np.inf, np.inf], (p, 1))
+    norms = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
+    largest = np.fmin(task.bound, np.sqrt(data.tau_squared) / norms)
+
+    def told(base: BaseParameters) -> tuple[Interval, ...]:
+        rows = base.rows
+        noise = known.half_widths(_padded(known, rows), LEVEL) / NORMAL_95
+        if known.regression.p > p:
+            # Constants that stay on a grid, or were given, are one step from the least loss.
+            noise = np.hypot(noise, rows @ (known.solution[:p] - smallest(data.R, data.rho)))
+        other = np.hstack([rows @ extra, rows @ gains @ gain_errors])
+        std = np.hypot(noise, np.linalg.norm(other, axis=1))
+        return intervals_of(
+            base.names,
+            [parameters[k].unit for k in base.leading],
+            np.stack([rows @ value, rows @ task.ols, std]),
+            combined_limits(rows, limits),
+            np.fmin(np.abs(rows) @ task.bound, largest[base.leading]),
         )
-        self.narrow = narrow = own or regression.keeping(np.arange(regression.p) < self.p)
-        weights = np.ones(regression.joints)
-        if weighting != "none":
-            first = with_plausible(narrow.least_squares(), model, narrow.oversampling)
-            weights = joint_weights(narrow, nearest_least_squares(first, nominal, self.bound))
-        data = narrow.least_squares(weights)
-        told = with_plausible(data, model, narrow.oversampling)
-        self.centre = nearest_least_squares(told, nominal, self.bound)
-        self.smallest = smallest(told.R, told.rho)
-        norms = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
-        self.largest = np.fmin(self.bound, np.sqrt(data.tau_squared) / norms)
 
-        def of(regression: Regression) -> Sandwich:
-            """A shape constant has a standard normal prior."""
-            scale = np.append(model.plausible, np.ones(regression.p - self.p))
-            return replace(sandwich(regression, weights, scale), taken_white=white)
+    each = BaseParameters(np.eye(p), [q.name for q in parameters], list(range(p)))
+    noise = np.sqrt(own.joint_losses(value) / np.maximum(own.joint_rows(), 1))
+    spread = np.hstack([known.factor[:p], extra])
+    return Uncertainty(told(each), told(base), spread, gains, noise, gain_errors)
 
-        self.known = of(regression)
-        gridded = np.array([q.effect == ON_A_GRID for q in regression.parameters])
-        if gridded.any():
-            half = self.known.half_widths(np.eye(regression.p)[gridded], LEVEL)
-            agrees = np.zeros_like(gridded)
-            agrees[gridded] = np.abs(self.known.solution[gridded]) <= half
-            self.known = of(regression.keeping(~agrees)) if agrees.any() else self.known
 
-    def padded(self, rows: Array) -> Array:
-        """Rows (k, p) with zeros for the shape constants."""
-        return np.pad(rows, ((0, 0), (0, self.known.regression.p - self.p)))
-
-    def uncertainty(
-        self,
-        value: Array,
-        base: BaseParameters,
-        constrained: bool,
-        gain_errors: Array,
-        gains: Array,
-        extra: Array,
-    ) -> Uncertainty:
-        """extra (p, e) : a factor of the covariance of a further error, which is known."""
-        limits = np.tile([-np.inf, np.inf], (self.p, 1))
-        if constrained:
-            limits = physical_limits(self.problem, self.model)
-
-        parameters = self.model.parameters
-
-        def told(base: BaseParameters) -> tuple[Interval, ...]:
-            rows = base.rows
-            noise = self.known.half_widths(self.padded(rows), LEVEL) / NORMAL_95
-            if self.known.regression.p > self.p:
-                # Constants that stay on a grid, or were given, are one step from the least loss.
-                noise = np.hypot(noise, rows @ (self.known.solution[: self.p] - self.smallest))
-            known = np.hstack([rows @ extra, rows @ gains @ gain_errors])
-            std = np.hypot(noise, np.linalg.norm(known, axis=1))
-            return intervals_of(
-                base.names,
-                [parameters[k].unit for k in base.leading],
-                np.stack([rows @ value, rows @ self.centre, std]),
-                combined_limits(rows, limits),
-                np.fmin(np.abs(rows) @ self.bound, self.largest[base.leading]),
-            )
-
-        each = BaseParameters(np.eye(self.p), [q.name for q in parameters], list(range(self.p)))
-        rows = np.maximum(self.regression.joint_rows(), 1)
-        return Uncertainty(
-            told(each),
-            told(base),
-            np.hstack([self.known.factor[: self.p], extra]),
-            gains,
-            np.sqrt(self.narrow.joint_losses(value) / rows),
-            gain_errors,
-        )
+def _padded(known: Sandwich, rows: Array) -> Array:
+    """Rows (k, p) with zeros for the shape constants."""
+    return np.pad(rows, ((0, 0), (0, known.regression.p - rows.shape[1])))
 
 
 def of_regression(
-    problem: Problem,
-    model: Model,
-    regression: Regression,
+    task: Task,
+    own: Regression,
+    base: BaseParameters,
     theta: Array | None = None,
     *,
-    base: BaseParameters | None = None,
-    weighting: str = "noise",
+    wide: Regression | None = None,
     constrained: bool = False,
     gain_errors: Array | None = None,
     white: bool = False,
-    own: Regression | None = None,
 ) -> Uncertainty:
     """Intervals from compressed data.
 
-    regression : of the model, or of the model with :func:`with_sensitivities`, and then ``own`` of the
-    model, where the caller has it. theta (p,) : the estimate; default: least squares next to the nominal
-    robot. base : the model's base parameters, where the caller has them. constrained : whether it
-    satisfies the problem's constraints, and intervals are to; gain_errors (n, e) : a factor of the
-    covariance of the relative errors of the torque channels' gains; white : take the residual for white
-    noise: what the motion alone would show.
+    task, own : what was estimated from which data; wide : these in the columns of the model with
+    :func:`with_sensitivities`. theta (p,) : the estimate; default: least squares next to the nominal
+    robot. constrained : whether it satisfies the problem's constraints, and intervals are to;
+    gain_errors (n, e) : a factor of the covariance of the relative errors of the torque channels' gains;
+    white : take the residual for white noise: what the motion alone would show.
     """
-    evidence = _Evidence(problem, model, regression, weighting, white, own)
-    value = evidence.centre if theta is None else np.asarray(theta, float)
-    gains = evidence.known.gain_response(evidence.padded(value[None])[0])[: evidence.p]
-    nothing = np.zeros((evidence.p, 0))
-    errors = np.zeros((regression.joints, 0)) if gain_errors is None else gain_errors
-    base = base_rows(problem, model) if base is None else base
-    return evidence.uncertainty(value, base, constrained, errors, gains, nothing)
+    known = _sandwich_of(task, wide or own, white)
+    value = task.ols if theta is None else np.asarray(theta, float)
+    gains = known.gain_response(_padded(known, value[None])[0])[: len(value)]
+    errors = np.zeros((own.joints, 0)) if gain_errors is None else gain_errors
+    nothing = np.zeros((len(value), 0))
+    return _uncertainty(task, own, known, value, base, constrained, errors, gains, nothing)
 
 
 def beside_held(
-    problem: Problem,
-    model: Model,
+    task: Task,
     regression: Regression,
-    held: tuple[Model, Array, Uncertainty],
+    held: tuple[Array, Uncertainty],
+    held_base: BaseParameters,
     theta: Array,
     base: BaseParameters,
-    *,
-    constrained: bool = True,
     gain_errors: Array | None = None,
 ) -> Uncertainty:
-    """Of a model that is held fixed and effects that were fitted to what it leaves.
+    """Of a model that is held fixed and effects that were fitted to what it leaves, under constraints.
 
-    model, theta (k,), base : the new effects alone; regression : of the held model's columns, theirs,
-    and their shape constants'; held : the held model, its parameters and what is known of them, whose
-    error is an error of the torque that the new effects explain; gain_errors : as of
-    :func:`of_regression`, by default those of the held model.
+    task, theta (k,), base : of the new effects alone; regression : of the held model's columns, theirs,
+    and their shape constants'; held : the held model's parameters and what is known of them, whose error
+    is an error of the torque that the new effects explain; held_base : its base parameters;
+    gain_errors : as of :func:`of_regression`, by default those of the held model.
     """
-    held_model, fixed, old = held
-    evidence = _Evidence(problem, model, regression.beside(fixed), "noise")
+    (fixed, old), k, wide = held, len(theta), regression.beside(held[0])
+    known = _sandwich_of(task, wide)
     everything = np.zeros(regression.p)
-    everything[: len(fixed) + len(theta)] = np.concatenate([fixed, theta])
+    everything[: len(fixed) + k] = np.concatenate([fixed, theta])
     through, through_gains = [], []
     for f in regression.factors:
         rows, own = f.triangle[:, :-1], f.indices < len(fixed)
@@ -376,24 +317,18 @@ def beside_held(
         torque = -rows[:, own] @ old.gains[f.indices[own]]
         torque[:, f.joint] += rows @ everything[f.indices]
         through_gains.append(torque)
-    known, k = evidence.known, len(theta)
-    extra = known.response(through)[:k]
-    gains = known.response(through_gains)[:k]
+    extra, gains = known.response(through)[:k], known.response(through_gains)[:k]
     errors = old.gain_errors if gain_errors is None else gain_errors
-    new = evidence.uncertainty(theta, base, constrained, errors, gains, extra)
-    held_rows = base_rows(problem, held_model).rows
-    return _joined(old.with_gain_errors(errors, held_rows), new, extra.shape[1])
-
-
-def _joined(old: Uncertainty, new: Uncertainty, shared: int) -> Uncertainty:
-    """The last ``shared`` columns of the new spread are what the old one makes of it."""
-    own, through = np.split(new.spread, [new.spread.shape[1] - shared], axis=1)
-    below = np.hstack([through, own])
-    above = np.hstack([old.spread, np.zeros((len(old.spread), own.shape[1]))])
+    narrow = wide.keeping(np.arange(wide.p) < k)
+    new = _uncertainty(task, narrow, known, theta, base, True, errors, gains, extra)
+    old = old.with_gain_errors(errors, held_base.rows)
+    # The last columns of the new spread are what the old one makes of it.
+    own_spread, through_old = np.split(new.spread, [new.spread.shape[1] - extra.shape[1]], axis=1)
+    above = np.hstack([old.spread, np.zeros((len(old.spread), own_spread.shape[1]))])
     return replace(
         new,
         standard=old.standard + new.standard,
         base=old.base + new.base,
-        spread=np.vstack([above, below]),
+        spread=np.vstack([above, np.hstack([through_old, own_spread])]),
         gains=np.vstack([old.gains, new.gains]),
     )

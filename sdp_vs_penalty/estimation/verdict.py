@@ -214,23 +214,18 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
     """Why the links are not to be believed, in a sentence; "" where they are."""
     if certificate.not_found:
         return certificate.not_found
-    broken = {
-        family: value
-        for family, value in certificate.violations.items()
-        if value > ROUNDING and family != BarycentricBound.family
-    }
-    if broken:
-        family = max(broken, key=lambda name: broken[name])
-        return f"No robot is like this: constraints are violated ({family} by {broken[family]:.2g})."
+    found = {k: v for k, v in certificate.violations.items() if k != BarycentricBound.family}
+    family = max(found, key=lambda name: found[name], default="")
+    if found.get(family, 0.0) > ROUNDING:
+        return f"No robot is like this: constraints are violated ({family} by {found[family]:.2g})."
     if certificate.body_share is not None and certificate.body_share > 1.0 + 1e-6:
         return "A link's mass lies farther out than its body reaches."
     least = _LIGHTEST * float(np.sum(masses))
     light = [i + 1 for i, m in enumerate(masses) if m < least < 10.0 * nominal[i]]
     if light:
-        word = "Links" if len(light) > 1 else "Link"
-        verb = "weigh" if len(light) > 1 else "weighs"
-        each = f"less than a thousandth of the arm ({float(np.sum(masses)):.3g} kg)"
-        return f"{word} {formatting.words(light)} {verb} {each}."
+        few = "Links {} weigh" if len(light) > 1 else "Link {} weighs"
+        share = f"less than a thousandth of the arm ({float(np.sum(masses)):.3g} kg)"
+        return f"{few.format(formatting.words(light))} {share}."
     return ""
 
 

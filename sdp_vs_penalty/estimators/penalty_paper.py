@@ -8,12 +8,13 @@ xi = 0, 10, 20, 30, 40; ten independent runs, of which the one of least penalise
 external penalties g are linear in what they punish: (lambda_max(I) - tr(I) / 2)+ of each link (the
 triangle inequalities, eq. 16), the total mass [kg], the conditional bounds on centres of mass [m].
 
-A linear penalty is exact above some weight, but that weight grows with the data: it is the loss's
-multiplier, in (N m)^2 per kg m^2. At 40 the answer is in general not physically consistent.
+A linear penalty is exact above the loss's multiplier, in (N m)^2 per kg m^2, which grows with the data:
+at 40 the answer is in general not physically consistent.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -36,14 +37,13 @@ PAPER_BUDGET = 5 * 3000 * 91
 class PenaltyPaper(Estimator):
     """runs : independent runs from random starts inside the bounds; weights : xi of each step.
 
-    evaluations : of the loss in one run, shared equally by the steps, and in each step by annealing
-        and local search; both finish what they have begun, so that somewhat more are spent. The
-        default takes 7 s for ten runs on the Panda's 91 parameters; PAPER_BUDGET is
-        what the authors' program allows.
+    evaluations : of the loss in one run, shared equally by the steps, and in each step by annealing and
+        local search, which finish what they have begun; PAPER_BUDGET is what the authors' program
+        allows.
 
-    The local search here gets analytic gradients, which the authors' had to estimate: to its favour.
-    Friction and offsets are searched in one step with the links, inside their signs and
-    +-max(100, |tau| / |Y_k|) (the authors' +-100, wider where the torque asks for it).
+    The local search here gets analytic gradients, which the authors' had to estimate. Friction and
+    offsets are searched with the links, inside their signs and +-max(100, |tau| / |Y_k|) (the authors'
+    +-100).
     """
 
     name = "penalty-paper"
@@ -90,10 +90,8 @@ def retrieve(settings: PenaltyPaper, task: Task, data: LeastSquares, free: NDArr
         runs.append({**found, **worst, "evaluations": evaluations})
         if best is None or penalised < best[0]:
             best = (penalised, theta)
-        task.progress(
-            f"run {run + 1} of {settings.runs}: best {best[0]:.6g}, "
-            f"violation {runs[-1]['violation']:.1e}"
-        )
+        violation = runs[-1]["violation"]
+        task.progress(f"run {run + 1} of {settings.runs}: best {best[0]:.6g}, violation {violation:.1e}")
     theta = task.ols if best is None else best[1]
     return Fit(theta, Objective(data), task.constraints, details={"runs": runs})
 
@@ -160,67 +158,54 @@ class PenalisedLoss:
         """loss + weight g at u (d,)."""
         p = self.p(u)
         value = self.data.loss(self.box.theta(p))
-        return value if weight == 0.0 else value + weight * self.penalty(p, None)
+        return value if weight == 0.0 else value + weight * self.penalty(p)[0]
 
     def value_and_gradient(self, u: Array, weight: float) -> tuple[float, Array]:
         """The same, and its gradient (d,)."""
         p = self.p(u)
-        theta = self.box.theta(p)
-        residual = self.data.R @ theta - self.data.rho
+        residual = self.data.R @ self.box.theta(p) - self.data.rho
         value = float(residual @ residual) + self.data.residual_norm**2
         gradient = self.box.pull_back(p, 2.0 * (residual @ self.data.R))
         if weight != 0.0:
-            slope = np.zeros_like(p)
-            value += weight * self.penalty(p, slope)
-            gradient += weight * slope
+            g, slope = self.penalty(p)
+            value, gradient = value + weight * g, gradient + weight * slope
         return value, gradient[self.free] * self.width
 
-    def penalty(self, p: Array, slope: Array | None) -> float:
-        """g(p); its (sub)gradient is added to ``slope``."""
-        if not len(self.box.links):
-            return 0.0
-        excess, vectors = _triangle_excess(p[self.box.links[:, 4:]])
-        bad = excess > 0.0
-        total = float(excess[bad].sum())
-        if slope is not None and bad.any():
-            dyads = vectors[bad][:, :, None] * vectors[bad][:, None, :] - 0.5 * np.eye(3)
-            twice = np.array([1.0, 2.0, 1.0, 2.0, 2.0, 1.0])
-            slope[self.box.links[bad, 4:]] += inertia.inertia_entries(dyads) * twice
-        for family, stack in self.demands:
-            margins, directions = _margins(stack, self._point(p, family))
-            violated = margins < 0.0
-            total -= float(margins[violated].sum())
-            if slope is not None and violated.any():
-                local = np.zeros_like(p)
-                local[: stack.matrix.shape[1]] = -(directions[violated].sum(axis=0))
-                if family != "total mass":
-                    local[self.masses] = 0.0
-                slope += local
-        return total
-
-    def _point(self, p: Array, family: str) -> Array:
-        if family == "total mass":
-            return p
-        out = p.copy()
-        out[self.masses] = 1.0
-        return out
+    def penalty(self, p: Array) -> tuple[float, Array]:
+        """g(p), and its (sub)gradient (p,)."""
+        total, slope = 0.0, np.zeros_like(p)
+        for _, margins, rows in self.demanded(p):
+            bad = margins < 0.0
+            total -= float(margins[bad].sum())
+            slope[: rows.shape[1]] -= rows[bad].sum(axis=0)
+        return total, slope
 
     def violations(self, p: Array) -> dict[str, float]:
         """Worst violation of each external demand: D3 - D1 - D2 [kg m^2], total mass [kg], c [m]."""
         out = {"triangle inequality": 0.0}
-        if len(self.box.links):
-            excess, _ = _triangle_excess(p[self.box.links[:, 4:]])
-            out["triangle inequality"] = max(0.0, 2.0 * float(excess.max()))
-        for family, stack in self.demands:
-            margins, _ = _margins(stack, self._point(p, family))
-            out[family] = max(out.get(family, 0.0), -float(margins.min()), 0.0)
+        for family, margins, _ in self.demanded(p):
+            size = 2.0 if family == "triangle inequality" else 1.0
+            out[family] = max(out.get(family, 0.0), -size * float(margins.min()))
         return out
 
-
-def _triangle_excess(entries: Array) -> tuple[Array, Array]:
-    """lambda_max(I) - tr(I) / 2 of each link (n,), and its eigenvectors (n, 3): <= 0 is consistent."""
-    moments, vectors = np.linalg.eigh(inertia.inertia_matrix(entries))
-    return moments[:, 2] - 0.5 * moments.sum(axis=1), vectors[:, :, 2]
+    def demanded(self, p: Array) -> Iterator[tuple[str, Array, Array]]:
+        """Of each external demand its family, margins (k,) and their gradients (k, p')."""
+        if len(links := self.box.links[:, 4:]):
+            # tr(I) / 2 - lambda_max(I) of each link: >= 0 is consistent.
+            moments, vectors = np.linalg.eigh(inertia.inertia_matrix(p[links]))
+            largest, rows = vectors[:, :, 2], np.zeros((len(links), len(p)))
+            dyads = 0.5 * np.eye(3) - largest[:, :, None] * largest[:, None, :]
+            twice = np.array([1.0, 2.0, 1.0, 2.0, 2.0, 1.0])
+            rows[np.arange(len(links))[:, None], links] = inertia.inertia_entries(dyads) * twice
+            yield "triangle inequality", 0.5 * moments.sum(axis=1) - moments[:, 2], rows
+        for family, stack in self.demands:
+            point = p.copy()
+            if family != "total mass":
+                point[self.masses] = 1.0
+            margins, rows = _margins(stack, point)
+            if family != "total mass":
+                rows = np.where(np.isin(np.arange(rows.shape[1]), self.masses), 0.0, rows)
+            yield family, margins, rows
 
 
 def _margins(stack: Alike, point: Array) -> tuple[Array, Array]:

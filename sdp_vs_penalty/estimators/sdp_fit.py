@@ -57,11 +57,11 @@ def solve_sdp(
 ) -> Fit:
     """Solve one SDP until our own certificate is tight; the answer lies inside the constraints.
 
-    Identification SDPs are degenerate, and a solver may stall short of what it was asked for. So every
-    answer is certified, and where the gap is above ``_TIGHT`` the same problem is solved again as seen
-    from the answer, each cone scaled by a point a little inside of it. The tightest answer is kept.
-    solver_name None: our own interior-point method, then Clarabel where its answer is not tight.
-    Raises InputError where the constraints admit no interior point, or nothing near an optimum came.
+    A solver may stall short of what it was asked for: every answer is certified, and where the gap is
+    above ``_TIGHT`` the problem is solved again as seen from the answer, each cone scaled by a point a
+    little inside of it. solver_name None: our own interior-point method, then Clarabel where that is not
+    tight. Raises InputError where the constraints admit no interior point, or nothing near an optimum
+    came.
     """
     return PosedSdp.of(task, objective, constraints, solver_name).fit(objective, accuracy)
 
@@ -107,10 +107,8 @@ class PosedSdp:
     def _own(
         self, cones: SmallCones, objective: Objective, accuracy: float, near: Fit | None
     ) -> Fit | None:
-        data = objective.least_squares
-        found = None
-        if near is not None and near.central is not None:
-            found = minimise(cones, data, [near.central], accuracy)
+        data, central = objective.least_squares, None if near is None else near.central
+        found = None if central is None else minimise(cones, data, [central], accuracy)
         if found is None:
             starts = [_start(self.task, data, self.interior), self.interior]
             found = minimise(cones, data, starts, accuracy)
@@ -136,18 +134,10 @@ def _start(task: Task, data: LeastSquares, interior: Array) -> Array:
 
 def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
     """The tightest answer of all attempts of a conic solver."""
-    task, constraints, interior, solver_name = (
-        posed.task,
-        posed.constraints,
-        posed.interior,
-        posed.solver,
-    )
-    sent = essential(constraints, objective)
+    task, constraints, interior = posed.task, posed.constraints, posed.interior
+    sent, data = essential(constraints, objective), objective.least_squares
     best: Fit | None = None
-    answered = False
-    said = []
-    data = objective.least_squares
-    least = _FIRST_LOSS * data.tau_squared
+    answered, said, least = False, list[str](), _FIRST_LOSS * data.tau_squared
     for share, fine in _ATTEMPTS:
         centre = interior if best is None else best.theta
         inside = centre + share * (interior - centre)
@@ -158,10 +148,10 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
             least = max(data.loss(best.theta), 1e-3 * least)
         problem = least_squares_sdp(objective, sent, inside, task.bound, centre, fine, least)
         try:
-            solution = solver(solver_name).solve(problem.conic, accuracy)
+            solution = solver(posed.solver).solve(problem.conic, accuracy)
         except NotApplicableError as error:
             raise InputError(
-                f"solver {solver_name} cannot pose this method's problem ({error})",
+                f"solver {posed.solver} cannot pose this method's problem ({error})",
                 "choose the solver clarabel, or a method without an entropic prior, such as "
                 "lmi-sdp-thickness",
             ) from error
@@ -173,7 +163,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
         own = dict(zip(sent, problem.multipliers(solution), strict=True))
         multipliers = [own.get(c, np.zeros_like(c.constant)) for c in constraints.convex]
         slopes = problem.entropy_slopes(solution)
-        details = {"solver": solver_name, "solver_said": said}
+        details = {"solver": posed.solver, "solver_said": said}
         fit = Fit(theta, objective, constraints, multipliers, slopes, interior, task.bound, details)
         if fit.gap < (np.inf if best is None else best.gap):
             best = fit
@@ -181,7 +171,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
             break
     if best is None or not (answered or best.gap <= FAR_GAP):
         raise InputError(
-            f"solver {solver_name} gave up on a problem that has an interior point ({', '.join(said)})",
+            f"solver {posed.solver} gave up on a problem that has an interior point ({', '.join(said)})",
             "choose another solver, or check the units of the measurements",
         )
     return best
@@ -190,13 +180,11 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
 def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:
     """The convex constraints without those that others or the data imply.
 
-    A minimum thickness implies the pseudo-inertia, and the range of a parameter is out of reach where
-    the way there makes more torque than was measured, whatever the other parameters do. Redundant
-    rows leave the dual undetermined, which costs a solver iterations and digits; feasibility and
-    certificate use the full set.
+    A minimum thickness implies the pseudo-inertia; the range of a parameter is out of reach where the
+    way there makes more torque than was measured, whatever the others do. Redundant rows leave the dual
+    undetermined, which costs a solver digits; feasibility and certificate use the full set.
     """
-    data = objective.least_squares
-    torque = data.own_torque
+    data, torque = objective.least_squares, objective.least_squares.own_torque
     thick = {c.name for c in constraints.convex if c.family == "minimum thickness"}
     kept = []
     for c in constraints.convex:
@@ -217,12 +205,10 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
     Raises Infeasible, which names the families that exclude each other or leave no room, and
     InputError where the solver finds neither a point nor an optimum.
     """
-    nominal = task.nominal.copy()
-    others = np.setdiff1d(np.arange(len(nominal)), task.model.rigid_indices)
-    for k in others:
-        lower = task.model.parameters[k].lower
-        # A share of its bound: strictly inside in any system of units.
-        nominal[k] = 0.0 if np.isinf(lower) else lower + 1e-6 * task.bound[k]
+    # A share of its bound: strictly inside in any system of units.
+    lower = np.array([p.lower for p in task.model.parameters])
+    nominal = np.where(np.isinf(lower), 0.0, lower + 1e-6 * task.bound)
+    nominal[task.links] = task.nominal[task.links]
     if constraints.depth(nominal) >= _DEEP:
         return nominal
     optimum = None

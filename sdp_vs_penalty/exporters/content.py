@@ -51,7 +51,8 @@ class Content:
     others: tuple[str, ...]
     #: Of the torque channels, measured over true; () where the model has none.
     gains: tuple[float, ...] = ()
-    #: (2, n) kp and kd of the servos' position loops; None where the model knows none.
+    #: (2, n) kp and kd of the servos' position loops, the latter with what a command's delay damps less;
+    #: None where the model knows none.
     servo: Array | None = None
 
     @classmethod
@@ -91,6 +92,11 @@ class Content:
         given = {p.name: x for p, x in zip(model.parameters, estimate.theta, strict=True)}
         loops = [[given.get(f"{x}{j + 1}", np.nan) for j in range(robot.n)] for x in ("kp", "kd")]
         servo = None if np.isnan(loops).any() else np.array(loops)
+        drives = [e for e in model.effects if e.forward == "drive"]
+        if servo is not None and (late := max(e.shape["T"] for e in drives)):
+            # kp (q_cmd(t - T) - q) is kp (q_cmd - q) - kp T dq where the joint follows.
+            servo[1] += late * servo[0]
+            others += (f"the command's delay of {1e3 * late:.2g} ms (kv is kd + kp T)",)
         return cls(links, others=others, gains=model.gains or (), servo=servo, **values)
 
     def left_out(self, *, armature: bool) -> tuple[str, ...]:

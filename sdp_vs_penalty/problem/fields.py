@@ -9,8 +9,9 @@ other defaults of a later version do not change the bounds of an old model.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,62 +28,54 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 @dataclass(frozen=True)
 class Field:
-    """kind : "text", "texts", "whole", "number" or "numbers"; length : of numbers, or "joints" for one
-    a joint; needed : whether it must be there; hint : how to write it.
-    """
+    """kind : text, whole number or number, ``several`` in a list or one; length : of the list, "joints"
+    for one a joint; needed : whether it must be there; hint : how to write it."""
 
-    kind: str
+    kind: type
+    several: bool = False
     length: int | str | None = None
     needed: bool = False
     hint: str = ""
 
 
-_LIMIT = Field("numbers", "joints")
-_DH = Field("numbers", "joints", needed=True)
+_WORDS = {str: "text", int: "whole number", float: "number"}
+_TEXTS, _LIMIT = '["one", "two"]', Field(float, True, "joints", False, "[0.0, 0.1]")
+_DH = replace(_LIMIT, needed=True)
+_SIDES = Field(str, True, hint='["motor"], or one word a channel: motor or joint')
 TOP = {
-    "title": Field("text", needed=True),
-    "torque_side": Field("text", hint='"link", "motor" or "unknown"'),
-    "links": Field("whole"),
-    "effects": Field("texts", hint='["rigid_body", "viscous_friction"]'),
+    "title": Field(str, needed=True),
+    "torque_side": Field(str, hint='"link", "motor" or "unknown"'),
+    "links": Field(int),
+    "effects": Field(str, True, hint='["rigid_body", "viscous_friction"]'),
 }
 SECTIONS: Mapping[str, Mapping[str, Field]] = {
     "kinematics": {
-        "urdf": Field("text", hint='"robot.urdf"'),
-        "convention": Field("text", needed=True, hint='"standard" or "modified"'),
-        "a": _DH,
-        "alpha_over_pi": _DH,
-        "d": _DH,
-        "gravity": Field("numbers", 3, hint="[0.0, 0.0, -9.81] in m/s^2"),
-        "lower": _LIMIT,
-        "upper": _LIMIT,
-        "velocity": _LIMIT,
-        "effort": _LIMIT,
+        "urdf": Field(str, hint='"robot.urdf"'),
+        "convention": Field(str, needed=True, hint='"standard" or "modified"'),
+        **dict.fromkeys(("a", "alpha_over_pi", "d"), _DH),
+        "gravity": Field(float, True, 3, hint="[0.0, 0.0, -9.81] in m/s^2"),
+        **dict.fromkeys(("lower", "upper", "velocity", "effort"), _LIMIT),
     },
     "transmission": {
-        "motors": Field("texts", needed=True, hint='["50 q1", "32 q5 + 32 q6"], the motors\' positions'),
-        "positions": Field("texts", hint='["motor"], or one word a channel: motor or joint'),
-        "torques": Field("texts", hint='["motor"], or one word a channel: motor or joint'),
+        "motors": Field(str, True, None, True, '["50 q1", "32 q5 + 32 q6"], the motors\' positions'),
+        "positions": _SIDES,
+        "torques": _SIDES,
     },
     "mechanism": {
-        "joints": Field("texts", needed=True, hint='["q1", "q2", "-q2"], each joint of the tree'),
-        "massless": Field("numbers", hint="[3], links without mass"),
+        "joints": Field(str, True, None, True, '["q1", "q2", "-q2"], each joint of the tree'),
+        "massless": Field(float, True, hint="[3], links without mass"),
     },
     "bounds": {
-        "tables": Field("texts", hint='["bounds.csv"]'),
-        "total_mass": Field("numbers", 2, hint="[lower, upper] in kg"),
+        "tables": Field(str, True, hint='["bounds.csv"]'),
+        "total_mass": Field(float, True, 2, hint="[lower, upper] in kg"),
     },
     "centre_of_mass_cone": {
-        "link": Field("whole", needed=True),
-        "axis": Field("text", needed=True, hint='"x", "y" or "z"'),
-        "radius": Field("number", needed=True),
-        "slope": Field("number", needed=True),
+        "link": Field(int, needed=True),
+        "axis": Field(str, needed=True, hint='"x", "y" or "z"'),
+        **dict.fromkeys(("radius", "slope"), Field(float, needed=True)),
     },
-    "preprocessing": {
-        "state_cutoff": Field("number"),
-        "torque_cutoff": Field("number"),
-        "standstill": Field("number"),
-    },
-    "base_parameters": {"independent": Field("texts", hint='["Izz1", "mx2"]')},
+    "preprocessing": dict.fromkeys(("state_cutoff", "torque_cutoff", "standstill"), Field(float)),
+    "base_parameters": {"independent": Field(str, True, hint='["Izz1", "mx2"]')},
 }
 #: Sections that come any number of times, [[name]].
 _MANY = ("centre_of_mass_cone",)
@@ -90,81 +83,55 @@ _MANY = ("centre_of_mass_cone",)
 
 def check_fields(data: Mapping[str, Any]) -> None:
     """InputError naming the section and the field that is unknown, missing or of the wrong kind."""
-    _table("", data, {**TOP, **{name: Field("table") for name in SECTIONS}})
+    _known("the top level", data, (*TOP, *SECTIONS))
     if "kinematics" not in data:
         raise InputError("the section [kinematics] is missing", "give the robot's DH table or its URDF")
+    _check("", {key: data[key] for key in data if key in TOP}, TOP)
     for section, fields in SECTIONS.items():
-        if section not in data:
-            continue
         many = section in _MANY
         brackets = f"[[{section}]]" if many else f"[{section}]"
-        parts = data[section] if many else [data[section]]
+        parts = data.get(section, []) if many else [data.get(section, {})]
         if not (isinstance(parts, list) and all(isinstance(x, dict) for x in parts)):
             what = f"{section} is no {'list of sections' if many else 'section'}"
             raise InputError(what, f"write {brackets} above its fields")
-        for part in parts:
-            _table(brackets, part, fields, section == "kinematics" and "urdf" in part)
+        for part in parts if section in data else []:
+            _known(brackets, part, fields)
+            _check(brackets, part, fields, section == "kinematics" and "urdf" in part)
 
 
-def _table(
+def _known(where: str, data: Mapping[str, Any], names: Collection[str]) -> None:
+    for key in data:
+        if key not in names:
+            raise InputError(f"{key!r} is unknown in {where}", f"choose from {', '.join(names)}")
+
+
+def _check(
     section: str, data: Mapping[str, Any], fields: Mapping[str, Field], optional: bool = False
 ) -> None:
-    where = section or "the top level"
-    for key in data:
-        if key not in fields:
-            raise InputError(f"{key!r} is unknown in {where}", f"choose from {', '.join(fields)}")
+    """InputError for a needed field that is missing, and for a value of another kind or length."""
     for key, field in fields.items():
         if field.needed and not optional and key not in data:
-            raise InputError(f"the field {key!r} is missing in {where}", "add it")
+            raise InputError(f"the field {key!r} is missing in {section or 'the top level'}", "add it")
     joints = data.get("a")
     for name, value in data.items():
-        field = fields[name]
-        if field.kind == "table":
-            continue
-        label = f"{section} {name}".strip()
-        _kind(label, value, field)
-        length = field.length
-        if length == "joints":
-            length = len(joints) if isinstance(joints, list) else None
-        if length is not None and len(value) != length:
-            needed = "one per joint, as in a" if field.length == "joints" else f"write {field.hint}"
+        field, label = fields[name], f"{section} {name}".strip()
+        hint = f"write {field.hint or _TEXTS}" if field.hint or field.several else "correct it"
+        word = _WORDS[field.kind]
+        if field.several and not isinstance(value, list):
+            raise InputError(f"{label} is {_shown(value)}, not a list of {word}s", hint)
+        for k, entry in enumerate(value if field.several else [value], start=1):
+            if type(entry) not in (field.kind, *((int,) if field.kind is float else ())):
+                where, remedy = (f"{label}: entry {k}", "correct it") if field.several else (label, hint)
+                raise InputError(f"{where} is {_shown(entry)}, not a {word}", remedy)
+        length = len(joints) if field.length == "joints" and isinstance(joints, list) else field.length
+        if isinstance(length, int) and len(value) != length:
+            needed = "one per joint, as in a" if field.length == "joints" else hint
             raise InputError(f"{label} has {len(value)} entries, {length} are needed", needed)
-
-
-#: What a value of each kind is, in Python and in words.
-_KINDS: dict[str, tuple[tuple[type, ...], str]] = {
-    "text": ((str,), "a text"),
-    "whole": ((int,), "a whole number"),
-    "number": ((int, float), "a number"),
-}
-
-
-def _kind(label: str, value: Any, field: Field) -> None:
-    hint = f"write {field.hint}" if field.hint else ""
-    several, one = field.kind in ("texts", "numbers"), field.kind.removesuffix("s")
-    if several and not isinstance(value, list):
-        what = f"{label} is {_shown(value)}, not a list of {field.kind}"
-        raise InputError(what, hint or _EXAMPLE[field.kind])
-    types, name = _KINDS[one]
-    for k, entry in enumerate(value if several else [value], start=1):
-        if not isinstance(entry, types) or isinstance(entry, bool):
-            if several:
-                raise InputError(f"entry {k} is {_shown(entry)}, not {name}", "correct it", label)
-            raise InputError(f"{label} is {_shown(entry)}, not {name}", hint or "correct it")
-
-
-_EXAMPLE = {"numbers": "write [0.0, 0.1]", "texts": 'write ["one", "two"]'}
 
 
 def _shown(value: Any) -> str:
     """A value as TOML writes it, shortened."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return f'"{value[:40]}"'
-    if isinstance(value, dict):
-        return "a section"
-    return str(value)[:40]
+    return "a section" if isinstance(value, dict) else json.dumps(value, default=str)[:40]
 
 
 #: A link's ten barycentric parameters, in our order.
@@ -202,9 +169,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "bounds": {name: pair for name, pair in bounds.items() if pair != [None, None]},
         "total_mass": _pair(problem.total_mass),
         "centre_of_mass_cones": [cone.to_dict() for cone in problem.cones],
-        "link_defaults": [
-            {"mass": mass, "radius": radius} for mass, radius in problem.link_defaults.tolist()
-        ],
+        "link_defaults": [{"mass": m, "radius": r} for m, r in problem.link_defaults.tolist()],
         "bodies": [body.to_dict() for body in problem.link_bodies],
         "nominal_links": problem.nominal_links.tolist(),
         "nominal_from": None if problem.nominal_from is None else list(problem.nominal_from),
@@ -228,23 +193,20 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
                 f"bounds: {name!r} is no parameter of a link of this robot", "write the file anew"
             )
         box[places[name]] = _ends(pair)
-    texts = _texts(data["effects"])
+    texts, base = _texts(data["effects"]), data["base_parameters"]
     parse_effects(texts, robot)
-    base = data["base_parameters"]
     defaults = _finite("link_defaults", [[d["mass"], d["radius"]] for d in data["link_defaults"]])
     if not np.all(defaults > 0.0):
         raise InputError(
             "link_defaults: a mass or a radius is not above 0", "correct it, or write the file anew"
         )
-    (name, title) = _texts([data["name"], data["title"]])
+    cones = tuple(map(CentreOfMassCone.from_dict, data["centre_of_mass_cones"]))
+    stated = _finite("nominal_links", data["nominal_links"]), _ends(data["total_mass"]), cones
     return Problem(
-        name,
-        title,
+        *_texts([data["name"], data["title"]]),
         robot,
         box,
-        _finite("nominal_links", data["nominal_links"]),
-        _ends(data["total_mass"]),
-        tuple(map(CentreOfMassCone.from_dict, data["centre_of_mass_cones"])),
+        *stated,
         data["torque_side"],
         Preprocessing(**data["preprocessing"]),
         None if base is None else _texts(base),

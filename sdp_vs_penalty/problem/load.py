@@ -59,32 +59,24 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
             f"links = {data['links']}, the kinematics have {robot.links}",
             "correct links, or leave it out",
         )
-    bounds = data.get("bounds", {})
+    bounds, none = data.get("bounds", {}), np.zeros((robot.links, 10))
     box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.0
     for table in bounds.get("tables", ()):
         _fill_box(box, folder / table)
     low, high = (float(v) for v in bounds.get("total_mass", (0.0, np.inf)))
     cones = tuple(map(CentreOfMassCone.from_dict, data.get("centre_of_mass_cone", ())))
-    base = data.get("base_parameters", {}).get("independent")
-    none = np.zeros((robot.links, 10))
     stated = (low, high), cones, data.get("torque_side", Problem.torque_side)
     settings = Preprocessing(**data.get("preprocessing", {}))
-    problem = replace(
-        Problem(folder.name, data["title"], robot, box, none, *stated, settings),
-        independent=None if base is None else tuple(base),
-        folder=folder,
-        effects=tuple(data["effects"]) if "effects" in data else None,
-    )
-    known = none if given is None else given
-    bodies = link_bodies(robot, problem.centre_boxes, known, geometry)
-    in_the_box = given is None
-    given = _ellipsoids_in_the_box(problem) if given is None else given
-    nominal, sources = plausible_links(robot, given, bodies)
-    if in_the_box:
+    base, effects = data.get("base_parameters", {}).get("independent"), data.get("effects")
+    named = None if base is None else tuple(base), folder, None if effects is None else tuple(effects)
+    problem = Problem(folder.name, data["title"], robot, box, none, *stated, settings, *named)
+    bodies = link_bodies(robot, problem.centre_boxes, none if given is None else given, geometry)
+    drawn = _ellipsoids_in_the_box(problem) if given is None else given
+    nominal, sources = plausible_links(robot, drawn, bodies)
+    if given is None:
         sources = tuple("bounds" if source == "inertial" else source for source in sources)
-    problem = replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
-    return _within_masses(problem)
+    return _within_masses(replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources))
 
 
 def _within_masses(problem: Problem) -> Problem:
@@ -102,29 +94,22 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
     Masses share the middle of the total-mass range in proportion to the boxes' surface; half axes
     are those of the box, at least 6 cm. Links without a finite box stay zero (see plausible_links).
     """
-    size = np.zeros((problem.robot.links, 3))
-    centre = np.zeros_like(size)
-    for link in range(problem.robot.links):
-        com = np.minimum(problem.link_size(link)[1], problem.robot.link_reach()[link])
-        box = problem.box[link, 1:4]
-        box = np.where(np.isfinite(box), box, np.column_stack([-com, com]))
-        size[link] = np.maximum(0.5 * (box[:, 1] - box[:, 0]), 0.06)
-        centre[link] = box.mean(axis=1)
-        for cone in problem.cones:
-            # A centre inside every cone of the link: half way into the box, on the axis.
-            if cone.link == link:
-                centre[link, [a for a in range(3) if a != cone.axis]] = 0.0
-    surface = np.sum(size * np.roll(size, 1, axis=1), axis=1)
-    total = problem.total_mass
+    links, total = problem.robot.links, problem.total_mass
     if not np.isfinite(total[1]):
-        return np.zeros((problem.robot.links, 10))
+        return np.zeros((links, 10))
+    com = np.minimum(problem.link_sizes[1], problem.robot.link_reach()[:, None])
+    box = problem.box[:, 1:4]
+    box = np.where(np.isfinite(box), box, np.stack([-com, com], axis=2))
+    size, centre = np.maximum(0.5 * (box[..., 1] - box[..., 0]), 0.06), box.mean(axis=2)
+    for cone in problem.cones:  # a centre inside every cone: half way into the box, on the axis
+        centre[cone.link, np.arange(3) != cone.axis] = 0.0
+    surface = np.sum(size * np.roll(size, 1, axis=1), axis=1)
     mass = np.mean(total) * surface / surface.sum()
     mass = np.clip(mass, problem.box[:, 0, 0] + 1e-3, 0.9 * problem.box[:, 0, 1])
-    out = []
-    for m, c, half in zip(mass, centre, size, strict=True):
-        second = m * half**2 / 5.0
-        moments = second.sum() - second
-        out.append([m, *c, moments[0], 0.0, moments[1], 0.0, 0.0, moments[2]])
+    second = mass[:, None] * size**2 / 5.0
+    moments = second.sum(axis=1, keepdims=True) - second
+    out = np.column_stack([mass, centre, np.zeros((links, 6))])
+    out[:, [4, 6, 9]] = moments
     return inertia.standard_from_barycentric(out)
 
 
@@ -227,8 +212,7 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
                 box[places[name]] = new
         except (ValueError, KeyError):
             raise InputError(
-                f"--bounds {name}={ends}",
-                "write NAME=LOWER:UPPER, of m1, c1x, I1xx, total",
+                f"--bounds {name}={ends}", "write NAME=LOWER:UPPER, of m1, c1x, I1xx, total"
             ) from None
     return _within_masses(replace(problem, box=box, total_mass=total))
 
@@ -236,7 +220,7 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
 def _from_urdf(path: Path) -> Problem:
     robot, given_links = load_urdf(path)
     box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
-    box[:, 0] = [(DEFAULT_LINK_MASS[0], default_mass(mass)) for mass in given_links[:, 0]]
+    box[:, 0, 0], box[:, 0, 1] = DEFAULT_LINK_MASS[0], default_mass(given_links[:, 0])
     bodies = link_bodies(robot, box[:, 1:4], given_links, link_geometry(path))
     nominal, sources = plausible_links(robot, given_links, bodies)
     title = f"{robot.name} from {path.name}"

@@ -11,7 +11,6 @@ import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -47,14 +46,8 @@ def errata(problem: Problem) -> list[Erratum]:
     """The errata that concern a problem, by number."""
     if problem.folder is None or not (problem.folder / "errata.toml").is_file():
         return []
-    return list(_errata(str(problem.folder), problem.name))
-
-
-@cache
-def _errata(folder: str, name: str) -> tuple[Erratum, ...]:
-    with open(f"{folder}/errata.toml", "rb") as file:
-        entries = tomllib.load(file)["erratum"]
-    return tuple(Erratum(problem=name, **entry) for entry in sorted(entries, key=lambda e: e["number"]))
+    entries = tomllib.loads((problem.folder / "errata.toml").read_text(encoding="utf-8"))["erratum"]
+    return [Erratum(problem=problem.name, **e) for e in sorted(entries, key=lambda e: e["number"])]
 
 
 def published_cell(
@@ -124,15 +117,10 @@ def published_trajectory(problem: Problem, settings: Mapping[str, Any]) -> Fouri
     def values(name: str) -> list[float]:
         return [float(rows[name][f"joint_{j + 1}"]) for j in range(problem.robot.n)]
 
-    harmonics = sum(1 for name in rows if name.startswith("a_"))
-    return FourierTrajectory(
-        np.array([values(f"a_{k + 1}") for k in range(harmonics)]).T,
-        np.array([values(f"b_{k + 1}") for k in range(harmonics)]).T,
-        np.array(values("q_0")),
-        np.pi * float(settings["frequency_over_pi"]),
-        float(settings["blend"]),
-        float(settings["duration"]),
-    )
+    harmonics = range(1, 1 + sum(name.startswith("a_") for name in rows))
+    a, b = (np.array([values(f"{x}_{k}") for k in harmonics]).T for x in "ab")
+    frequency, blend, duration = (float(settings[x]) for x in ("frequency_over_pi", "blend", "duration"))
+    return FourierTrajectory(a, b, np.array(values("q_0")), np.pi * frequency, blend, duration)
 
 
 def real_data_folder() -> Path | None:

@@ -15,6 +15,9 @@ where kp and theta do: least squares shrink the joints that others hardly feel t
 left is noise or the model's error. The instrument of e is therefore the error that the model itself
 makes, e^ = L theta^ / kp^: in [e^, L] the direction (kp^, theta^) is empty, and what remains are the
 normal equations of |e - L theta / kp|^2, where a scale changes nothing.
+
+With torque logged the command itself is the motion of the instruments: the controller brings the noise
+of q into the motion, not into the command. How well a loop follows decides only how much they tell.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.model import JointColumns, Model
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_rows
 from sdp_vs_penalty.signals.runs import movement
@@ -49,6 +53,21 @@ class Instrumented(NamedTuple):
     X: Array
 
 
+def commanded_motion(measured: Measurements) -> Measurements:
+    """The same log with its command as the motion "qsim" of the instruments.
+
+    Raises InputError for a log without commands.
+    """
+    if "qcmd" not in measured.commanded:
+        raise InputError(
+            "--instruments command: this log holds no commands",
+            "log qcmd1..qcmdn, or leave the instruments out",
+            measured.names[0],
+        )
+    told = {**measured.commanded, "qsim": measured.commanded["qcmd"]}
+    return replace(measured, commanded=told)
+
+
 def instrumented_rows(run: Measurements, model: Model, settings: Preprocessing) -> Iterator[Rows]:
     """The rows of a run. Where it holds a simulated motion (positions "qsim") with the same columns on
     that motion before them: [Z, tau_Z, X], those of Z counted behind the model's."""
@@ -56,7 +75,9 @@ def instrumented_rows(run: Measurements, model: Model, settings: Preprocessing) 
         yield from filtered_rows(run, model, settings)
         return
     p, moving = len(model.parameters), movement(run, settings.standstill)
-    told = {**run.commanded, "isum": run.commanded["isim"]}
+    told = dict(run.commanded)
+    if "isim" in told:
+        told["isum"] = told["isim"]
     simulated = replace(run, q=run.commanded["qsim"], commanded=told)
     beside = filtered_rows(simulated, model, settings, moving)
     for rows, other in zip(filtered_rows(run, model, settings, moving), beside, strict=True):

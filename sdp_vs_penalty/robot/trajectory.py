@@ -22,6 +22,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,29 +67,24 @@ class FourierTrajectory:
         ddq jumps where a blend meets the series, as it does in the authors' generator.
         """
         t = np.asarray(t, float)[:, None]
-        end = self.duration - self.blend
-        q, dq, ddq = self._series(np.clip(t[:, 0], self.blend, end) - self.blend)
-        q1, v1, _ = self._series(np.array([0.0]))
-        q2, v2, _ = self._series(np.array([end - self.blend]))
-        w = np.pi / self.blend
-        rising = np.clip(t, 0.0, self.blend)
-        falling = np.clip(t - end, 0.0, self.blend)
-        before, after = t < self.blend, t > end
-        inside = (t > 0.0) & (t < self.duration)
-        first = q1 - 0.5 * v1 * (self.blend - rising + np.sin(w * rising) / w)
-        last = q2 + 0.5 * v2 * (falling + np.sin(w * falling) / w)
-        q = np.where(before, first, np.where(after, last, q))
-        dq = np.where(
-            before,
+        end, w = self.duration - self.blend, np.pi / self.blend
+        inside = self._series(np.clip(t[:, 0], self.blend, end) - self.blend)
+        (q1, v1, _), (q2, v2, _) = (self._series(np.array([s])) for s in (0.0, end - self.blend))
+        rising, falling = np.clip(t, 0.0, self.blend), np.clip(t - end, 0.0, self.blend)
+        first = (
+            q1 - 0.5 * v1 * (self.blend - rising + np.sin(w * rising) / w),
             0.5 * v1 * (1.0 - np.cos(w * rising)),
-            np.where(after, 0.5 * v2 * (1.0 + np.cos(w * falling)), dq),
-        )
-        ddq = np.where(
-            before,
             0.5 * v1 * w * np.sin(w * rising),
-            np.where(after, -0.5 * v2 * w * np.sin(w * falling), ddq),
         )
-        return q, np.where(inside, dq, 0.0), np.where(inside, ddq, 0.0)
+        last = (
+            q2 + 0.5 * v2 * (falling + np.sin(w * falling) / w),
+            0.5 * v2 * (1.0 + np.cos(w * falling)),
+            -0.5 * v2 * w * np.sin(w * falling),
+        )
+        when = [t < self.blend, t > end]
+        q, dq, ddq = (np.select(when, x[:2], x[2]) for x in zip(first, last, inside, strict=True))
+        moving = (t > 0.0) & (t < self.duration)
+        return q, np.where(moving, dq, 0.0), np.where(moving, ddq, 0.0)
 
     def _series(self, s: Array) -> tuple[Array, Array, Array]:
         w = self.frequency * np.arange(1, self.a.shape[1] + 1)
@@ -168,19 +164,14 @@ def shortest_moves(points: Array, velocity: Array, acceleration: Array, jerk: Ar
 def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory, rate: float = 50.0) -> str:
     """A ROS trajectory_msgs/JointTrajectory as text: JSON, which YAML readers read as well."""
     t = np.arange(int(np.floor(trajectory.duration * rate + 1e-9)) + 1) / rate
-    q, dq, ddq = trajectory.states(t)
-    points = [
-        {
-            "positions": _digits(a),
-            "velocities": _digits(b),
-            "accelerations": _digits(c),
-            "time_from_start": {"sec": int(s), "nanosec": round(1e9 * (s - int(s)))},
+    states = np.stack(trajectory.states(t), axis=1)
+    points = []
+    for s, rows in zip(t.tolist(), states, strict=True):
+        point: dict[str, Any] = {
+            name: [float(f"{x:.9g}") for x in row]
+            for name, row in zip(("positions", "velocities", "accelerations"), rows, strict=True)
         }
-        for s, a, b, c in zip(t.tolist(), q, dq, ddq, strict=True)
-    ]
-    lines = ",\n".join(f"  {json.dumps(p)}" for p in points)
+        point["time_from_start"] = {"sec": int(s), "nanosec": round(1e9 * (s - int(s)))}
+        points.append(f"  {json.dumps(point)}")
+    lines = ",\n".join(points)
     return f'{{"joint_names": {json.dumps(list(names))},\n "points": [\n{lines}\n ]}}\n'
-
-
-def _digits(values: Array) -> list[float]:
-    return [float(f"{x:.9g}") for x in values]

@@ -46,8 +46,7 @@ class Transmission(Plain):
         for name, sides in (("positions", self.positions), ("torques", self.torques)):
             if len(sides) != n or not set(sides) <= set(SIDES):
                 raise InputError(
-                    f"transmission: {name} does not fit {n} motors",
-                    "write motor or joint for each",
+                    f"transmission: {name} does not fit {n} motors", "write motor or joint for each"
                 )
         rows = np.linalg.norm(self.matrix, axis=1)
         mixed = (self._position_rows, self._torque_rows)
@@ -88,9 +87,7 @@ class Transmission(Plain):
 
 
 def parse_transmission(
-    motors: Sequence[str],
-    positions: Sequence[str] = ("motor",),
-    torques: Sequence[str] = ("motor",),
+    motors: Sequence[str], positions: Sequence[str] = ("motor",), torques: Sequence[str] = ("motor",)
 ) -> Transmission:
     """A transmission from each motor's position as a formula of the joints': "32 q5 + 32 q6 - 0.1".
 

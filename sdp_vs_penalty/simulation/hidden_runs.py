@@ -6,7 +6,7 @@ world, with what worlds can hide.
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -175,7 +175,7 @@ def hidden_runs(
             raise InputError(f"effect {name!r} cannot be hidden", f"choose from {', '.join(MAKERS)}")
         kind = effect_types()[name]
         for joint in joints or ([0] if kind.whole_robot else kind(problem.robot).joints):
-            one = MAKERS[name](world, joint, rng)
+            one = replace(MAKERS[name](world, joint, rng), effect=name)
             sized = one.sized(world, coarse, factor)
             if sized is not one or not must_show:
                 hidden.append(sized)

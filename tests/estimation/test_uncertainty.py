@@ -7,7 +7,15 @@ import numpy as np
 from sdp_vs_penalty import Measurements, Problem, load_problem
 from sdp_vs_penalty.effects import Model, Motion
 from sdp_vs_penalty.estimation.constants import NORMAL_95
-from sdp_vs_penalty.estimation.uncertainty import IDENTIFIABLE, NOT_SEEN, WEAKLY, counts, of_regression
+from sdp_vs_penalty.estimation.uncertainty import (
+    IDENTIFIABLE,
+    NOT_SEEN,
+    WEAKLY,
+    Uncertainty,
+    counts,
+    of_regression,
+)
+from sdp_vs_penalty.estimators import make_task
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot import inertia, random_trajectory
@@ -35,6 +43,11 @@ def measured(
     return replace(clean, tau=clean.tau + noise)
 
 
+def told(problem: Problem, model: Model, run: Measurements) -> Uncertainty:
+    data = compress(run, model, problem.preprocessing)
+    return of_regression(make_task(problem, model, data), data, base_rows(problem, model))
+
+
 def test_intervals_hold_the_truth(two_link):
     """Over many repetitions with fresh noise, 95 % intervals hold the true values in about 95 %."""
     model = two_link.model(EFFECTS)
@@ -42,7 +55,7 @@ def test_intervals_hold_the_truth(two_link):
     shares = []
     for seed in range(15):
         run = measured(two_link, theta, model, seed, 40.0)
-        known = of_regression(two_link, model, compress(run, model, two_link.preprocessing))
+        known = told(two_link, model, run)
         base = [i for i in known.base if np.isfinite(i.lower)]
         values = base_rows(two_link, model).rows @ theta
         assert len(base) == len(values)
@@ -54,11 +67,7 @@ def test_what_cannot_be_seen_is_said(two_link):
     """Link 1 of the 2R turns about a vertical axis: of its ten parameters one makes torque."""
     model = two_link.model(EFFECTS)
     theta = truth_of(two_link, model)
-    known = of_regression(
-        two_link,
-        model,
-        compress(measured(two_link, theta, model, 0, 40.0), model, two_link.preprocessing),
-    )
+    known = told(two_link, model, measured(two_link, theta, model, 0, 40.0))
     verdicts = {i.name: i for i in known.standard}
     for name in inertia.parameter_names(1):
         if name != "Iyy1":  # its link frame's y axis is the joint's
@@ -77,7 +86,7 @@ def test_rotors_count_with_the_inertia_that_they_cannot_be_told_from():
     problem = load_problem("ur10e")
     run = experiment(problem).training_run(0)
     model = problem.model()
-    known = of_regression(problem, model, compress(run, model, problem.preprocessing))
+    known = told(problem, model, run)
     # Six rotors and 60 link parameters: a rank of 40 by the robot's own structure.
     rng = np.random.default_rng(5)
     q, dq, ddq = rng.normal(size=(3, 200, 6))
@@ -101,7 +110,7 @@ def test_the_band_holds_torques_of_another_motion(two_link):
     model = two_link.model(EFFECTS)
     theta = truth_of(two_link, model)
     run = measured(two_link, theta, model, 2, 40.0)
-    known = of_regression(two_link, model, compress(run, model, two_link.preprocessing))
+    known = told(two_link, model, run)
     value = np.array([i.value for i in known.standard])
     other = random_trajectory(two_link.robot, seed=11, duration=20.0)
     t = np.linspace(1.0, 19.0, 400)

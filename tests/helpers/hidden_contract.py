@@ -81,7 +81,8 @@ def hidden_cases(name: str) -> tuple[Case, ...]:
         for joint in [0] if kind.whole_robot else sorted({0, robot.n // 2, robot.n - 1}):
             drawn = [MAKERS[name](sharp, joint, np.random.default_rng([k, joint])) for k in range(DRAWS)]
             drawn = [replace(one, size=one.size * SIZES.get(name, 0.5)) for one in drawn]
-            for one in [*drawn, *OTHER_FORMS.get(name, lambda w, j: [])(sharp, joint)]:
+            others = OTHER_FORMS.get(name, lambda w, j: [])(sharp, joint)
+            for one in (replace(x, effect=name) for x in (*drawn, *others)):
                 where = f"{which} joint {joint + 1} {one.shape}"
                 case = _case(where, robot, sharp, links, one, trajectory)
                 if np.abs(case.torque).max() > 1e-9:
@@ -163,10 +164,10 @@ def check_every_form_is_met(name: str) -> None:
     assert len(forms) == int(np.prod(choices)), "the hidden worlds do not meet every form"
 
 
-def _drifts(name: str, forms: Mapping[float, Callable[[TrueMotion, int], Array]]):
+def _drifts(forms: Mapping[float, Callable[[TrueMotion, int], Array]]):
     def made(w: World, j: int) -> list[Hidden]:
         return [
-            at_joint(name, j, lambda w, m, law=law: law(m, j), None, form=form, T=60.0)
+            at_joint(j, lambda w, m, law=law: law(m, j), None, form=form, T=60.0)
             for form, law in forms.items()
         ]
 
@@ -190,10 +191,7 @@ def _transmission(w: World, j: int) -> list[Hidden]:
 
     ratios = {f"c{first + 1}": 1.0, f"c{first + 2}": ratio}
     both = (first, first + 1)
-    return [
-        Hidden("transmission_friction", both, change(law), 1.0, {**ratios, "law": law}, 0.5)
-        for law in (1.0, 5.0)
-    ]
+    return [Hidden(both, change(law), 1.0, {**ratios, "law": law}, 0.5) for law in (1.0, 5.0)]
 
 
 def _both_ways(w: World, j: int) -> list[Hidden]:
@@ -206,7 +204,7 @@ def _both_ways(w: World, j: int) -> list[Hidden]:
         passed = np.fft.irfft(np.fft.rfft(wide, axis=0) / (1.0 + (0.01 * s) ** 2), len(wide), axis=0)
         return np.asarray(size / 0.01 * (passed[4000:-4000] - tau))
 
-    return [Hidden("torque_filter", (), change, None, {"T": 0.01, "phase": 2.0}, 0.01)]
+    return [Hidden((), change, None, {"T": 0.01, "phase": 2.0}, 0.01)]
 
 
 def _by_the_clock(w: World, j: int) -> list[Hidden]:
@@ -215,10 +213,7 @@ def _by_the_clock(w: World, j: int) -> list[Hidden]:
         2.0: lambda m: m.dq[:, j],
     }
     return [
-        replace(
-            at_joint("warming_friction", j, lambda w, m, x=x: np.exp(-m.t / 60.0) * x(m)),
-            shape={"law": law, "by": 2.0, "T": 60.0},
-        )
+        at_joint(j, lambda w, m, x=x: np.exp(-m.t / 60.0) * x(m), 1.0, law=law, by=2.0, T=60.0)
         for law, x in laws.items()
     ]
 
@@ -229,14 +224,14 @@ def _sharp_flanks(w: World, j: int) -> list[Hidden]:
         q[:, j] -= b * np.sign(w.rigid(m)[:, j])
         return np.asarray(w.rigid(replace(m, q=q)) - w.rigid(m))
 
-    return [Hidden("backlash", (j,), change, 1.0, size=5e-4, details={"sharp": True})]
+    return [Hidden((j,), change, 1.0, size=5e-4, details={"sharp": True})]
 
 
 def _classical(w: World, j: int) -> list[Hidden]:
     def law(w: World, m: TrueMotion) -> Array:
         return np.asarray(np.sign(m.dq[:, j]) * np.exp(-np.abs(m.dq[:, j]) / 0.1))
 
-    return [at_joint("stribeck_friction", j, law, 1.0, vs=0.1, delta=1.0)]
+    return [at_joint(j, law, 1.0, vs=0.1, delta=1.0)]
 
 
 def _two_waves(w: World, j: int) -> list[Hidden]:
@@ -244,18 +239,17 @@ def _two_waves(w: World, j: int) -> list[Hidden]:
         q = m.q[:, j]
         return np.asarray(np.sign(m.dq[:, j]) * (np.cos(2.0 * q + 1.0) + 0.5 * np.sin(4.0 * q)))
 
-    return [at_joint("position_dependent_friction", j, law, None, k=2.0, waves=2.0)]
+    return [at_joint(j, law, None, k=2.0, waves=2.0)]
 
 
 #: By effect what makes the forms that no world draws, of a world and a joint.
 OTHER_FORMS: Mapping[str, Callable[[World, int], list[Hidden]]] = {
-    "drift_offset": _drifts("drift_offset", {1.0: lambda m, j: m.t / 100.0}),
+    "drift_offset": _drifts({1.0: lambda m, j: m.t / 100.0}),
     "drift_friction": _drifts(
-        "drift_friction",
         {
             1.0: lambda m, j: m.t / 100.0 * np.sign(m.dq[:, j]),
             3.0: lambda m, j: m.t / 100.0 * m.dq[:, j],
-        },
+        }
     ),
     "backlash": _sharp_flanks,
     "transmission_friction": _transmission,

@@ -11,25 +11,16 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.exporters.urdf import make_urdf
-from sdp_vs_penalty.simulation.engines.engine import STRONG, Array, Engine, Followed
+from sdp_vs_penalty.simulation.engines.engine import STRONG, Array, Engine
 
 
 class Bullet(Engine):
     """Loaded from our URDF with URDF_USE_INERTIA_FROM_FILE, without which it makes up inertias from
     collision shapes; velocity motors."""
 
-    name = "Bullet"
+    name, package = "Bullet", "pybullet"
     formulation = "generalised coordinates (Featherstone), sequential impulses"
     install = "pip install pybullet (wheels exist for Python before 3.12)"
-
-    @classmethod
-    def version(cls) -> str | None:
-        from importlib.metadata import PackageNotFoundError, version
-
-        try:
-            return version("pybullet")
-        except PackageNotFoundError:
-            return None
 
     def load(self) -> None:
         with _silence():
@@ -50,31 +41,23 @@ class Bullet(Engine):
             self.bullet.changeDynamics(self.body, k, **free)
         self.bullet.setGravity(*self.robot.gravity)
 
-    def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array:
-        states = zip(q.tolist(), dq.tolist(), ddq.tolist(), strict=True)
-        return np.array([self.bullet.calculateInverseDynamics(self.body, *rows) for rows in states])
+    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
+        states = (x.tolist() for x in (q, dq, ddq))
+        return np.array(self.bullet.calculateInverseDynamics(self.body, *states))
 
-    def follow(self, start: Array, velocities: Array, step: float) -> Followed:
+    def begin(self, start: Array, step: float) -> None:
+        self.bullet.setTimeStep(step)
+        for j in range(self.robot.n):
+            self.bullet.resetJointState(self.body, j, start[j], 0.0)
+
+    def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         bullet, joints = self.bullet, list(range(self.robot.n))
-        bullet.setTimeStep(step)
-        for j in joints:
-            bullet.resetJointState(self.body, j, start[j], 0.0)
-        torque = np.empty_like(velocities)
-        pose = np.tile(np.eye(4), (len(velocities), 1, 1))
-        for k, velocity in enumerate(velocities):
-            bullet.setJointMotorControlArray(
-                self.body,
-                joints,
-                bullet.VELOCITY_CONTROL,
-                targetVelocities=velocity.tolist(),
-                forces=[STRONG] * len(joints),
-            )
-            bullet.stepSimulation()
-            torque[k] = [state[3] for state in bullet.getJointStates(self.body, joints)]
-            link = bullet.getLinkState(self.body, joints[-1], computeForwardKinematics=1)
-            pose[k, :3, 3] = link[4]
-            pose[k, :3, :3] = np.reshape(bullet.getMatrixFromQuaternion(link[5]), (3, 3))
-        return Followed(step, torque, pose)
+        told = {"targetVelocities": velocity.tolist(), "forces": [STRONG] * len(joints)}
+        bullet.setJointMotorControlArray(self.body, joints, bullet.VELOCITY_CONTROL, **told)
+        bullet.stepSimulation()
+        torque = np.array([state[3] for state in bullet.getJointStates(self.body, joints)])
+        link = bullet.getLinkState(self.body, joints[-1], computeForwardKinematics=1)
+        return torque, np.reshape(bullet.getMatrixFromQuaternion(link[5]), (3, 3)), link[4]
 
 
 @contextmanager

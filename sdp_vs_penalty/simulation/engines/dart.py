@@ -6,18 +6,14 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters.urdf import make_urdf
-from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed, module_version
+from sdp_vs_penalty.simulation.engines.engine import Array, Engine
 
 
 class Dart(Engine):
     """Loaded from our URDF; joints are of the actuator type VELOCITY in its hybrid dynamics."""
 
-    name = "DART"
+    name, package = "DART", "dartpy"
     formulation = "generalised coordinates, semi-implicit Euler"
-
-    @classmethod
-    def version(cls) -> str | None:
-        return module_version("dartpy")
 
     def load(self) -> None:
         import dartpy
@@ -36,31 +32,25 @@ class Dart(Engine):
         for k in range(self.skeleton.getNumJoints()):
             self.skeleton.getJoint(k).setLimitEnforcement(False)
 
-    def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array:
-        out = np.empty_like(q)
-        for k in range(len(q)):
-            self.skeleton.setPositions(q[k])
-            self.skeleton.setVelocities(dq[k])
-            self.skeleton.setAccelerations(ddq[k])
-            self.skeleton.computeInverseDynamics(False, False, False)
-            out[k] = self.skeleton.getForces()
-        return out
+    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
+        self.skeleton.setPositions(q)
+        self.skeleton.setVelocities(dq)
+        self.skeleton.setAccelerations(ddq)
+        self.skeleton.computeInverseDynamics(False, False, False)
+        return np.array(self.skeleton.getForces())
 
-    def follow(self, start: Array, velocities: Array, step: float) -> Followed:
+    def begin(self, start: Array, step: float) -> None:
         import dartpy
 
-        skeleton, last = self.skeleton, self.skeleton.getBodyNode(f"link{self.robot.n}")
-        for k in range(skeleton.getNumJoints()):
-            if skeleton.getJoint(k).getNumDofs():
-                skeleton.getJoint(k).setActuatorType(dartpy.dynamics.ActuatorType.VELOCITY)
+        for k in range(self.skeleton.getNumJoints()):
+            if self.skeleton.getJoint(k).getNumDofs():
+                self.skeleton.getJoint(k).setActuatorType(dartpy.dynamics.ActuatorType.VELOCITY)
         self.world.setTimeStep(step)
-        skeleton.setPositions(start)
-        skeleton.setVelocities(np.zeros(self.robot.n))
-        torque = np.empty_like(velocities)
-        pose = np.empty((len(velocities), 4, 4))
-        for k, velocity in enumerate(velocities):
-            skeleton.setCommands(velocity)
-            self.world.step(False)
-            torque[k] = skeleton.getForces()
-            pose[k] = last.getWorldTransform().matrix()
-        return Followed(step, torque, pose)
+        self.skeleton.setPositions(start)
+        self.skeleton.setVelocities(np.zeros(self.robot.n))
+
+    def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
+        self.skeleton.setCommands(velocity)
+        self.world.step(False)
+        pose = self.skeleton.getBodyNode(f"link{self.robot.n}").getWorldTransform().matrix()
+        return np.array(self.skeleton.getForces()), pose[:3, :3], pose[:3, 3]

@@ -6,7 +6,7 @@ reaches an engine the way a user would bring it there: as the URDF or MJCF that 
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from typing import ClassVar
 
 import numpy as np
@@ -19,14 +19,6 @@ from sdp_vs_penalty.robot.robot import Robot
 
 #: A motor that always reaches its velocity [N m, N].
 STRONG = 1e6
-
-
-def module_version(name: str) -> str | None:
-    """What a module that can be imported says of its version."""
-    try:
-        return str(import_module(name).__version__)
-    except ImportError:
-        return None
 
 
 @dataclass(frozen=True)
@@ -56,6 +48,8 @@ class Engine(ABC):
     name: ClassVar[str]
     #: How bodies and joints are described inside, and how time is stepped.
     formulation: ClassVar[str]
+    #: The Python package that it comes in.
+    package: ClassVar[str] = ""
     #: What to install where it is absent.
     install: ClassVar[str] = install_command("engines")
 
@@ -75,21 +69,42 @@ class Engine(ABC):
         self.load()
 
     @classmethod
-    @abstractmethod
     def version(cls) -> str | None:
         """The version at hand, or None where the engine is absent."""
+        try:
+            return version(cls.package)
+        except PackageNotFoundError:
+            return None
 
     @abstractmethod
     def load(self) -> None:
         """Build the robot inside the engine."""
 
-    @abstractmethod
     def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array | None:
         """Torques (N, n) for states (N, n); None where the engine has no inverse dynamics."""
+        found = [self.torque(*rows) for rows in zip(q, dq, ddq, strict=True)]
+        return None if found[0] is None else np.array(found, float)
 
-    @abstractmethod
+    def torque(self, q: Array, dq: Array, ddq: Array) -> Array | None:
+        """Of one state (n,)."""
+        return None
+
     def follow(self, start: Array, velocities: Array, step: float) -> Followed:
         """Drive the joints from rest at ``start`` (n,) at the velocities (N, n), one each step."""
+        torque, pose = np.empty_like(velocities), np.tile(np.eye(4), (len(velocities), 1, 1))
+        self.begin(start, step)
+        for k, velocity in enumerate(velocities):
+            torque[k], pose[k, :3, :3], pose[k, :3, 3] = self.stepped(velocity)
+        return Followed(step, torque, pose)
+
+    @abstractmethod
+    def begin(self, start: Array, step: float) -> None:
+        """Put the joints at rest at ``start`` (n,), for steps of so many seconds."""
+
+    @abstractmethod
+    def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
+        """One step at these velocities (n,): the motors' torque (n,), and rotation (3, 3) and position
+        (3,) of the last link's joint frame after it."""
 
     @property
     def content(self) -> Content:

@@ -7,7 +7,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError, install_command
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
-from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed, module_version
+from sdp_vs_penalty.simulation.engines.engine import Array, Engine
 
 
 class MuJoCo(Engine):
@@ -15,13 +15,13 @@ class MuJoCo(Engine):
     own inverse dynamics (in discrete time) reaches the commanded velocity, and its forward dynamics
     moves the robot."""
 
-    name = "MuJoCo"
+    name, package = "MuJoCo", "mujoco"
     install = f"{install_command('engines')}; 3.14 or newer: older ones ignore inertial rpy"
     formulation = "generalised coordinates, semi-implicit Euler"
 
     @classmethod
     def version(cls) -> str | None:
-        found = module_version("mujoco")
+        found = super().version()
         # Before 3.14 the orientation of a URDF's inertial is ignored.
         new = found is not None and [int(word) for word in re.findall(r"\d+", found)[:2]] >= [3, 14]
         return found if new else None
@@ -42,31 +42,26 @@ class MuJoCo(Engine):
         self.model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_INVDISCRETE
         self.data: Any = mujoco.MjData(self.model)
 
-    def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array:
+    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         import mujoco
 
-        out = np.empty_like(q)
-        for k in range(len(q)):
-            self.data.qpos, self.data.qvel, self.data.qacc = q[k], dq[k], ddq[k]
-            mujoco.mj_inverse(self.model, self.data)
-            out[k] = self.data.qfrc_inverse
-        return out
+        self.data.qpos, self.data.qvel, self.data.qacc = q, dq, ddq
+        mujoco.mj_inverse(self.model, self.data)
+        return np.array(self.data.qfrc_inverse)
 
-    def follow(self, start: Array, velocities: Array, step: float) -> Followed:
+    def begin(self, start: Array, step: float) -> None:
+        import mujoco
+
+        self.model.opt.timestep = step
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos = start
+
+    def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         import mujoco
 
         model, data = self.model, self.data
-        model.opt.timestep = step
-        mujoco.mj_resetData(model, data)
-        data.qpos = start
-        torque = np.empty_like(velocities)
-        pose = np.tile(np.eye(4), (len(velocities), 1, 1))
-        for k, velocity in enumerate(velocities):
-            data.qacc = (velocity - data.qvel) / step
-            mujoco.mj_inverse(model, data)
-            torque[k] = data.qfrc_applied = data.qfrc_inverse
-            mujoco.mj_step(model, data)
-            mujoco.mj_kinematics(model, data)
-            pose[k, :3, :3] = data.xmat[-1].reshape(3, 3)
-            pose[k, :3, 3] = data.xpos[-1]
-        return Followed(step, torque, pose)
+        acceleration = (velocity - data.qvel) / model.opt.timestep
+        data.qfrc_applied = torque = self.torque(data.qpos, data.qvel, acceleration)
+        mujoco.mj_step(model, data)
+        mujoco.mj_kinematics(model, data)
+        return torque, data.xmat[-1].reshape(3, 3), data.xpos[-1]

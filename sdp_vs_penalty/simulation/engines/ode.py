@@ -122,46 +122,42 @@ class Ode(Engine):
             self.masses.append(mass)
             self.centres[k] = p[1:4]
 
-    def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> None:
-        return None
-
     def follow(self, start: Array, velocities: Array, step: float) -> Followed:
-        world = c_void_p(self.ode.dWorldCreate())
         try:
-            return self._follow(world, start, velocities, step)
+            return super().follow(start, velocities, step)
         finally:
-            self.ode.dWorldDestroy(world)
+            self.ode.dWorldDestroy(self.world)
 
-    def _follow(self, world: c_void_p, start: Array, velocities: Array, step: float) -> Followed:
-        ode, n = self.ode, self.robot.n
+    def begin(self, start: Array, step: float) -> None:
+        ode, self.step = self.ode, step
+        self.world = world = c_void_p(ode.dWorldCreate())
         ode.dWorldSetGravity(world, *self.robot.gravity)
-        bodies: list[c_void_p] = []
-        motors, feedback = [], [_Feedback() for _ in range(n)]
+        self.bodies: list[c_void_p] = []
+        self.motors, self.feedback = [], [_Feedback() for _ in range(self.robot.n)]
         for k, (joint, frame) in enumerate(
             zip(self.robot.joints, self.robot.poses(start[None])[0], strict=True)
         ):
-            bodies.append(self._body(world, k, frame))
+            self.bodies.append(body := self._body(world, k, frame))
             kind = "Hinge" if joint.kind == "revolute" else "Slider"
             made, parent = c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None)), joint.parent
-            ode.dJointAttach(made, bodies[k], None if parent < 0 else bodies[parent])
+            ode.dJointAttach(made, body, None if parent < 0 else self.bodies[parent])
             if kind == "Hinge":
                 ode.dJointSetHingeAnchor(made, *frame[:3, 3])
             getattr(ode, f"dJointSet{kind}Axis")(made, *(frame[:3, :3] @ joint.axis))
-            motors.append(partial(getattr(ode, f"dJointSet{kind}Param"), made))
-            motors[k](_PARAM_FMAX, STRONG)
-            ode.dJointSetFeedback(made, byref(feedback[k]))
-        torque = np.empty_like(velocities)
-        pose = np.empty((len(velocities), 4, 4))
-        after = [self._frame(k, body) for k, body in enumerate(bodies)]
-        for i, velocity in enumerate(velocities):
-            for motor, speed in zip(motors, velocity, strict=True):
-                motor(_PARAM_VEL, speed)
-            ode.dWorldStep(world, step)
-            # ODE forms the constraints of a step at the configuration before it.
-            torque[i] = [self._torque(k, *x) for k, x in enumerate(zip(feedback, after, strict=True))]
-            after = [self._frame(k, body) for k, body in enumerate(bodies)]
-            pose[i] = after[-1]
-        return Followed(step, torque, pose)
+            self.motors.append(partial(getattr(ode, f"dJointSet{kind}Param"), made))
+            self.motors[k](_PARAM_FMAX, STRONG)
+            ode.dJointSetFeedback(made, byref(self.feedback[k]))
+
+    def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
+        # ODE forms the constraints of a step at the configuration before it.
+        before = [self._frame(k, body) for k, body in enumerate(self.bodies)]
+        for motor, speed in zip(self.motors, velocity, strict=True):
+            motor(_PARAM_VEL, speed)
+        self.ode.dWorldStep(self.world, self.step)
+        wrenches = enumerate(zip(self.feedback, before, strict=True))
+        torque = np.array([self._torque(k, *x) for k, x in wrenches])
+        last = self._frame(self.robot.n - 1, self.bodies[-1])
+        return torque, last[:3, :3], last[:3, 3]
 
     def _body(self, world: c_void_p, k: int, frame: Array) -> c_void_p:
         """Link k at rest, its joint's frame (4, 4) there."""

@@ -27,9 +27,9 @@ LEVELS = {"strong": 2.0, "medium": 0.5, "weak": 0.125}
 class Hidden:
     """change : (N, n) torque that an effect of a size adds; joints : from 0, none for the whole robot;
     number : the library's parameter at size 1, None where it has no single one; shift : (N,) by how
-    much the joint's link stands elsewhere than its encoder says, where that is how it acts."""
+    much the joint's link stands elsewhere than its encoder says, where that is how it acts; effect : the
+    library's name of it, which the tables of makers say."""
 
-    effect: str
     joints: tuple[int, ...]
     change: Change
     number: float | None = 1.0
@@ -37,6 +37,7 @@ class Hidden:
     size: float = 1.0
     shift: Change | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
+    effect: str = ""
 
     def torque(self, world: World, m: TrueMotion) -> Array:
         """(N, n) what it adds at its size."""
@@ -71,47 +72,38 @@ class Hidden:
         }
 
 
-def on_joint(joint: int, law: Callable[[World, TrueMotion], Array]) -> Change:
-    """The change of one joint's torque by law(world, motion) (N,) times the size."""
+def at_joint(
+    joint: int, law: Callable[[World, TrueMotion], Array], number: float | None = 1.0, /, **shape: float
+) -> Hidden:
+    """A torque of one joint, law(world, motion) (N,) times the size."""
 
     def change(world: World, m: TrueMotion, size: float) -> Array:
         out = np.zeros_like(m.q)
         out[:, joint] = size * law(world, m)
         return out
 
-    return change
+    return Hidden((joint,), change, number, shape)
 
 
-def at_joint(
-    effect: str,
-    joint: int,
-    law: Callable[[World, TrueMotion], Array],
-    number: float | None = 1.0,
-    **shape: float,
-) -> Hidden:
-    """A torque of one joint."""
-    return Hidden(effect, (joint,), on_joint(joint, law), number, shape)
-
-
-def plain(effect: str, law: Callable[[World, int, TrueMotion], Array], signed: bool = False) -> Maker:
+def plain(law: Callable[[World, int, TrueMotion], Array], signed: bool = False) -> Maker:
     """The maker of a torque of one joint without constants, law(world, joint, motion) (N,) times the
     size; signed : either way round."""
 
     def make(w: World, j: int, rng: np.random.Generator) -> Hidden:
         side = float(rng.choice([-1.0, 1.0])) if signed else 1.0
-        return at_joint(effect, j, lambda w, m: side * law(w, j, m), side)
+        return at_joint(j, lambda w, m: side * law(w, j, m), side)
 
     return make
 
 
-def shifted(effect: str, joint: int, shift: Change, number: float | None) -> Hidden:
+def shifted(joint: int, shift: Change, number: float | None) -> Hidden:
     """The link of a joint stands at q + shift, where q is what motor and encoder do."""
 
     def change(world: World, m: TrueMotion, size: float) -> Array:
         moved = displaced(m, joint, shift(world, m, size))
         return world.rigid(moved) - world.rigid(m)
 
-    return Hidden(effect, (joint,), change, number, shift=shift)
+    return Hidden((joint,), change, number, shift=shift)
 
 
 def displaced(m: TrueMotion, joint: int, shift: Array) -> TrueMotion:

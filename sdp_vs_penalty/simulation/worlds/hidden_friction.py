@@ -8,7 +8,7 @@ from numpy.random import Generator
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.simulation.worlds.arm import Array
 from sdp_vs_penalty.simulation.worlds.conditions import log_uniform
-from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, on_joint, plain, sign
+from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, plain, sign
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World, bristles
 
@@ -20,46 +20,33 @@ def _unit(world: World, joint: int) -> float:
 def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
     """Armstrong-Helouvry et al., Automatica 1994, eq. 7."""
     vs = _unit(w, j) * log_uniform(rng, 0.04, 0.3)
-    return at_joint(
-        "stribeck_friction",
-        j,
-        lambda w, m: sign(w, j, m) * np.exp(-((m.dq[:, j] / vs) ** 2)),
-        vs=vs,
-        delta=2.0,
-    )
+
+    def law(w: World, m: TrueMotion) -> Array:
+        return sign(w, j, m) * np.exp(-((m.dq[:, j] / vs) ** 2))
+
+    return at_joint(j, law, vs=vs, delta=2.0)
 
 
-def stiction(w: World, j: int, rng: Generator) -> Hidden:
-    """The same over a travel that hardly shows."""
-    return _dahl("stiction", w, j, log_uniform(rng, 0.0005, 0.001))
-
-
-def _dahl(effect: str, w: World, j: int, travel: float) -> Hidden:
+def dahl(w: World, j: int, travel: float) -> Hidden:
     """Dahl 1968: friction follows the travel since the reversal instead of jumping."""
     d = _unit(w, j) * travel
-    one = np.array([d])
-    return at_joint(
-        effect,
-        j,
-        lambda w, m: bristles(m.t, m.dq[:, [j]], one, np.ones_like)[:, 0] - sign(w, j, m),
-        d=d,
-    )
+    return at_joint(j, lambda w, m: _behind(m.t, m.dq[:, j], d) - sign(w, j, m), d=d)
+
+
+def _behind(t: Array, speed: Array, d: float) -> Array:
+    """(N,) Dahl's state along a motion of this speed."""
+    return bristles(t, speed[:, None], np.array([d]), np.ones_like)[:, 0]
 
 
 def _sigmoid(w: World, j: int, rng: Generator) -> Hidden:
     """Gaz et al., RA-L 2019, eq. 9: part of the Coulomb friction rises slowly."""
     v0 = _unit(w, j) * log_uniform(rng, 0.05, 0.3)
-    return at_joint("sigmoid_friction", j, lambda w, m: np.tanh(m.dq[:, j] / v0) - sign(w, j, m), v0=v0)
+    return at_joint(j, lambda w, m: np.tanh(m.dq[:, j] / v0) - sign(w, j, m), v0=v0)
 
 
 def _power(w: World, j: int, rng: Generator) -> Hidden:
     alpha = float(rng.uniform(0.3, 0.7) if rng.random() < 0.5 else rng.uniform(1.5, 2.5))
-    return at_joint(
-        "power_law_friction",
-        j,
-        lambda w, m: np.sign(m.dq[:, j]) * np.abs(m.dq[:, j]) ** alpha,
-        alpha=alpha,
-    )
+    return at_joint(j, lambda w, m: np.sign(m.dq[:, j]) * np.abs(m.dq[:, j]) ** alpha, alpha=alpha)
 
 
 def _coupling(w: World, j: int, rng: Generator) -> Hidden:
@@ -70,27 +57,22 @@ def _coupling(w: World, j: int, rng: Generator) -> Hidden:
     form, side = int(rng.integers(1, 5)), float(rng.choice([-1.0, 1.0]))
     width = float(np.median(w.dry.width))
 
-    def law(w: World, dq: Array) -> Array:
-        speed = {1: dq[:, i], 2: dq[:, i], 3: dq[:, j] + dq[:, i], 4: dq[:, j] - dq[:, i]}[form]
-        rubbing = speed if form == 1 else np.tanh(speed / width)
-        return np.asarray(side * rubbing)
+    def law(w: World, m: TrueMotion) -> Array:
+        own, other = m.dq[:, j], m.dq[:, i]
+        speed = {3: own + other, 4: own - other}.get(form, other)
+        return np.asarray(side * (speed if form == 1 else np.tanh(speed / width)))
 
-    shape = {"i": float(i + 1), "form": float(form)}
-    return at_joint("joint_coupling", j, lambda w, m: law(w, m.dq), side, **shape)
+    return at_joint(j, law, side, i=float(i + 1), form=float(form))
 
 
 def _warming(w: World, j: int, rng: Generator) -> Hidden:
     """Simoni et al., IROS 2015: friction that falls with time."""
-    T = float(rng.uniform(40.0, 150.0))
-    form = int(rng.choice([2, 4]))
-    return at_joint(
-        "drift_friction",
-        j,
-        lambda w, m: np.exp(-m.t / T) * (sign(w, j, m) if form == 2 else m.dq[:, j]),
-        None,
-        form=float(form),
-        T=T,
-    )
+    T, form = float(rng.uniform(40.0, 150.0)), int(rng.choice([2, 4]))
+
+    def law(w: World, m: TrueMotion) -> Array:
+        return np.exp(-m.t / T) * (sign(w, j, m) if form == 2 else m.dq[:, j])
+
+    return at_joint(j, law, None, form=float(form), T=T)
 
 
 def _by_temperature(w: World, j: int, rng: Generator) -> Hidden:
@@ -101,8 +83,7 @@ def _by_temperature(w: World, j: int, rng: Generator) -> Hidden:
         thick = np.exp((20.0 - w.temperature(m.t)[:, j]) / warm)
         return np.asarray(thick * (m.dq[:, j] if viscous else sign(w, j, m)))
 
-    shape = {"law": 1.0 + viscous, "by": 1.0, "warm": warm}
-    return Hidden("warming_friction", (j,), on_joint(j, law), 1.0, shape)
+    return at_joint(j, law, law=1.0 + viscous, by=1.0, warm=warm)
 
 
 def _transmission(w: World, j: int, rng: Generator) -> Hidden:
@@ -114,36 +95,25 @@ def _transmission(w: World, j: int, rng: Generator) -> Hidden:
     if not pairs:
         raise InputError("effect transmission_friction needs neighbours that turn", "leave it out")
     first = min(pairs, key=lambda i: abs(i - j))
-    law = int(rng.choice([2, 3, 4]))
-    ratio = float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
+    law, ratio = int(rng.choice([2, 3, 4])), float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
     d, vs = log_uniform(rng, 0.002, 0.01), log_uniform(rng, 0.05, 0.25)
-    width = float(np.median(w.dry.width))
+    width, c = float(np.median(w.dry.width)), np.zeros(w.arm.n)
+    c[first], c[first + 1] = 1.0, ratio
 
     def change(w: World, m: TrueMotion, size: float) -> Array:
-        v = m.dq[:, first] + ratio * m.dq[:, first + 1]
+        v = m.dq @ c
         rubs = np.tanh(v / width) * (np.exp(-((v / vs) ** 2)) if law == 4 else 1.0)
-        if law == 3:
-            rubs = bristles(m.t, v[:, None], np.array([d]), np.ones_like)[:, 0]
-        out = np.zeros_like(m.q)
-        out[:, first], out[:, first + 1] = size * rubs, size * ratio * rubs
-        return out
+        return np.outer(size * (_behind(m.t, v, d) if law == 3 else rubs), c)
 
-    ratios = {f"c{first + 1}": 1.0, f"c{first + 2}": ratio}
     own = {3: {"d": d}, 4: {"vs": vs}}.get(law, {})
-    shape = {**ratios, "law": float(law), **own}
-    return Hidden("transmission_friction", (first, first + 1), change, 1.0, shape)
+    shape = {f"c{first + 1}": 1.0, f"c{first + 2}": ratio, "law": float(law), **own}
+    return Hidden((first, first + 1), change, 1.0, shape)
 
 
 def _load_hysteresis(w: World, j: int, rng: Generator) -> Hidden:
     """Friction of loaded teeth with Dahl's memory."""
     d = _unit(w, j) * log_uniform(rng, 0.002, 0.01)
-    one = np.array([d])
-    return at_joint(
-        "load_dependent_hysteresis",
-        j,
-        lambda w, m: np.abs(w.rigid(m)[:, j]) * bristles(m.t, m.dq[:, [j]], one, np.ones_like)[:, 0],
-        d=d,
-    )
+    return at_joint(j, lambda w, m: np.abs(w.rigid(m)[:, j]) * _behind(m.t, m.dq[:, j], d), d=d)
 
 
 def _slip(w: World, j: int, rng: Generator) -> Hidden:
@@ -158,42 +128,29 @@ def _slip(w: World, j: int, rng: Generator) -> Hidden:
             out[k] = weight @ z
         return out
 
-    return at_joint("maxwell_slip", j, law, None, d=d)
+    return at_joint(j, law, None, d=d)
 
 
 def _position(w: World, j: int, rng: Generator) -> Hidden:
     """Popovic, Goldenberg 1998: dry friction that varies along the range."""
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
     k = float(rng.integers(1, 4)) if w.arm.rotary[j] else 2.0 * np.pi / float(rng.uniform(0.05, 0.15))
-    return at_joint(
-        "position_dependent_friction",
-        j,
-        lambda w, m: np.cos(k * m.q[:, j] + phase) * sign(w, j, m),
-        None,
-        k=k,
-    )
+    return at_joint(j, lambda w, m: np.cos(k * m.q[:, j] + phase) * sign(w, j, m), None, k=k)
 
 
+#: By the library's name of each.
 FRICTION: Mapping[str, Maker] = {
-    "viscous_friction": plain("viscous_friction", lambda w, j, m: m.dq[:, j]),
-    "coulomb_friction": plain("coulomb_friction", sign),
+    "viscous_friction": plain(lambda w, j, m: m.dq[:, j]),
+    "coulomb_friction": plain(sign),
     # A size for each direction: Armstrong-Helouvry et al., Automatica 1994, sec. 2.
-    "asymmetric_viscous_friction": plain(
-        "asymmetric_viscous_friction", lambda w, j, m: np.abs(m.dq[:, j]), signed=True
-    ),
-    "asymmetric_coulomb_friction": plain(
-        "asymmetric_coulomb_friction", lambda w, j, m: np.abs(sign(w, j, m)), signed=True
-    ),
+    "asymmetric_viscous_friction": plain(lambda w, j, m: np.abs(m.dq[:, j]), signed=True),
+    "asymmetric_coulomb_friction": plain(lambda w, j, m: np.abs(sign(w, j, m)), signed=True),
     "stribeck_friction": _stribeck,
-    "presliding_hysteresis": lambda w, j, rng: _dahl(
-        "presliding_hysteresis", w, j, log_uniform(rng, 0.001, 0.01)
-    ),
+    "presliding_hysteresis": lambda w, j, rng: dahl(w, j, log_uniform(rng, 0.001, 0.01)),
     "sigmoid_friction": _sigmoid,
     "power_law_friction": _power,
     # In proportion to the torque that the gear transmits: Hamon, Gautier, Garrec, IROS 2010.
-    "load_dependent_friction": plain(
-        "load_dependent_friction", lambda w, j, m: np.abs(w.rigid(m)[:, j]) * sign(w, j, m)
-    ),
+    "load_dependent_friction": plain(lambda w, j, m: np.abs(w.rigid(m)[:, j]) * sign(w, j, m)),
     "joint_coupling": _coupling,
     "drift_friction": _warming,
     "warming_friction": _by_temperature,

@@ -8,16 +8,9 @@ from numpy.random import Generator
 
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.arm import Array, misplaced
-from sdp_vs_penalty.simulation.worlds.conditions import first_order
-from sdp_vs_penalty.simulation.worlds.hidden import (
-    Hidden,
-    Maker,
-    at_joint,
-    displaced,
-    plain,
-    shifted,
-)
-from sdp_vs_penalty.simulation.worlds.hidden_friction import stiction
+from sdp_vs_penalty.simulation.worlds.conditions import first_order, log_uniform
+from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, displaced, plain, shifted
+from sdp_vs_penalty.simulation.worlds.hidden_friction import dahl
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
@@ -25,7 +18,7 @@ from sdp_vs_penalty.simulation.worlds.world import World
 def _drift(w: World, j: int, rng: Generator) -> Hidden:
     """A sensor's zero that creeps as it warms."""
     T = float(rng.uniform(40.0, 150.0))
-    return at_joint("drift_offset", j, lambda _, m: np.exp(-m.t / T), None, form=2.0, T=T)
+    return at_joint(j, lambda _, m: np.exp(-m.t / T), None, form=2.0, T=T)
 
 
 def _ripple(w: World, j: int, rng: Generator) -> Hidden:
@@ -33,10 +26,12 @@ def _ripple(w: World, j: int, rng: Generator) -> Hidden:
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
     turns = float(rng.integers(2, 41))
     k = turns if w.arm.rotary[j] else 2.0 * np.pi / float(rng.uniform(0.008, 0.07))
-    return at_joint("torque_ripple", j, lambda _, m: np.cos(k * m.q[:, j] + phase), k=k)
+    return at_joint(j, lambda _, m: np.cos(k * m.q[:, j] + phase), k=k)
 
 
-def _late(channels: list[int], joints: tuple[int, ...], effect: str) -> Hidden:
+def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
+    """Torques logged late."""
+
     def change(w: World, m: TrueMotion, size: float) -> Array:
         tau = w.torque(m)
         out = np.zeros_like(tau)
@@ -44,7 +39,7 @@ def _late(channels: list[int], joints: tuple[int, ...], effect: str) -> Hidden:
             out[:, j] = np.interp(m.t - size, m.t, tau[:, j]) - tau[:, j]
         return out
 
-    return Hidden(effect, joints, change, size=1e-3)
+    return Hidden(joints, change, size=1e-3)
 
 
 def _filter(w: World, j: int, rng: Generator) -> Hidden:
@@ -58,12 +53,12 @@ def _filter(w: World, j: int, rng: Generator) -> Hidden:
         passed = first_order(fine, float(t[1] - t[0]), T)
         return np.column_stack([np.interp(m.t, t, x) for x in passed.T]) - tau
 
-    return Hidden("torque_filter", (), change, size=1e-3)
+    return Hidden((), change, size=1e-3)
 
 
 def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
     side = float(rng.choice([-1.0, 1.0]))
-    hidden = shifted("joint_zero_error", j, lambda _, m, a: np.full(len(m.t), a * side), side)
+    hidden = shifted(j, lambda _, m, a: np.full(len(m.t), a * side), side)
     return replace(hidden, size=1e-3)
 
 
@@ -76,7 +71,7 @@ def _elasticity(w: World, j: int, rng: Generator) -> Hidden:
             lag = -c * w.rigid(displaced(m, j, lag))[:, j]
         return lag
 
-    return replace(shifted("joint_elasticity", j, shift, 1.0), size=1e-5)
+    return replace(shifted(j, shift, 1.0), size=1e-5)
 
 
 def _backlash(w: World, j: int, rng: Generator) -> Hidden:
@@ -94,7 +89,7 @@ def _backlash(w: World, j: int, rng: Generator) -> Hidden:
         q[:, j] += shift(w, m, b)
         return w.rigid(replace(m, q=q)) - w.rigid(m)
 
-    return Hidden("backlash", (j,), change, 1.0, size=1e-4, shift=shift)
+    return Hidden((j,), change, 1.0, size=1e-4, shift=shift)
 
 
 def _tilt(w: World, j: int, rng: Generator) -> Hidden:
@@ -106,7 +101,7 @@ def _tilt(w: World, j: int, rng: Generator) -> Hidden:
         tilted.gravity.linear = w.built.gravity.linear + across
         return w.rigid(m, tilted) - w.rigid(m)
 
-    return Hidden("base_tilt", (), change, 1.0, size=0.1)
+    return Hidden((), change, 1.0, size=0.1)
 
 
 def _wrench(w: World, j: int, rng: Generator) -> Hidden:
@@ -117,7 +112,7 @@ def _wrench(w: World, j: int, rng: Generator) -> Hidden:
         data = w.built.createData()
         return np.array([-size * (w.arm.last_jacobian(w.built, data, q).T @ force) for q in m.q])
 
-    return Hidden("external_wrench", (), change, None)
+    return Hidden((), change, None)
 
 
 def _payload(w: World, j: int, rng: Generator) -> Hidden:
@@ -131,7 +126,12 @@ def _payload(w: World, j: int, rng: Generator) -> Hidden:
         loaded.inertias[w.arm.last] = w.built.inertias[w.arm.last] + ball
         return w.rigid(m, loaded) - w.rigid(m)
 
-    return Hidden("payload", (), change, 1.0, size=0.1, details={"com": centre.tolist()})
+    return Hidden((), change, 1.0, size=0.1, details={"com": centre.tolist()})
+
+
+def _stiction(w: World, j: int, rng: Generator) -> Hidden:
+    """Dahl's friction over a travel that hardly shows."""
+    return dahl(w, j, log_uniform(rng, 0.0005, 0.001))
 
 
 def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
@@ -143,22 +143,22 @@ def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
         beside = misplaced(w.built, slip, turn, np.random.default_rng(seed))
         return w.rigid(m, beside) - w.rigid(m)
 
-    return Hidden("kinematic_error", (), change, None)
+    return Hidden((), change, None)
 
 
 #: What shows only against a model that is kept as it is.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
 #: What a diagnosis meets as a nuisance.
-NUISANCE: Mapping[str, Maker] = {"kinematic_error": _misplaced, "stiction": stiction}
+NUISANCE: Mapping[str, Maker] = {"kinematic_error": _misplaced, "stiction": _stiction}
 MACHINE: Mapping[str, Maker] = {
-    "joint_spring": plain("joint_spring", lambda w, j, m: m.q[:, j]),
-    "torque_offset": plain("torque_offset", lambda w, j, m: np.ones(len(m.t)), signed=True),
+    "joint_spring": plain(lambda w, j, m: m.q[:, j]),
+    "torque_offset": plain(lambda w, j, m: np.ones(len(m.t)), signed=True),
     "drift_offset": _drift,
     "torque_ripple": _ripple,
-    "rotor_inertia": plain("rotor_inertia", lambda w, j, m: m.ddq[:, j]),
-    "torque_gain": plain("torque_gain", lambda w, j, m: w.torque(m)[:, j], signed=True),
-    "torque_delay": lambda w, j, rng: _late([j], (j,), "torque_delay"),
-    "global_delay": lambda w, j, rng: _late(list(range(w.arm.n)), (), "global_delay"),
+    "rotor_inertia": plain(lambda w, j, m: m.ddq[:, j]),
+    "torque_gain": plain(lambda w, j, m: w.torque(m)[:, j], signed=True),
+    "torque_delay": lambda w, j, rng: _late([j], (j,)),
+    "global_delay": lambda w, j, rng: _late(list(range(w.arm.n)), ()),
     "torque_filter": _filter,
     "joint_zero_error": _zero_error,
     "joint_elasticity": _elasticity,

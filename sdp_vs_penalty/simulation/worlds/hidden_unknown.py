@@ -16,25 +16,34 @@ from sdp_vs_penalty.simulation.worlds.world import World
 Law = tuple[Callable[[TrueMotion], Array], tuple[str, ...]]
 
 
+def _of_states(w: World, j: int, i: int, c: float, k: float) -> dict[str, Law]:
+    """Of joint j, and of another one i with it; k waves in a turn."""
+    s, ti = w.arm.unit_speed, 1.0 if w.arm.rotary[i] else 5.0
+    (q, dq, ddq), (qi, dqi) = ((f"{x}{j + 1}" for x in ("q", "dq", "ddq")), (f"q{i + 1}", f"dq{i + 1}"))
+    return {
+        "bumps of q": (lambda m: np.exp(20.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), (q,)),
+        "cos(2 q_i) sign(dq_j)": (
+            lambda m: np.cos(2.0 * m.q[:, i] / s[i] + c) * np.sign(m.dq[:, j]),
+            (qi, f"sign(dq{j + 1})"),
+        ),
+        "dq ddq": (lambda m: m.dq[:, j] * m.ddq[:, j], (dq, ddq)),
+        "dq_i |dq_j|": (lambda m: m.dq[:, i] * np.abs(m.dq[:, j]), (dqi, dq)),
+        "q dq": (lambda m: m.q[:, j] * m.dq[:, j], (q, dq)),
+        "q_i dq_j": (lambda m: m.q[:, i] * m.dq[:, j], (qi, dq)),
+        "sin(k q_j + 3 q_i)": (lambda m: np.sin(k * m.q[:, j] + 3.0 * ti * m.q[:, i] + c), (q, qi)),
+    }
+
+
+def _other(w: World, j: int, rng: Generator) -> tuple[int, float]:
+    """Another joint, and a phase."""
+    return int(rng.choice([k for k in range(w.arm.n) if k != j])), float(rng.uniform(-0.5, 0.5))
+
+
 def unknown(w: World, j: int, rng: Generator) -> Hidden:
     """A function of the state that is not in the library."""
-    i = int(rng.choice([k for k in range(w.arm.n) if k != j]))
-    c = float(rng.uniform(-0.5, 0.5))
-    # On a prismatic joint a wave of q would be a straight line: as many waves as on a turning one.
-    s = 1.0 / w.arm.unit_speed if w.arm.rotary[j] else 8.0 * np.ones(w.arm.n)
-
-    laws: Mapping[str, Callable[[TrueMotion], Array]] = {
-        "q dq": lambda m: m.q[:, j] * m.dq[:, j],
-        "cos(2 q_i) sign(dq_j)": lambda m: np.cos(2.0 * s[i] * m.q[:, i] + c) * np.sign(m.dq[:, j]),
-        "sin(2 q_j + 3 q_i)": lambda m: np.sin(2.0 * s[j] * m.q[:, j] + 3.0 * m.q[:, i] + c),
-        "q_i dq_j": lambda m: m.q[:, i] * m.dq[:, j],
-        "dq_i |dq_j|": lambda m: m.dq[:, i] * np.abs(m.dq[:, j]),
-        "bumps of q": lambda m: np.exp(20.0 * (np.cos(2.0 * s[j] * m.q[:, j] - c) - 1.0)),
-        "dq ddq": lambda m: m.dq[:, j] * m.ddq[:, j],
-    }
+    laws = _of_states(w, j, *_other(w, j, rng), 2.0 if w.arm.rotary[j] else 16.0)
     name = str(rng.choice(sorted(laws)))
-    law = laws[name]
-    return at_joint(f"unknown: {name}", j, lambda _, m: law(m))
+    return replace(at_joint(j, lambda _, m: laws[name][0](m)), effect=f"unknown: {name}")
 
 
 def nameless(w: World, j: int, rng: Generator) -> Hidden:
@@ -43,42 +52,25 @@ def nameless(w: World, j: int, rng: Generator) -> Hidden:
 
     details : "of", its variables as findings.json writes them.
     """
-    i = int(rng.choice([k for k in range(w.arm.n) if k != j]))
-    c, s = float(rng.uniform(-0.5, 0.5)), w.arm.unit_speed
-    k = float(rng.uniform(2.0, 4.0)) * (1.0 if w.arm.rotary[j] else 8.0)
+    i, c = _other(w, j, rng)
+    s, k = w.arm.unit_speed, float(rng.uniform(2.0, 4.0)) * (1.0 if w.arm.rotary[j] else 8.0)
     v = float(rng.uniform(0.2, 0.5)) * s[j]
     q, dq, ddq, tau = (f"{name}{j + 1}" for name in ("q", "dq", "ddq", "tau"))
-    qi, dqi, sign = f"q{i + 1}", f"dq{i + 1}", f"sign(dq{j + 1})"
     load = 1e-2 / max(w.arm.noise[j], 1e-9)
-
-    def wave(m: TrueMotion) -> Array:
-        return np.asarray(
-            np.sin(k * m.q[:, j] + 3.0 * m.q[:, i] / (1.0 if w.arm.rotary[i] else 0.2) + c)
-        )
-
     laws: Mapping[str, Law] = {
-        "bumps of q": (lambda m: np.exp(20.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), (q,)),
+        **_of_states(w, j, i, c, k),
         "q^3": (lambda m: (m.q[:, j] / s[j]) ** 3, (q,)),
         "tanh of q": (lambda m: np.tanh(5.0 * m.q[:, j] / s[j]), (q,)),
         "load squared": (lambda m: (t := load * w.torque(m)[:, j]) * np.abs(t), (tau,)),
         "bump of dq": (lambda m: np.exp(-(((m.dq[:, j] - v) / (0.5 * v)) ** 2)), (dq,)),
         "|ddq|": (lambda m: np.abs(m.ddq[:, j]), (ddq,)),
-        "q dq": (lambda m: m.q[:, j] * m.dq[:, j], (q, dq)),
-        "cos(2 q_i) sign(dq_j)": (
-            lambda m: np.cos(2.0 * m.q[:, i] / s[i] + c) * np.sign(m.dq[:, j]),
-            (qi, sign),
-        ),
-        "sin(k q_j + 3 q_i)": (wave, (q, qi)),
-        "q_i dq_j": (lambda m: m.q[:, i] * m.dq[:, j], (qi, dq)),
-        "dq_i |dq_j|": (lambda m: m.dq[:, i] * np.abs(m.dq[:, j]), (dqi, dq)),
-        "dq ddq": (lambda m: m.dq[:, j] * m.ddq[:, j], (dq, ddq)),
         "tau dq": (lambda m: load * w.torque(m)[:, j] * m.dq[:, j], (tau, dq)),
         **_of_turns(w, j, rng),
     }
     name = str(rng.choice(sorted(laws)))
     law, of = laws[name]
-    hidden = at_joint(f"nameless: {name}", j, lambda _, m: law(m))
-    return replace(hidden, details={"of": list(of)})
+    hidden = at_joint(j, lambda _, m: law(m))
+    return replace(hidden, effect=f"nameless: {name}", details={"of": list(of)})
 
 
 def _of_turns(w: World, j: int, rng: Generator) -> Mapping[str, Law]:
@@ -89,15 +81,15 @@ def _of_turns(w: World, j: int, rng: Generator) -> Mapping[str, Law]:
     ratio, k = float(rng.choice([-2.0, -1.0, 1.0, 2.0])), float(rng.integers(5, 13))
     c, wide = float(rng.uniform(-3.0, 3.0)), 0.2 * float(w.arm.unit_speed[a : a + 2].sum())
     sign, size = "-" if ratio < 0.0 else "+", "" if abs(ratio) == 1.0 else f"{abs(ratio):g}"
-
-    def turned(m: TrueMotion) -> Array:
-        return np.asarray(np.tanh((m.q[:, a] + ratio * m.q[:, a + 1]) / wide))
-
-    of = (f"q{a + 1}{sign}{size}q{a + 2}",)
-    teeth = (f"phase({k:g} q{j + 1})",)
     return {
-        "tanh of q_i + c q_j": (turned, of),
-        "teeth": (lambda m: np.exp(3.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), teeth),
+        "tanh of q_i + c q_j": (
+            lambda m: np.tanh((m.q[:, a] + ratio * m.q[:, a + 1]) / wide),
+            (f"q{a + 1}{sign}{size}q{a + 2}",),
+        ),
+        "teeth": (
+            lambda m: np.exp(3.0 * (np.cos(k * m.q[:, j] - c) - 1.0)),
+            (f"phase({k:g} q{j + 1})",),
+        ),
     }
 
 
@@ -128,4 +120,4 @@ def disturbance(w: World, j: int, rng: Generator) -> Hidden:
         return out
 
     details = {"kind": kind, "t_start": begin, "t_end": begin + length}
-    return Hidden(f"disturbance: {kind}", (j,), change, None, details=details)
+    return Hidden((j,), change, None, details=details, effect=f"disturbance: {kind}")
