@@ -29,7 +29,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.excitation import Limits, independent_rate, shrunk
-from sdp_vs_penalty.estimation.noise_level import with_current
+from sdp_vs_penalty.estimation.verdict import with_current
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.self_collision import SelfCollision
 from sdp_vs_penalty.robot.trajectory import PointTrajectory, random_trajectory, shortest_moves

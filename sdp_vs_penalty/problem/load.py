@@ -21,9 +21,8 @@ from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, default_ma
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.geometry import link_geometry
-from sdp_vs_penalty.robot.joint import parse_mechanism
+from sdp_vs_penalty.robot.joint import parse_mechanism, parse_transmission
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
-from sdp_vs_penalty.robot.transmission import parse_transmission
 from sdp_vs_penalty.robot.urdf import load_urdf
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 

@@ -20,8 +20,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.joint import Joint, Mechanism
-from sdp_vs_penalty.robot.transmission import Transmission
+from sdp_vs_penalty.robot.joint import Joint, Mechanism, Transmission
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
