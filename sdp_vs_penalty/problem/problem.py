@@ -51,9 +51,8 @@ class CentreOfMassCone:
         coefficients = np.zeros((4, 3))
         coefficients[0, 0], coefficients[1 + self.axis, 0] = self.radius, self.slope
         coefficients[1 + across[0], 1] = coefficients[1 + across[1], 2] = 1.0
-        return build.second_order(
-            "centre of mass cone", f"link {self.link + 1}", indices[:4], coefficients, np.zeros(3)
-        )
+        who = "centre of mass cone", f"link {self.link + 1}", indices[:4]
+        return build.second_order(*who, coefficients, np.zeros(3))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON, as :meth:`from_dict` reads it: link from 1, axis by its letter."""

@@ -158,11 +158,8 @@ class Constraint:
     @property
     def identity(self) -> Array:
         """The element e of the cone for which margin(F + t e) = margin(F) + t."""
-        if self.cone == "psd":
-            return np.eye(len(self.constant))
-        if self.cone == "soc":
-            return np.eye(len(self.constant))[0]
-        return np.ones(len(self.constant))
+        unit = np.eye(len(self.constant))
+        return {"psd": unit, "soc": unit[0], "nonnegative": unit.sum(axis=0)}[self.cone]
 
     def adjoint(self, multiplier: Array) -> Array:
         """(k,) inner products <F_i, S> of the coefficients with a multiplier S."""
@@ -376,24 +373,24 @@ def ball(radius: float) -> Array:
 
 
 def linear(
-    family: str, name: str, indices: ArrayLike, coefficients: ArrayLike, constant: ArrayLike
+    family: str,
+    name: str,
+    indices: ArrayLike,
+    coefficients: ArrayLike,
+    constant: ArrayLike,
+    cone: str = "nonnegative",
 ) -> Constraint:
-    """constant + coefficients^T theta >= 0, entry by entry; coefficients (k, d)."""
-    return _made(family, name, "nonnegative", indices, constant, coefficients)
+    """constant + coefficients^T theta >= 0, entry by entry, or in another cone; coefficients (k, d)."""
+    arrays = np.asarray(constant, float), np.asarray(coefficients, float)
+    return Constraint(family, name, cone, np.asarray(indices, np.intp), *arrays)
 
 
 def second_order(
     family: str, name: str, indices: ArrayLike, coefficients: ArrayLike, constant: ArrayLike
 ) -> Constraint:
     """|u| <= s with (s, u) = constant + coefficients^T theta; coefficients (k, 1 + dim u)."""
-    return _made(family, name, "soc", indices, constant, coefficients)
-
-
-def _made(family: str, name: str, cone: str, indices: ArrayLike, *arrays: ArrayLike) -> Constraint:
-    constant, coefficients = (np.asarray(x, float) for x in arrays)
-    return Constraint(family, name, cone, np.asarray(indices, np.intp), constant, coefficients)
+    return linear(family, name, indices, coefficients, constant, "soc")
 
 
 def _psd(family: str, name: str, indices: ArrayLike, coefficients: Array) -> Constraint:
-    d = coefficients.shape[1]
-    return _made(family, name, "psd", indices, np.zeros((d, d)), coefficients)
+    return linear(family, name, indices, coefficients, np.zeros(coefficients.shape[1:]), "psd")

@@ -20,8 +20,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import directions
 from sdp_vs_penalty.robot.urdf import numbers_of, placed_links, pose_of
 
-#: Corners of the polygons that stand for circles, around them.
-_CORNERS = 16
 #: Directions in which a drawn hull reaches as far as its shape.
 _DIRECTIONS = 128
 
@@ -42,11 +40,9 @@ def link_geometry(path: str | Path) -> list[Geometry | None]:
     out: list[Geometry | None] = []
     for found in _link_shapes(path):
         shapes = [shape for part in found for shape in part or []]
-        if shapes and None not in found:
-            cloud = np.concatenate([shape.points for shape in shapes])
-            out.append(Geometry(cloud, sum(shape.volume for shape in shapes)))
-        else:
-            out.append(None)
+        cloud = np.concatenate([np.zeros((0, 3)), *(shape.points for shape in shapes)])
+        known = bool(shapes) and None not in found
+        out.append(Geometry(cloud, sum(shape.volume for shape in shapes)) if known else None)
     return out
 
 
@@ -102,6 +98,7 @@ def _shapes(path: Path, link: Any, placement: Array) -> list[Geometry] | None:
 def _shape(path: Path, geometry: Any) -> Geometry | None:
     """One shape about its own origin; None for numbers that describe none, or a mesh that is missing."""
     shape = next(iter(geometry), None) if geometry is not None else None
+    made: Geometry | None = None
     if shape is None:
         return None
     if shape.tag == "box":
@@ -116,13 +113,9 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
         made = Geometry(_cylinder(radius, ends), np.pi * radius**2 * length)
     elif shape.tag == "mesh":
         scale = numbers_of(shape.get("scale", "1 1 1"), 3)
-        found = _mesh(path, shape.get("filename") or "", scale)
-        if found is None:
-            return None
-        made = found
-    else:
-        return None
-    return made if np.all(np.isfinite(made.points)) and len(made.points) else None
+        made = _mesh(path, shape.get("filename") or "", scale)
+    known = made is not None and len(made.points) and np.all(np.isfinite(made.points))
+    return made if known else None
 
 
 def _box(half: Array) -> Array:
@@ -131,10 +124,10 @@ def _box(half: Array) -> Array:
 
 
 def _cylinder(radius: float, half: float) -> Array:
-    turn = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
-    outer = radius / np.cos(np.pi / _CORNERS)
-    x, y, z = outer * np.cos(turn), outer * np.sin(turn), np.full(_CORNERS, half)
-    return np.concatenate([np.column_stack([x, y, z]), np.column_stack([x, y, -z])])
+    """Corners of a prism of sixteen sides around it."""
+    turn, outer = np.pi / 8.0 * np.arange(16), radius / np.cos(np.pi / 16.0)
+    circle = outer * np.cos(turn), outer * np.sin(turn)
+    return np.concatenate([np.column_stack([*circle, np.full(16, z)]) for z in (half, -half)])
 
 
 def _mesh(path: Path, filename: str, scale: Array) -> Geometry | None:

@@ -30,8 +30,6 @@ UNITS = tuple("kg" if p == "m" else "kg*m" if p.startswith("m") else "kg*m^2" fo
 
 #: (row, column) of each of the six inertia entries, in the parameter order.
 _ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-#: Position of Ixx, Ixy, Ixz, Iyy, Iyz, Izz (URDF, Gaz et al.) among our six inertia entries.
-URDF_ORDER = tuple(sorted(range(len(_ENTRIES)), key=_ENTRIES.__getitem__))
 
 
 def _pseudo_inertia_basis() -> Array:

@@ -46,17 +46,14 @@ class Joint(Plain):
                 raise InputError(
                     f"joint {self.name}: {name} does not fit", f"give {shape} finite numbers"
                 )
+        who = f"joint {self.name}"
         if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
-            raise InputError(f"joint {self.name}: the axis is no unit vector", "divide it by its length")
+            raise InputError(f"{who}: the axis is no unit vector", "divide it by its length")
         if self.kind not in ("revolute", "prismatic"):
-            raise InputError(
-                f"joint {self.name}: kind {self.kind!r} is unknown", "write revolute or prismatic"
-            )
+            raise InputError(f"{who}: kind {self.kind!r} is unknown", "write revolute or prismatic")
         if not self.lower <= self.upper:
-            raise InputError(
-                f"joint {self.name}: the lower limit {self.lower:g} is above the upper {self.upper:g}",
-                "swap them",
-            )
+            what = f"the lower limit {self.lower:g} is above the upper {self.upper:g}"
+            raise InputError(f"{who}: {what}", "swap them")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; infinite limits are left out."""
@@ -80,10 +77,8 @@ class Mechanism(Plain):
     def __post_init__(self) -> None:
         L = len(self.tree)
         if self.matrix.ndim != 2 or len(self.matrix) != L or self.offset.shape != (L,):
-            raise InputError(
-                f"the matrix or the offsets do not fit a mechanism of {L} joints",
-                "give a row and an offset a joint",
-            )
+            what = f"the matrix or the offsets do not fit a mechanism of {L} joints"
+            raise InputError(what, "give a row and an offset a joint")
         if not (np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.offset))):
             raise InputError("a mechanism's ratio or offset is not finite", "correct it")
         if not set(self.massless) < set(range(L)):
@@ -139,14 +134,11 @@ def parse_mechanism(
             f"mechanism: {len(formulas)} formulas, the tree has {len(tree)} joints", "write one a joint"
         )
     rows = np.array([parse_formula(text, len(tree)) for text in formulas])
-    used = np.flatnonzero(rows[:, :-1].any(axis=0))
-    n = int(used.max(initial=-1)) + 1
-    own = []
-    for k in range(n):
-        same = [i for i, row in enumerate(rows) if np.array_equal(row, np.eye(len(rows) + 1)[k])]
-        if not same:
-            raise InputError(f"mechanism: no joint is q{k + 1} itself", f'write "q{k + 1}" for one')
-        own.append(same[0])
+    n = int(np.flatnonzero(rows[:, :-1].any(axis=0)).max(initial=-1)) + 1
+    same = (rows[:, None] == np.eye(len(rows) + 1)[:n]).all(axis=2)
+    for k in np.flatnonzero(~same.any(axis=0)):
+        raise InputError(f"mechanism: no joint is q{k + 1} itself", f'write "q{k + 1}" for one')
+    own = same.argmax(axis=0).tolist()
     if not all(1 <= k <= len(tree) for k in massless):
         raise InputError(
             "mechanism: massless names a link that is not there", f"choose from 1 to {len(tree)}"

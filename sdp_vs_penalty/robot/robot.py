@@ -7,6 +7,7 @@ are an argument, because they are what is being identified.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -53,12 +54,9 @@ class Robot(Plain):
                 f"robot {self.name} has {self.n} joints, its transmission {self.transmission.n} motors",
                 "give one motor a joint",
             )
-        names = [joint.name for joint in self.joints]
-        for name in names:
-            if names.count(name) > 1:
-                raise InputError(
-                    f"robot {self.name}: joint {name} appears {names.count(name)} times", "rename one"
-                )
+        for name, count in Counter(self.joint_names).items():
+            if count > 1:
+                raise InputError(f"robot {self.name}: joint {name} appears {count} times", "rename one")
         if self.mechanism is not None and self.mechanism.matrix.shape[1] != self.n:
             raise InputError(
                 f"robot {self.name} has {self.n} joints, its mechanism others", "give it the same joints"
@@ -109,11 +107,8 @@ class Robot(Plain):
         row = self.mechanism.matrix[place]
         leaders = np.flatnonzero(row)
         if len(leaders) > 1:
-            raise InputError(
-                f"joint {self.tree[place].name!r} follows several joints, for which robot files have "
-                "no word",
-                "write .json instead",
-            )
+            what = f"joint {self.tree[place].name!r} follows several joints"
+            raise InputError(f"{what}, for which robot files have no word", "write .json instead")
         k = int(leaders[0]) if len(leaders) else 0
         return self.joint_names[k], float(row[k]), float(self.mechanism.offset[place])
 
@@ -180,15 +175,12 @@ class Robot(Plain):
         A length scale for links of which nothing else is known; the last link gets that of its
         parent.
         """
-        reach = np.zeros(len(self.tree))
+        reach = np.array([np.linalg.norm(joint.link_frame[:3, 3]) for joint in self.tree])
         for joint in self.tree:
             if joint.parent >= 0:
-                frame = self.tree[joint.parent].link_frame
-                offset = np.linalg.inv(frame) @ joint.placement
+                offset = np.linalg.inv(self.tree[joint.parent].link_frame) @ joint.placement
                 reach[joint.parent] = max(reach[joint.parent], np.linalg.norm(offset[:3, 3]))
         for i, joint in enumerate(self.tree):
-            own = float(np.linalg.norm(joint.link_frame[:3, 3]))
-            reach[i] = max(reach[i], own)
             if reach[i] == 0.0 and joint.parent >= 0:
                 reach[i] = reach[joint.parent]
         return np.maximum(reach, 0.1)[list(self.link_joints)]
@@ -254,10 +246,7 @@ class Robot(Plain):
         model = pin.Model()
         model.gravity = pin.Motion(np.array(self.gravity, float), np.zeros(3))
         for joint in self.tree:
-            unaligned = {
-                "revolute": pin.JointModelRevoluteUnaligned,
-                "prismatic": pin.JointModelPrismaticUnaligned,
-            }[joint.kind]
+            unaligned = getattr(pin, f"JointModel{joint.kind.capitalize()}Unaligned")
             placement = pin.SE3(joint.placement[:3, :3].copy(), joint.placement[:3, 3].copy())
             model.addJoint(joint.parent + 1, unaligned(joint.axis), placement, joint.name)
         return model
@@ -275,17 +264,17 @@ class Robot(Plain):
 
         Atkeson, An, Hollerbach (IJRR 1986), by Pinocchio's joint torque regressor.
         """
-        q, dq, ddq = self.tree_state(q, dq, ddq)
-        out = np.empty((len(q), len(self.tree), 10 * len(self.tree)))
+        states = self.tree_state(q, dq, ddq)
+        out = np.empty((len(states[0]), len(self.tree), 10 * len(self.tree)))
         model, data = self._model, self._model.createData()
-        for k in range(len(q)):
-            out[k] = self._pin.computeJointTorqueRegressor(model, data, q[k], dq[k], ddq[k])
-        blocks = self._projected(out).reshape(len(q), self.n, -1, 10)
+        for k, row in enumerate(zip(*states, strict=True)):
+            out[k] = self._pin.computeJointTorqueRegressor(model, data, *row)
+        blocks = self._projected(out).reshape(len(out), self.n, -1, 10)
         if self.mechanism is not None:
             blocks = blocks[:, :, list(self.link_joints)]
         if self._link_maps is not None:
             blocks = np.einsum("kjla,lab->kjlb", blocks, self._link_maps)
-        return blocks.reshape(len(q), self.n, -1)
+        return blocks.reshape(len(out), self.n, -1)
 
     def _with_inertias(self, theta: ArrayLike) -> Any:
         pin, model = self._pin, self._model.copy()
@@ -320,12 +309,11 @@ class Robot(Plain):
             both = (self.inverse_dynamics_derivatives(x, q, dq, ddq) for x in parts)
             by_q, by_dq, by_ddq = (np.subtract(a, b) for a, b in zip(*both, strict=True))
             return by_q, by_dq, by_ddq
-        model = self._with_inertias(theta)
+        model, states = self._with_inertias(theta), self.tree_state(q, dq, ddq)
         data = model.createData()
-        q, dq, ddq = self.tree_state(q, dq, ddq)
-        by_q, by_dq, by_ddq = np.empty((3, len(q), len(self.tree), len(self.tree)))
-        for k in range(len(q)):
-            self._pin.computeRNEADerivatives(model, data, q[k], dq[k], ddq[k])
+        by_q, by_dq, by_ddq = np.empty((3, len(states[0]), len(self.tree), len(self.tree)))
+        for k, row in enumerate(zip(*states, strict=True)):
+            self._pin.computeRNEADerivatives(model, data, *row)
             by_q[k], by_dq[k], by_ddq[k] = data.dtau_dq, data.dtau_dv, data.M
         by_q, by_dq, by_ddq = (self._projected(x, True) for x in (by_q, by_dq, _symmetric(by_ddq)))
         return by_q, by_dq, by_ddq
@@ -369,12 +357,11 @@ class Robot(Plain):
         """(N, 6, n) of a tree joint's frame: linear, then angular velocity, in world axes."""
         pin, model, data = self._pin, self._model, self._model.createData()
         (q,) = self.tree_state(q)
-        out = np.empty((len(q), 6, len(self.tree)))
-        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        for k in range(len(q)):
-            pin.computeJointJacobians(model, data, q[k])
+        out, frame = np.empty((len(q), 6, len(self.tree))), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        for k, row in enumerate(q):
+            pin.computeJointJacobians(model, data, row)
             # one column comes back flat
-            out[k] = np.reshape(pin.getJointJacobian(model, data, link + 1, frame), (6, len(self.tree)))
+            out[k] = np.reshape(pin.getJointJacobian(model, data, link + 1, frame), out[k].shape)
         return out if self.mechanism is None else out @ self.mechanism.matrix
 
     def mass_matrices(self, theta: ArrayLike, q: ArrayLike) -> Array:
@@ -412,14 +399,11 @@ def _symmetric(M: Array) -> Array:
 def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
     """(n,) lower, upper [rad or m] and velocity limits [rad/s or m/s]; where a robot states none, half a
     turn or half a metre to each side, 2 rad/s or .5 m/s."""
-    lower, upper, velocity = [], [], []
-    for joint in robot.joints:
-        span, rate = (np.pi, 2.0) if joint.kind == "revolute" else (0.5, 0.5)
-        lower.append(joint.lower if np.isfinite(joint.lower) else min(-span, joint.upper - 2 * span))
-        upper.append(joint.upper if np.isfinite(joint.upper) else max(span, lower[-1] + 2 * span))
-        known = np.isfinite(joint.velocity) and joint.velocity > 0.0
-        velocity.append(joint.velocity if known else rate)
-    return np.array(lower), np.array(upper), np.array(velocity)
+    span, rate = np.where([j.kind == "revolute" for j in robot.joints], [[np.pi], [2.0]], 0.5)
+    lower, upper, velocity = np.transpose([[j.lower, j.upper, j.velocity] for j in robot.joints])
+    lower = np.where(np.isfinite(lower), lower, np.minimum(-span, upper - 2.0 * span))
+    upper = np.where(np.isfinite(upper), upper, np.maximum(span, lower + 2.0 * span))
+    return lower, upper, np.where(np.isfinite(velocity) & (velocity > 0.0), velocity, rate)
 
 
 def _of_positive_masses(theta: ArrayLike) -> tuple[Array, Array] | None:

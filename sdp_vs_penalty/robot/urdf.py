@@ -25,8 +25,6 @@ from sdp_vs_penalty.robot.joint import Follower, Joint, following
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.transmission import Transmission
 
-_PAIRS = ("DifferentialTransmission", "FourBarLinkageTransmission")
-
 
 def urdf_transmission(
     root: Any, names: Sequence[str], fail: Callable[[str], Exception]
@@ -45,14 +43,12 @@ def urdf_transmission(
             continue  # of a fixed or following joint, or of no motor
         kind = (element.findtext("type") or element.get("type") or "").rpartition("/")[2]
         n_j, n_a = ([_reduction(e, fail) for e in part] for part in (joints, actuators))
-        if kind in _PAIRS and len(places) == 2:
+        block = np.diag(n_j)
+        if len(places) == 2 and kind == "DifferentialTransmission":
             block = np.array([[n_j[0], n_j[1]], [n_j[0], -n_j[1]]])
-            if kind == _PAIRS[1]:
-                block = np.array([[n_j[0], 0.0], [1.0, n_j[1]]])
-            matrix[np.ix_(places, places)] = np.array(n_a)[:, None] * block
-        else:
-            for place, a, j in zip(places, n_a, n_j, strict=True):
-                matrix[place, place] = a * j
+        elif len(places) == 2 and kind == "FourBarLinkageTransmission":
+            block[1, 0] = 1.0
+        matrix[np.ix_(places, places)] = np.array(n_a)[:, None] * block
         named = True
     if not named:
         return None
@@ -165,12 +161,10 @@ class _Reader:
         element = link.find("inertial")
         if element is None:
             return np.zeros(10)
-        mass = self.numbers(element.find("mass"), "value", (0.0,))[0]
-        tensor = element.find("inertia")
-        names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        urdf = np.array([self.numbers(tensor, name, (0.0,))[0] for name in names])
-        barycentric = np.concatenate([[mass, 0, 0, 0], urdf[list(inertia.URDF_ORDER)]])
-        about_com = inertia.standard_from_barycentric(barycentric)
+        mass, tensor = self.numbers(element.find("mass"), "value", (0.0,)), element.find("inertia")
+        names = [x.lower() for x in inertia.PARAMETERS[4:]]
+        moments = [self.numbers(tensor, name, (0.0,))[0] for name in names]
+        about_com = inertia.standard_from_barycentric([*mass, 0.0, 0.0, 0.0, *moments])
         return inertia.transform(self.pose(element)) @ about_com
 
     def visit(
@@ -207,10 +201,8 @@ class _Reader:
         if not length > 1e-9:
             raise self.fail(f"joint {name!r} has an axis of length zero")
         limit = element.find("limit")
-        range_of = None if kind == "continuous" else limit
-        lower, upper = (
-            self.limit(range_of, key, none) for key, none in (("lower", -np.inf), ("upper", np.inf))
-        )
+        span = None if kind == "continuous" else limit
+        lower, upper = self.limit(span, "lower", -np.inf), self.limit(span, "upper", np.inf)
         if lower > upper:
             raise self.fail(
                 f"line {limit.sourceline}, joint {name!r} has its lower limit {lower:g} above its upper "
@@ -242,9 +234,8 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
     name = root.get("name") or reader.path.stem
     massless = reader.massless
     joints, mechanism = reader.checked(lambda: following(reader.joints, reader.mimics(root), massless))
-    transmission = reader.checked(
-        lambda: urdf_transmission(root, [joint.name for joint in joints], reader.fail)
-    )
+    names = [joint.name for joint in joints]
+    transmission = reader.checked(lambda: urdf_transmission(root, names, reader.fail))
     nominal = [x for k, x in enumerate(reader.nominal) if k not in massless]
     return Robot(name, joints, tuple(map(float, gravity)), transmission, mechanism), np.array(nominal)
 
@@ -267,8 +258,7 @@ def _read(path: str | Path) -> tuple[_Reader, Any]:
     """The reader after its walk through the file, and the <robot> element."""
     reader = _Reader(Path(path))
     root = _parse(reader)
-    links, children = _tree(reader, root)
-    base = _base(reader, links, children)
+    links, children, base = _tree(reader, root)
     try:
         reader.visit(links, children, base, -1, np.eye(4))
     except RecursionError:
@@ -297,8 +287,8 @@ def _parse(reader: _Reader) -> Any:
     return root
 
 
-def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[Any]]]:
-    """The links by name, and for each link the joints that hang on it."""
+def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
+    """The links by name, for each link the joints that hang on it, and the one that no joint carries."""
     if len(root.findall("link")) > _MOST_LINKS:
         raise reader.fail(f"more than {_MOST_LINKS} links", "name the file of one robot")
     for tag in ("link", "joint"):
@@ -322,26 +312,16 @@ def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[An
             )
         carried.add(child)
         children[parent].append(element)
-    return links, children
-
-
-def _base(reader: _Reader, links: dict[str, Any], children: dict[str, list[Any]]) -> str:
-    """The one link that no joint carries."""
-    carried = {e.find("child").get("link") for joints in children.values() for e in joints}
     roots = [name for name in links if name not in carried]
     if len(roots) != 1:
         found = ", ".join(roots[:5]) if roots else "none, the joints form a loop"
         raise reader.fail(f"one link without a parent joint is needed (found: {found})", "give one base")
-    return roots[0]
+    return links, children, roots[0]
 
 
 def _rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """R = Rz(yaw) Ry(pitch) Rx(roll), URDF's fixed-axis convention."""
     (cr, cp, cy), (sr, sp, sy) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    x = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr]
+    y = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr]
+    return np.array([x, y, [-sp, cp * sr, cp * cr]])
