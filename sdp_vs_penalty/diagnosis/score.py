@@ -115,7 +115,7 @@ class Score:
         self.floor = 1.0 if data.known else 1e-12
         self.owned = tuple(owned)
         self._bases: dict[tuple[int, ...], tuple[Array, Array]] = {}
-        self._kept: dict[tuple[int | str, ...], NDArray[np.intp]] = {}
+        self._own: dict[tuple[tuple[int, ...], str], NDArray[np.intp]] = {}
         self._last: tuple[Fit, dict[tuple[int, ...], Array]] | None = None
 
     def _basis(self, dropped: tuple[int, ...]) -> tuple[Array, Array]:
@@ -131,9 +131,9 @@ class Score:
     def _told(self, term: Term, dropped: tuple[int, ...]) -> NDArray[np.intp]:
         """Which of a term's columns neither the model nor its others make: of those with many (a robot's
         geometry) half are the links' as well, and a matrix of all would be singular."""
-        key = (*dropped, term.form.effect.text)
-        if key not in self._kept:
-            self._kept[key] = np.arange(term.form.k)
+        key = dropped, term.form.effect.text
+        if key not in self._own:
+            self._own[key] = np.arange(term.form.k)
             if term.form.k > 1:
                 B, _ = self._basis(dropped)
                 Z = np.zeros((*B.shape[:2], term.form.k))
@@ -144,8 +144,8 @@ class Score:
                 R, order = scipy.linalg.qr(
                     np.linalg.qr(Z - B @ (B.T @ Z), mode="r"), mode="r", pivoting=True
                 )
-                self._kept[key] = np.sort(order[np.abs(np.diagonal(R)) > _DEPENDENT])
-        return self._kept[key]
+                self._own[key] = np.sort(order[np.abs(np.diagonal(R)) > _DEPENDENT])
+        return self._own[key]
 
     def fit(self, terms: Sequence[Term], level: Array | None = None) -> Fit:
         """The model with the terms, each joint's rows weighted by what is left of them."""
