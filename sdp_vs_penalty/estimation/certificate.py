@@ -15,16 +15,15 @@ from sdp_vs_penalty.robot.constraint import BarycentricBound
 class Certificate(Shown, Plain):
     """violations : worst violation of each family, in its own units (kg, kg m, kg m^2, ...).
 
-    loss : the sum of squared (weighted) torque errors of the estimate; upper : the objective of
-    the nearest feasible point towards the interior; lower : a lower bound on the optimum of the
-    convex problem; gap : (upper - lower) / max(loss, 1e-12 |tau|^2); positive_mass_matrices : the
-    share of 10 000 random poses at which M(q) is positive definite; at_every_pose : that it is follows
-    from the links' pseudo-inertias, and nothing was sampled. None where it does not apply.
+    loss : the sum of squared (weighted) torque errors of the estimate; upper : the objective of the
+    nearest feasible point towards the interior; lower : a lower bound on the optimum of the convex
+    problem; gap : (upper - lower) / max(loss, 1e-12 |tau|^2); positive_mass_matrices : share of 10 000
+    random poses at which M(q) is positive definite; at_every_pose : the links' pseudo-inertias imply it.
     largest_gyration : of a link [m]; body_share : the largest ratio of a link's radius of gyration to
     the largest half axis of its body, at most 1 for what fits; density : least and largest mean density
-    of the links whose geometry has a volume [kg/m^3].
-    held : the effects that were not optimised but held as they were: violations are of the whole model
-    all the same, upper, lower and gap of the other effects alone.
+    of the links whose geometry has a volume [kg/m^3]. None where it does not apply. held : effects that
+    were not optimised: violations are of the whole model, upper, lower and gap of the other effects
+    alone.
     """
 
     violations: dict[str, float]

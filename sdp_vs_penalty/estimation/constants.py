@@ -18,8 +18,6 @@ POOLED = 3.0
 IDENTIFIABLE_WIDTH, WEAK_WIDTH = (0.25, 0.0025), (1.0, 0.1)
 #: Share of the information from which on a parameter counts as the data's.
 DATA_SHARE = 0.5
-#: A mass so many times its nominal value, or less than one part in so many of it, is far from it.
-FAR_MASS = 3.0
 #: Standard deviation of the logarithm of a gain before anything is measured.
 GAIN_PRIOR = 0.3
 #: Distance [m] of a load's mass from the last link's frame, as a standard deviation.

@@ -20,13 +20,13 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.constants import FAR_MASS
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, write_text
 from sdp_vs_penalty.formatting import Shown, Summary, Table
+from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.fields import problem_from_dict, problem_to_dict
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array

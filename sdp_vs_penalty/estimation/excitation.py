@@ -9,9 +9,7 @@ For W(x), the stacked base regressor of a trajectory with coefficients x = (a, b
 subject to limits of position, velocity and acceleration at every instant (Swevers et al., T-RA 1997;
 Gautier, Khalil, IJRR 1992): linear inequalities in x, which every step of the sequential linear
 programming keeps. Collisions are not looked at: choose position limits within which the robot is free.
-
-The run that weighs a load (:func:`payload_run`) is a short motion of the wrist beside an arm that stays
-fixed, so that the load's ten parameters alone are estimated, d-optimally.
+:func:`payload_run` weighs a load: a short motion of the wrist, d-optimal for its ten parameters.
 """
 
 from __future__ import annotations
@@ -388,11 +386,10 @@ def payload_run(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> PayloadRun:
-    """A motion of ``joints`` (from 0; default the last three) that determines a load at the flange.
+    """A motion of ``joints`` (from 0; default the last three) that determines a load at the flange, the
+    others in the middle of their ranges; noise and cut-off are those of the model's data.
 
-    The other joints stand in the middle of their ranges. Noise and cut-off are those of the model's
-    data. Raises InputError for a joint that does not exist, and where such a motion cannot tell the
-    load's ten parameters apart.
+    Raises InputError for a joint that does not exist.
     """
     robot = estimate.robot
     moving = list(range(max(robot.n - 3, 0), robot.n)) if joints is None else list(joints)

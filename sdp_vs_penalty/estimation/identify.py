@@ -1,12 +1,10 @@
 """The verb ``identify``: from a problem and measurements to a certified estimate.
 
 Who determines a parameter (:func:`record`): of a linear function a^T theta the data alone know the
-variance a^T H^-1 a, H = R^T R in units of the residual variance (infinite where no torque shows
-it), the prior alone a^T H_prior^-1 a. H_prior is one independent measurement a link: 1/2 P0^-1 (x)
-P0^-1, the curvature of the entropic pull at the nominal robot P0, and of the joints' own parameters
-one over their scale squared. The data's share of what both know, prior variance over the sum of the
-two, decides: above one half the parameter is from the data. For a method without a prior the rest
-is where its answer is an accident of the bounds.
+variance a^T H^-1 a, H = R^T R in units of the residual variance (infinite where no torque shows it), the
+prior alone a^T H_prior^-1 a. H_prior is one independent measurement a link: 1/2 P0^-1 (x) P0^-1, the
+curvature of the entropic pull at the nominal robot P0, and of the joints' own parameters one over their
+scale squared. Above one half of what both know, prior variance over the sum, it is from the data.
 """
 
 from __future__ import annotations
@@ -192,11 +190,12 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
 
 
 def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certificate) -> Certificate:
-    """The certificate of a whole model of which only the last effects were optimised.
+    """The certificate of a whole model of which only the last effects were optimised: every constraint
+    of the problem is judged at the whole theta, what only the method demanded (a thickness) stays as
+    judged.
 
     model, theta : the whole, beginning with the estimate's own; part : the certificate of the new
-    effects alone, whose objective and gap remain. Every constraint of the problem is judged at the
-    whole theta; what only the estimate's method demanded of it (a thickness) stays as it was judged.
+    effects alone, whose objective and gap remain.
     """
     own = violations(estimate.problem.constraints(model), theta)
     return replace(
@@ -227,11 +226,8 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
 
 
 def consistent(links: Array) -> bool:
-    """Whether every pseudo-inertia is positive definite, beyond rounding.
-
-    Then so is every spatial inertia, and with it M(q) = sum J_i^T I_i J_i at every q, since whatever
-    moves a joint moves a link (Traversaro et al., IROS 2016).
-    """
+    """Whether every pseudo-inertia is positive definite, beyond rounding, and with it every M(q) = sum
+    J_i^T I_i J_i, since whatever moves a joint moves a link (Traversaro et al., IROS 2016)."""
     eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(links))
     return bool(np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]))
 

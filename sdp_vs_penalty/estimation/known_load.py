@@ -11,10 +11,10 @@ reading g_j times the true torque,
 is solved for theta, psi and ln g by Gauss-Newton on the compressed runs, with weak priors: gains are
 within ``GAIN_PRIOR`` of one, and the load lies within ``LOAD_REACH`` of the last link's frame.
 
-A log without torque shows its gains' ratios, not their scale. Of 0 = L theta - kp e the least
-squares shrink theta, and with it everything; divided by the gain, e = L theta / kp, they do not. So
-that is what :func:`balanced` solves, for all joints together, for the start of the convex problem
-that is posed (:mod:`~sdp_vs_penalty.regression.instruments`).
+A log without torque shows its gains' ratios, not their scale. Least squares of 0 = L theta - kp e shrink
+everything; divided by the gain, e = L theta / kp, they do not: :func:`balanced` solves that for all
+joints together, the start of the convex problem that is posed
+(:mod:`~sdp_vs_penalty.regression.instruments`).
 """
 
 from __future__ import annotations

@@ -2,10 +2,10 @@
 
     minimise sum_k |q_sim(t_k; theta) - q(t_k)|^2 / s^2   subject to every constraint of the problem
 
-Started at another method's estimate; in each Gauss-Newton step, that method's own convex problem, the
-linearised simulation takes the place of the torques: every iterate is consistent, the last one certified
-(a lower bound of the linearised problem, not of the simulation's own). Where the simulation cannot stay
-with the motion (an arm under gravity), it is restarted in windows.
+Started at another method's estimate; in each Gauss-Newton step the linearised simulation takes the place
+of the torques in that method's convex problem: every iterate is consistent, the last one certified (of
+the linearised problem). Where the simulation cannot stay with the motion (an arm under gravity), it is
+restarted in windows.
 """
 
 from __future__ import annotations

@@ -83,8 +83,7 @@ class Posed:
     they in the columns of task.model; task : what every estimator minimises; gain_errors (n, e) : factor
     of the covariance of the gains' relative errors; details : shapes and gains, plain JSON, and where
     the rows are made with a servo's law, "recipe" (:meth:`PoseOptions.recipe`), from which the same
-    problem follows again, with the scale that known loads gave a log without torque; beside torque they
-    leave none.
+    problem follows, with the scale that known loads gave a log without torque.
     """
 
     problem: Problem
@@ -106,10 +105,9 @@ def pose(
 ) -> Posed:
     """The optimisation problem of identifying ``problem`` from ``measurements``.
 
-    Open shape constants are estimated first, then gains from known loads, then the current model
-    that some effects refer to; the rows in these columns are compressed, and weighted by joint. A
-    black box's answers have no friction, filters or noise: one effect, equal weights.
-    Raises InputError for input that cannot be used.
+    Open shape constants are estimated first, then gains from known loads, then the current model that
+    some effects refer to; rows in these columns are compressed, and weighted by joint. A black box has
+    no friction, filters or noise: one effect, equal weights. Raises InputError for unusable input.
     """
     problem = as_problem(problem, "pose(problem=...)")
     data = readable(problem, measurements, "pose(measurements=...)")
@@ -197,12 +195,9 @@ def with_reference(
     progress: Progress = no_progress,
     passes: int = 2,
 ) -> Model:
-    """The model with the current model that its torque-dependent effects refer to.
-
-    Least squares without those effects, then ``passes - 1`` times with them: the reference is what
-    the other effects are estimated to be when these have taken their share. compressed : the training
-    data in the columns of a model.
-    """
+    """The model with the current model that its torque-dependent effects refer to: least squares without
+    those effects, then ``passes - 1`` times with them. compressed : the training data in the columns of
+    a model."""
     reference = np.zeros(len(model.parameters))
     for k in range(passes):
         progress(f"the current model, pass {k + 1} of {passes}")

@@ -10,8 +10,8 @@ estimated by
 variance s^2, then E v = s^2 tr(K G) with G_ab = [a = b] w' A_a w - w' A_a A_b w, A_b the blocks' grams.
 v is divided by tr(K G), and counts for tr(K G)^2 / tr(K G K G) degrees of freedom (Bell, McCaffrey,
 Survey Methodology 2002), so that quantiles are Student's. The window is a multiple of the correlation
-time that the scores show: by how much they exceed white noise. What all directions say together counts
-for three degrees of freedom more, which keeps short runs finite (a moderated t: Smyth 2004).
+time by which the scores exceed white noise. What all directions say together counts for three degrees of
+freedom more, which keeps short runs finite (a moderated t: Smyth 2004).
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @dataclass(frozen=True)
 class Sandwich:
-    """directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these coordinates;
-    kernel (B, B): how far blocks' errors are one error; white: variance of white rows, and
-    ``inflation``: how much larger that of the scores is; prior (r, r): part of the information that
-    is no data's; norms (p,): of the columns; solution (p,):
-    the smallest least-squares theta; taken_white: the blocks are not asked."""
+    """directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these coordinates; kernel
+    (B, B): how far blocks' errors are one error; white: variance of white rows, and inflation: how much
+    larger that of the scores is; prior (r, r): part of the information that is no data's; norms (p,): of
+    the columns; solution (p,): the smallest least-squares theta; taken_white: the blocks are not
+    asked."""
 
     regression: Regression
     weights: Array

@@ -10,9 +10,9 @@ parameters cost; delta^2 grows with the run. theta has the size that a user name
 A's parameters that B can make best; the smaller of A against B and B against A counts. Of one effect
 alone the other hypothesis is that it is not there.
 
-Motions go from point to point. Random ones are drawn, the best is changed at random as long as that
-helps (a (1 + 1) evolution strategy: Rechenberg 1973); each keeps the limits of position, velocity,
-acceleration, jerk and torque, and does not touch the arm itself.
+Motions go from point to point within the limits of position, velocity, acceleration, jerk and torque,
+without touching the arm itself: random ones, the best of which is changed at random as long as that
+helps (a (1 + 1) evolution strategy: Rechenberg 1973).
 """
 
 from __future__ import annotations

@@ -6,14 +6,12 @@ those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a function of 
 Columns are computed on a grid of u once, and are cubic splines of ln u between its values. Where data
 tell a constant more finely, columns at the value itself follow (:func:`shape_constants.settled`).
 
-Every fold of the motion is left out once, all constants are found anew from the rest (by one step of
-Gauss and Newton), and the fold is predicted with a constant as found there and as the model has it.
-With r what the former leaves of the torque and d the difference of the two predictions, sum_k |d_k|^2 +
-2 r_k'd_k is what it takes from the squared error of all folds k. A constant is confirmed where that
-exceeds Student's 95 % quantile times its own deviation: the larger of sqrt(sum_k (2 r_k'd_k)^2), which
-holds for noise of any colour, and what white noise would make of it. Else the model's own value stays:
-the simpler model unless another is significantly better (Breiman et al., Classification and Regression
-Trees, 1984, sec. 3.4.3).
+Every fold k of the motion is left out once, constants are found anew from the rest (one step of Gauss
+and Newton), and the fold is predicted with a constant as found there and as the model has it. With r
+what the former leaves and d the difference of the two, sum_k |d_k|^2 + 2 r_k'd_k is taken from the
+squared error. A constant is confirmed where that exceeds Student's 95 % quantile times its deviation:
+sqrt(sum_k (2 r_k'd_k)^2), for noise of any colour, at least that of white noise; else the model's own
+value stays, the simpler model (Breiman et al., Classification and Regression Trees, 1984, 3.4.3).
 """
 
 from __future__ import annotations
@@ -57,20 +55,18 @@ class ShapeEstimate(Plain):
     shape: str
     before: float
     after: float
-    std: float
-    gain: float
-    at_end: bool
+    std: float = np.inf
+    gain: float = 0.0
+    at_end: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """joint counts from 1; std is null where the data do not bound the constant on both sides."""
-        std = self.std if np.isfinite(self.std) else None
-        return {**super().to_dict(), "joint": self.joint + 1, "std": std}
+        return {**super().to_dict(), "joint": self.joint + 1}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What :meth:`to_dict` wrote."""
-        std = np.inf if data["std"] is None else data["std"]
-        return super().from_dict({**data, "joint": data["joint"] - 1, "std": std})
+        return super().from_dict({**data, "joint": data["joint"] - 1})
 
 
 def at_end(u: float, low: float, high: float) -> bool:
@@ -179,8 +175,8 @@ class _Bank:
 def _with_banks(
     model: Model, wanted: Sequence[tuple[Effect, int, str]], beyond: int
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
-    """The model with the columns of each open constant at all values of its grid, where all other
-    columns stand, and where those of the grids do."""
+    """The model with the columns of each open constant at all values of its grid; where all other
+    columns stand; the grids."""
     from scipy.interpolate import CubicSpline
 
     own = [effect for effect, _, _ in wanted]
@@ -300,12 +296,10 @@ class _Profile:
             used &= ~pushes
 
     def near(self, found: Sequence[ShapeEstimate]) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
-        """Columns (p, d) in which a fit near what was found is linear; (d,) whose each is, -1 of no
-        bank, and whether it is new.
-
-        First what the other columns show, then each bank's columns at the value that the model has; new
-        are, of a constant that moves, those at its new value, and within its range their derivative (for
-        one step of Gauss and Newton).
+        """Columns (p, d) in which a fit near what was found is linear: what the other columns show, each
+        bank's at the value that the model has, and, of a constant that moves, those at its new value
+        and, within its range, their derivative; (d,) whose each is, -1 of no bank, and whether it is
+        new.
         """
         u = np.log([s.after for s in found])
         theta, owner = self._solved(u)[0], self._parts[1]

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -44,21 +44,10 @@ class Interval(Plain):
     name: str
     unit: str
     value: float
-    std: float
-    lower: float
-    upper: float
-    verdict: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """As in model.json: null where the data say nothing."""
-        own = super().to_dict()
-        return {k: None if isinstance(x, float) and not np.isfinite(x) else x for k, x in own.items()}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote."""
-        none = {"std": np.nan, "lower": -np.inf, "upper": np.inf}
-        return super().from_dict({k: none.get(k) if x is None else x for k, x in data.items()})
+    std: float = np.nan
+    lower: float = -np.inf
+    upper: float = np.inf
+    verdict: str = NOT_SEEN
 
     def widened(self, extra: float) -> Interval:
         """With an independent error of the standard deviation ``extra`` more; a lower end at zero is a
@@ -77,7 +66,7 @@ def intervals_of(
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         value, least, std = (float(x) for x in figures[:, k])
         if np.isnan(std):
-            out.append(Interval(name, unit, value, np.nan, -np.inf, np.inf, NOT_SEEN))
+            out.append(Interval(name, unit, value))
             continue
         half = NORMAL_95 * std
         low, high = max(least - half, limits[k, 0]), min(least + half, limits[k, 1])
@@ -142,10 +131,8 @@ class Uncertainty:
     @classmethod
     def unknown(cls, model: Model, theta: Array) -> Uncertainty:
         """Of a model of which nothing but the parameters is known."""
-        standard = tuple(
-            Interval(p.name, p.unit, float(x), np.nan, -np.inf, np.inf, NOT_SEEN)
-            for p, x in zip(model.parameters, theta, strict=True)
-        )
+        pairs = zip(model.parameters, theta, strict=True)
+        standard = tuple(Interval(p.name, p.unit, float(x)) for p, x in pairs)
         p, n = len(theta), model.robot.n
         return cls(standard, (), np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n), np.zeros((n, 0)))
 

@@ -7,7 +7,7 @@ them, with derivatives, and what the paper's box means in theta.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.estimators.estimator import Array, Task
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import or_one
-from sdp_vs_penalty.robot.constraint import BarycentricBound, Constraint, linear
+from sdp_vs_penalty.robot.constraint import BarycentricBound
 
 #: The authors' box for friction and offset parameters [N m, N m s / rad] (bounds of their one-step
 #: identification). Widened where a parameter must be larger to make the measured torque.
@@ -43,33 +43,12 @@ class OneSided:
         out = []
         for bound in bounds:
             moment = float(reference[bound.indices[[4, 6, 9]]].sum())
+            itself = np.trace(STEINER_FORMS[bound.entry]) > 0.0
             for sign, limit in ((1.0, bound.lower), (-1.0, bound.upper)):
-                moment_itself = np.trace(STEINER_FORMS[bound.entry]) > 0.0
-                implied = sign > 0.0 and moment_itself and limit <= 0.0
-                if np.isfinite(limit) and not implied:
+                if np.isfinite(limit) and not (itself and sign > 0.0 and limit <= 0.0):
                     inside = limit + sign * _MARGIN * (moment + abs(limit))
                     out.append(cls(bound.indices, bound.entry, sign, inside))
         return out
-
-
-def implied_by_centre(bounds: Sequence[OneSided], centre: Mapping[int, Array]) -> list[Constraint]:
-    """What each bound implies for every centre of mass in the link's box: linear in (m, J).
-
-    sign (J_e - limit) + m max_c(-sign c^T Q_e c) >= 0. Follows from the bound, and equals it at
-    m = 0, where the bound times m says nothing. ``centre`` : (3, 2) box by the link's first index.
-    """
-    out = []
-    for b in bounds:
-        box = centre[int(b.indices[0])]
-        corners = np.array([[x, y, z] for x in box[0] for y in box[1] for z in box[2]])
-        at_zero = corners * (box[:, 0] * box[:, 1] > 0.0)  # squares are least at zero, if inside
-        candidates = np.concatenate([corners, at_zero])
-        form = STEINER_FORMS[b.entry]
-        most = float(np.max(-b.sign * np.einsum("ki,ij,kj->k", candidates, form, candidates)))
-        indices = b.indices[[0, 4 + b.entry]]
-        rows = np.array([[most], [b.sign]])
-        out.append(linear("implied by the centre of mass", "", indices, rows, [-b.sign * b.limit]))
-    return out
 
 
 @dataclass(frozen=True)
@@ -161,15 +140,14 @@ def barycentric_box(task: Task) -> BarycentricBox:
     moment about the frame. Joint parameters: their sign, and max(100, |tau| / |Y_k|) in SI units,
     where |tau| / |Y_k| is the size at which parameter k alone makes all the measured torque.
     """
-    norms = task.data.column_norms
+    norms, links = task.data.column_norms, task.links
     alone = np.where(norms > 0.0, np.sqrt(task.data.tau_squared), 0.0) / or_one(norms)
     upper = np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
     lower = np.maximum(-upper, [parameter.lower for parameter in task.model.parameters])
-    for link, indices in enumerate(task.links):
-        bound, box = task.bound[indices], task.box[link]
-        implied = np.concatenate([bound[:1], bound[1:4] / or_one(bound[0]), bound[4:]])
-        low = -implied
-        low[[0, 4, 6, 9]] = 0.0
-        lower[indices] = np.where(np.isfinite(box[:, 0]), box[:, 0], low)
-        upper[indices] = np.where(np.isfinite(box[:, 1]), box[:, 1], implied)
-    return BarycentricBox(lower, upper, task.links)
+    implied = task.bound[links]
+    implied[:, 1:4] /= or_one(implied[:, :1])
+    low, (least, most) = -implied, np.moveaxis(task.box[: len(links)], 2, 0)
+    low[:, [0, 4, 6, 9]] = 0.0
+    lower[links] = np.where(np.isfinite(least), least, low)
+    upper[links] = np.where(np.isfinite(most), most, implied)
+    return BarycentricBox(lower, upper, links)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import unknown
+from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, nearest_least_squares
@@ -46,7 +47,7 @@ class Task:
         intervals.
     independent : names of the base parameters to use, or None.
     bodies : one constraint a link, that its mass lies inside of its body; prior : (n, 10) the nominal
-        links, those of a guessed mass at the scale that the data choose (None: as in nominal);
+        links, those of a guessed mass at the scale that the torque proves (None: as in nominal);
         total : mass of the nominal links [kg] where a file or bounds state it, else None.
     joint_scale : (p,) the value of a joint's own parameter (friction, offset, ...) that alone would
         make the torque of that joint in these data; infinite for the links' parameters.
@@ -165,11 +166,6 @@ class Estimator(ABC):
         """Estimate theta; raises InputError where the constraints admit none."""
 
 
-#: Farthest that a guessed mass is rescaled, up or down: the EMPS's carriage weighs 240 times what is
-#: drawn for it.
-_WRONG_BY = 1000.0
-
-
 def make_task(
     problem: Problem,
     model: Model,
@@ -210,10 +206,11 @@ def with_plausible(data: LeastSquares, model: Model, oversampling: float) -> Lea
 
 
 def scaled_prior(task: Task, guessed: np.ndarray) -> np.ndarray:
-    """(n, 10) nominal links, guessed masses times the one factor with which they fit the torque best.
+    """(n, 10) nominal links, guessed masses times the one factor with which they fit the torque best:
+    least squares in it and the joints' own parameters, the other links as stated.
 
-    A link of which nobody stated a mass may weigh 1 kg or 90; of all of them together the torque says
-    it well. Least squares in the factor and the joints' own parameters, the other links as stated.
+    More torque than drawn proves more mass. Less does not prove less, which may lie nearer to the axes:
+    a guess stands unless it is ``FAR_MASS`` times too heavy.
     """
     links = task.nominal[task.links]
     if not len(links) or not np.any(guessed):
@@ -225,7 +222,7 @@ def scaled_prior(task: Task, guessed: np.ndarray) -> np.ndarray:
     size = or_one(np.linalg.norm(columns, axis=0))
     factor = np.linalg.lstsq(columns / size, task.data.rho - stated, rcond=1e-9)[0][0] / size[0]
     out = links.copy()
-    out[guessed] *= np.clip(factor, 1.0 / _WRONG_BY, _WRONG_BY) if factor > 0.0 else 1.0
+    out[guessed] *= factor if factor > 1.0 or 0.0 < factor < 1.0 / FAR_MASS else 1.0
     return out
 
 

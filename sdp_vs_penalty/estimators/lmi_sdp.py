@@ -3,10 +3,9 @@
     minimise |R theta - rho|^2 + residual_norm^2   subject to   P_i(theta) >= 0, bounds, signs
 
 (Sousa, Cortesao, IJRR 2014, with the 4x4 pseudo-inertia of Wensing et al. 2018, which contains the
-triangle inequalities). Plain, its optimum makes rods of most links: torque hardly sees thickness or the
-first links' masses. Three convex remedies: a body that a link's mass must lie in, an entropic pull
-towards a nominal robot that comes from the problem, never from published estimates, and a minimum
-thickness. The default is the first two (results/default_method.md).
+triangle inequalities). Plain, its optimum makes rods of most links. Three convex remedies: a body that a
+link's mass must lie in, an entropic pull towards the problem's nominal robot, and a minimum thickness.
+The default is the first two (results/default_method.md).
 """
 
 from __future__ import annotations
@@ -29,16 +28,15 @@ class LmiSdp(Estimator):
 
     thickness : smallest radius of gyration of a link in any direction [m]; 0 for none.
     entropy : weight of the Bregman divergence from the nominal robot, in units of the residual
-        variance of one filtered torque row (1: the nominal counts like one row a link); 0: none. By
-        default about one independent measurement a link: filtered rows repeat each other 2.3 to 4.5
-        times.
+        variance of one filtered torque row (0: none). By default about one independent measurement a
+        link: filtered rows repeat each other 2.3 to 4.5 times.
     joint_prior : weight, in the same unit, of the pull of friction, offsets and other joint parameters
         to zero; one that alone would make all of its joint's torque costs one row (0: none). Where a
         joint does not reverse, only this keeps Coulomb friction and offset from growing against each
-        other without end (results/table_data).
+        other.
     total_spread : relative standard deviation of the total mass that a file or bounds state, which
-        counts like ``entropy`` rows (0: no prior on it). Torque shows no mass of a first link, and the
-        divergence alone lets masses follow moments: an arm of 33.5 kg came out at 17, at 26 with this.
+        counts like ``entropy`` rows (0: no prior on it): the divergence alone lets masses follow
+        moments.
     solver : one of solvers/; None: our own (solvers/primal_dual.py) where its answer is certified, else
         Clarabel; accuracy : what it is asked for.
     """

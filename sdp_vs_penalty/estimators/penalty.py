@@ -1,18 +1,15 @@
 """Penalty-based retrieval at its strongest: an exact penalty, from several seeded starts.
 
 It receives the SDP's convex constraints as the same arrays, and the barycentric bounds that are not
-convex as they are. What it finds is feasible; its shifts are multipliers, from which the certificate
-bounds the optimum. For constraints F_i(x) in cones K_i (self-dual), weight w and shifts S_i,
+convex as they are. For constraints F_i(x) in cones K_i (self-dual), weight w and shifts S_i,
 
     L(x; S, w) = f(x) + 1 / (2 w) sum_i (|Pi_K(S_i - w F_i(x))|^2 - |S_i|^2)
 
-is smooth; S <- Pi_K(S - w F(x)) after each minimisation makes the minimiser feasible at a finite w,
-and S tends to the multipliers (Powell 1969, Hestenes 1969, Rockafellar 1974: the augmented
-Lagrangian). The weight starts far too small and grows tenfold while the violation does not fall to
-a quarter.
-
-Each minimisation is a damped semismooth Newton method (Zhao, Sun, Toh, SIAM J. Optim. 2010): the
-curvatures of loss and penalty differ by ten orders of magnitude, too much for SciPy's quasi-Newton ones.
+is smooth; S <- Pi_K(S - w F(x)) after each minimisation makes the minimiser feasible at a finite w, and
+S tends to the multipliers, from which the certificate bounds the optimum (Powell 1969, Hestenes 1969,
+Rockafellar 1974: the augmented Lagrangian). The weight grows tenfold while the violation does not fall
+to a quarter. Each minimisation is a damped semismooth Newton method (Zhao, Sun, Toh, SIAM J. Optim.
+2010): the curvatures of loss and penalty differ by ten orders of magnitude.
 """
 
 from __future__ import annotations
@@ -24,12 +21,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy.linalg
 
-from sdp_vs_penalty.estimators.barycentric import (
-    BarycentricPart,
-    OneSided,
-    barycentric_box,
-    implied_by_centre,
-)
+from sdp_vs_penalty.estimators.barycentric import BarycentricPart, OneSided, barycentric_box
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
@@ -290,10 +282,8 @@ def fit_penalty(
         # One that is lower by less than it violates is no better: its multipliers may be worse.
         if best is None or rank < best[0] * (1.0 - 1e-7):
             best = (rank, theta, minimum)
-        task.progress(
-            f"run {run + 1} of {starts}: best {min(r['objective'] for r in runs):.6g}, "
-            f"violation {violation:.1e}"
-        )
+        least = min(r["objective"] for r in runs)
+        task.progress(f"run {run + 1} of {starts}: best {least:.6g}, violation {violation:.1e}")
     assert best is not None
     _, theta, minimum = best
     multipliers, details = scaled.multipliers(constraints, minimum), {"runs": runs}
@@ -328,17 +318,12 @@ class ScaledProblem:
     ) -> ScaledProblem:
         """In units of what each parameter can be, of the cones at the interior point and of the loss."""
         norms, size = data.column_norms, np.sqrt(data.tau_squared)
-        theta_scale = task.bound.copy()
-        np.divide(size, norms, out=theta_scale, where=(norms > 0.0) & (size > 0.0))
-        theta_scale = np.minimum(theta_scale, task.bound)
+        own = np.where((norms > 0.0) & (size > 0.0), size / or_one(norms), np.inf)
+        theta_scale = np.minimum(own, task.bound)
         # The loss in units of its unconstrained minimum, so that weights mean the same everywhere.
         loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
         bounds = OneSided.all_of(constraints.nonconvex, interior)
-        box = barycentric_box(task)
-        centre = {int(k[0]): np.column_stack([box.lower[k[1:4]], box.upper[k[1:4]]]) for k in task.links}
-        received = ConstraintSet(_not_implied(constraints.convex)).plus(
-            implied_by_centre(bounds, centre)
-        )
+        received = ConstraintSet(_not_implied(constraints.convex))
         parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.groups]
         if bounds:
             parts.append(BarycentricPart.of(bounds, theta_scale, interior))

@@ -8,8 +8,8 @@ xi = 0, 10, 20, 30, 40; ten independent runs, of which the one of least penalise
 external penalties g are linear in what they punish: (lambda_max(I) - tr(I) / 2)+ of each link (the
 triangle inequalities, eq. 16), the total mass [kg], the conditional bounds on centres of mass [m].
 
-A linear penalty is exact above some weight, but that weight grows with the data: it is the loss's
-multiplier, in (N m)^2 per kg m^2. At 40 the answer is in general not physically consistent.
+A linear penalty is exact above the loss's multiplier, in (N m)^2 per kg m^2, which grows with the data:
+at 40 the answer is in general not physically consistent.
 """
 
 from __future__ import annotations
@@ -37,14 +37,13 @@ PAPER_BUDGET = 5 * 3000 * 91
 class PenaltyPaper(Estimator):
     """runs : independent runs from random starts inside the bounds; weights : xi of each step.
 
-    evaluations : of the loss in one run, shared equally by the steps, and in each step by annealing
-        and local search; both finish what they have begun, so that somewhat more are spent. The
-        default takes 7 s for ten runs on the Panda's 91 parameters; PAPER_BUDGET is
-        what the authors' program allows.
+    evaluations : of the loss in one run, shared equally by the steps, and in each step by annealing and
+        local search, which finish what they have begun; PAPER_BUDGET is what the authors' program
+        allows.
 
-    The local search here gets analytic gradients, which the authors' had to estimate: to its favour.
-    Friction and offsets are searched in one step with the links, inside their signs and
-    +-max(100, |tau| / |Y_k|) (the authors' +-100, wider where the torque asks for it).
+    The local search here gets analytic gradients, which the authors' had to estimate. Friction and
+    offsets are searched with the links, inside their signs and +-max(100, |tau| / |Y_k|) (the authors'
+    +-100).
     """
 
     name = "penalty-paper"
@@ -91,10 +90,8 @@ def retrieve(settings: PenaltyPaper, task: Task, data: LeastSquares, free: NDArr
         runs.append({**found, **worst, "evaluations": evaluations})
         if best is None or penalised < best[0]:
             best = (penalised, theta)
-        task.progress(
-            f"run {run + 1} of {settings.runs}: best {best[0]:.6g}, "
-            f"violation {runs[-1]['violation']:.1e}"
-        )
+        violation = runs[-1]["violation"]
+        task.progress(f"run {run + 1} of {settings.runs}: best {best[0]:.6g}, violation {violation:.1e}")
     theta = task.ols if best is None else best[1]
     return Fit(theta, Objective(data), task.constraints, details={"runs": runs})
 

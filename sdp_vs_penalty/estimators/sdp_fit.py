@@ -57,11 +57,11 @@ def solve_sdp(
 ) -> Fit:
     """Solve one SDP until our own certificate is tight; the answer lies inside the constraints.
 
-    Identification SDPs are degenerate, and a solver may stall short of what it was asked for. So every
-    answer is certified, and where the gap is above ``_TIGHT`` the same problem is solved again as seen
-    from the answer, each cone scaled by a point a little inside of it. The tightest answer is kept.
-    solver_name None: our own interior-point method, then Clarabel where its answer is not tight.
-    Raises InputError where the constraints admit no interior point, or nothing near an optimum came.
+    A solver may stall short of what it was asked for: every answer is certified, and where the gap is
+    above ``_TIGHT`` the problem is solved again as seen from the answer, each cone scaled by a point a
+    little inside of it. solver_name None: our own interior-point method, then Clarabel where that is not
+    tight. Raises InputError where the constraints admit no interior point, or nothing near an optimum
+    came.
     """
     return PosedSdp.of(task, objective, constraints, solver_name).fit(objective, accuracy)
 
@@ -180,10 +180,9 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
 def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:
     """The convex constraints without those that others or the data imply.
 
-    A minimum thickness implies the pseudo-inertia, and the range of a parameter is out of reach where
-    the way there makes more torque than was measured, whatever the other parameters do. Redundant
-    rows leave the dual undetermined, which costs a solver iterations and digits; feasibility and
-    certificate use the full set.
+    A minimum thickness implies the pseudo-inertia; the range of a parameter is out of reach where the
+    way there makes more torque than was measured, whatever the others do. Redundant rows leave the dual
+    undetermined, which costs a solver digits; feasibility and certificate use the full set.
     """
     data, torque = objective.least_squares, objective.least_squares.own_torque
     thick = {c.name for c in constraints.convex if c.family == "minimum thickness"}

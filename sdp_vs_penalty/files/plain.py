@@ -15,16 +15,16 @@ class Plain:
     """A dataclass of numbers, texts, arrays, other ``Plain`` ones, and tuples and mappings of these."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
+        """Plain JSON; null where a number is not finite."""
         return {f.name: _plain(getattr(self, f.name)) for f in fields(self)}  # type: ignore[arg-type]
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote. Raises KeyError, TypeError or ValueError for a field that is
-        missing or of another kind."""
+        """What :meth:`to_dict` wrote; null stands for the field's default, where it has one. Raises
+        KeyError, TypeError or ValueError for a field that is missing or of another kind."""
         kinds = get_type_hints(cls)
         required = [f for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING]  # type: ignore[arg-type]
-        there = {f.name for f in required} | (kinds.keys() & data.keys())
+        there = {f.name for f in required} | {k for k in kinds if data.get(k) is not None}
         return cls(**{name: _restored(kinds[name], data[name]) for name in there})
 
 
@@ -35,6 +35,8 @@ def _plain(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, Mapping):
         return dict(value)
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
     return [_plain(x) for x in value] if isinstance(value, tuple) else value
 
 

@@ -16,5 +16,7 @@ TUBE, ACTUATOR, POWER = 4.0, 0.08, 0.75
 HOLDING, LARGEST = 3.0 * 0.5 * 10.0 * 9.81, 1000.0
 #: Nominal density of a link of which only the geometry is known [kg/m^3]: aluminium shells and motors.
 DEFAULT_DENSITY = 1500.0
+#: A mass so many times its nominal value, or less than one part in so many of it, is far from it.
+FAR_MASS = 3.0
 #: Half axes of the body over those of the ellipsoid of uniform density that has the link's inertial [-].
 INERTIAL_MARGIN = 2.0

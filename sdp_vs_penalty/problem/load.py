@@ -97,8 +97,7 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
     links, total = problem.robot.links, problem.total_mass
     if not np.isfinite(total[1]):
         return np.zeros((links, 10))
-    com = np.array([problem.link_size(k)[1] for k in range(links)])
-    com = np.minimum(com, problem.robot.link_reach()[:, None])
+    com = np.minimum(problem.link_sizes[1], problem.robot.link_reach()[:, None])
     box = problem.box[:, 1:4]
     box = np.where(np.isfinite(box), box, np.stack([-com, com], axis=2))
     size, centre = np.maximum(0.5 * (box[..., 1] - box[..., 0]), 0.06), box.mean(axis=2)
@@ -221,7 +220,7 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
 def _from_urdf(path: Path) -> Problem:
     robot, given_links = load_urdf(path)
     box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
-    box[:, 0] = [(DEFAULT_LINK_MASS[0], default_mass(mass)) for mass in given_links[:, 0]]
+    box[:, 0, 0], box[:, 0, 1] = DEFAULT_LINK_MASS[0], default_mass(given_links[:, 0])
     bodies = link_bodies(robot, box[:, 1:4], given_links, link_geometry(path))
     nominal, sources = plausible_links(robot, given_links, bodies)
     title = f"{robot.name} from {path.name}"

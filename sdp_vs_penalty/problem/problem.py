@@ -25,7 +25,7 @@ from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS, DEFAULT_RADIUS, DEFAULT_REACH_FACTOR
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.constraint import BarycentricBound, Constraint, ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
@@ -87,7 +87,7 @@ class Problem(Shown):
     effects : texts of the effects that a model has by default; independent : the base parameters' names.
     bodies : where each link's mass can be; None: from the bounds and the kinematics. nominal_from :
         where each nominal link comes from ("inertial", "bounds", "geometry", "kinematics"): a mass of
-        the last two is a guess, and the data choose its scale.
+        the last two is a guess, whose scale the data may choose.
     gains : (n,) what each torque channel reads over the true torque, where known loads have shown it.
     Raises InputError where bounds contradict themselves or do not belong to the robot.
     """
@@ -144,8 +144,16 @@ class Problem(Shown):
         """(n, 2) largest mass [kg] and radius [m] of each link where nothing narrower is known."""
         if self.defaults is not None:
             return self.defaults
-        masses = self.nominal_links[:, 0]
-        return np.array([(default_mass(m), self._radius(k)) for k, m in enumerate(masses)])
+        mass, known = self.nominal_links[:, 0], np.where(np.isfinite(self._centres), self._centres, 0.0)
+        reach = np.maximum(self.robot.link_reach(), known.max(axis=1))
+        joints = [self.robot.tree[k] for k in self.robot.link_joints]
+        stroke = np.array([j.upper - j.lower if j.kind == "prismatic" else 0.0 for j in joints])
+        # The given inertials' own extent: the root mean square distance of the mass from the frame.
+        second = np.trace(inertia.pseudo_inertia(self.nominal_links)[:, :3, :3], axis1=1, axis2=2)
+        extent = np.sqrt(np.maximum(np.where(mass > 0.0, second, 0.0) / or_one(mass), 0.0))
+        least = np.full(len(mass), DEFAULT_RADIUS), np.where(np.isfinite(stroke), stroke, 0.0)
+        radius = np.max([DEFAULT_REACH_FACTOR * reach, *least, 2.0 * extent], axis=0)
+        return np.column_stack([default_mass(mass), radius])
 
     @cached_property
     def link_bodies(self) -> tuple[Body, ...]:
@@ -157,8 +165,7 @@ class Problem(Shown):
     @property
     def centre_boxes(self) -> Array:
         """(n, 3, 2) bounds on each centre of mass [m], from the box, else from the cones."""
-        known = np.array([self._centre_of_mass(k) for k in range(self.robot.links)])
-        box = self.box[:, 1:4]
+        box, known = self.box[:, 1:4], self._centres
         return np.where(np.isfinite(box), box, np.stack([-known, known], axis=2))
 
     @property
@@ -238,12 +245,11 @@ class Problem(Shown):
         that the data do not determine.
         """
         bound = np.concatenate([np.full(len(e.parameters), e.range) for e in model.effects])
-        for link, indices in enumerate(model.rigid_indices.reshape(-1, 10)):
-            mass, com, moment = self.link_size(link)
-            bound[indices[0]] = mass
-            bound[indices[1:4]] = mass * com
+        if len(links := model.rigid_indices.reshape(-1, 10)):
+            mass, com, moment = self.link_sizes
+            bound[links[:, 0]], bound[links[:, 1:4]] = mass, mass[:, None] * com
             # The largest moment bounds products of inertia too (positive definiteness).
-            bound[indices[4:]] = moment.max()
+            bound[links[:, 4:]] = moment.max(axis=1, keepdims=True)
         return bound
 
     def nominal(self, model: Model) -> Array:
@@ -260,54 +266,37 @@ class Problem(Shown):
             return {}
         return {p.stem: read_table(p) for p in sorted((self.folder / "published").glob("*.csv"))}
 
-    def _centre_of_mass(self, link: int) -> Array:
-        """(3,) bounds of |c| from the box and the cones [m]; infinite where there is none."""
-        com = np.abs(self.box[link, 1:4]).max(axis=1)
+    @cached_property
+    def _centres(self) -> Array:
+        """(n, 3) bounds of |c| from the box and the cones [m]; infinite where there is none."""
+        com = np.abs(self.box[:, 1:4]).max(axis=2)
         for cone in self.cones:
-            if cone.link == link:
-                along = self.box[link, 1 + cone.axis]
-                if np.all(np.isfinite(along)) or cone.slope == 0.0:
-                    widest = cone.radius + max(cone.slope * x for x in np.nan_to_num(along))
-                    across = [a for a in range(3) if a != cone.axis]
-                    com[across] = np.minimum(com[across], widest)
+            along, across = self.box[cone.link, 1 + cone.axis], np.arange(3) != cone.axis
+            if np.all(np.isfinite(along)) or cone.slope == 0.0:
+                widest = cone.radius + max(cone.slope * x for x in np.nan_to_num(along))
+                com[cone.link, across] = np.minimum(com[cone.link, across], widest)
         return np.asarray(com)
 
-    def _has_full_box(self, link: int) -> bool:
-        """Whether the bounds on centre of mass and moments alone bound the link's inertia."""
-        upper = self.box[link, [4, 6, 9], 1]
-        return bool(np.all(np.isfinite(upper)) and np.all(np.isfinite(self._centre_of_mass(link))))
+    @cached_property
+    def _boxed(self) -> NDArray[np.bool_]:
+        """(n,) whether the bounds on centre of mass and moments alone bound the link's inertia."""
+        known = np.column_stack([self.box[:, [4, 6, 9], 1], self._centres])
+        return np.asarray(np.isfinite(known).all(axis=1))
 
-    def _radius(self, link: int) -> float:
-        """Of the ball around the link frame that holds the link's mass, by default [m]."""
-        known = self._centre_of_mass(link)
-        reach = max(self.robot.link_reach()[link], *known[np.isfinite(known)], 0.0)
-        joint = self.robot.tree[self.robot.link_joints[link]]
-        stroke = joint.upper - joint.lower if joint.kind == "prismatic" else 0.0
-        # The given inertials' own extent: the root mean square distance of the mass from the frame.
-        mass = self.nominal_links[link, 0]
-        second = np.trace(inertia.pseudo_inertia(self.nominal_links[link])[:3, :3])
-        extent = np.sqrt(max(second / mass, 0.0)) if mass > 0.0 else 0.0
-        stroke = stroke if np.isfinite(stroke) else 0.0
-        return max(DEFAULT_REACH_FACTOR * reach, DEFAULT_RADIUS, stroke, 2.0 * float(extent))
-
-    def link_size(self, link: int) -> tuple[float, Array, Array]:
-        """Bounds that hold for every feasible link: mass, |c| (3,), moments about the frame (3,)."""
-        box = self.box[link]
-        mass, radius = self.link_defaults[link]
-        if np.isfinite(box[0, 1]):
-            mass = box[0, 1]
-        if np.isfinite(self.total_mass[1]):
-            mass = min(mass, self.total_mass[1])
-        com = self._centre_of_mass(link)
-        if self._has_full_box(link):
-            square = com**2
-            return mass, com, box[[4, 6, 9], 1] + mass * (square.sum() - square)
-        return mass, np.minimum(com, radius), np.full(3, mass * radius**2)
+    @cached_property
+    def link_sizes(self) -> tuple[Array, Array, Array]:
+        """For every feasible link: bounds on mass (n,), |c| and moments about the frame (n, 3)."""
+        mass, radius = self.link_defaults.T[..., None]
+        mass = np.where(np.isfinite(self.box[:, :1, 1]), self.box[:, :1, 1], mass)
+        mass, full = np.minimum(mass, self.total_mass[1]), self._boxed[:, None]
+        square = np.where(full, self._centres, 0.0) ** 2
+        moments = self.box[:, [4, 6, 9], 1] + mass * (square.sum(axis=1, keepdims=True) - square)
+        com = np.where(full, self._centres, np.minimum(self._centres, radius))
+        return mass[:, 0], com, np.where(full, moments, mass * radius**2)
 
     def _link_constraints(self, link: int, indices: NDArray[np.intp]) -> list[Constraint]:
-        name = f"link {link + 1}"
-        box = self.box[link]
-        mass, com, _ = self.link_size(link)
+        name, box = f"link {link + 1}", self.box[link]
+        mass, com, _ = (x[link] for x in self.link_sizes)
         out = [build.pseudo_inertia(name, indices)]
         # m >= 0 is part of the pseudo-inertia
         rows, constant = _interval(box[0, 0] if box[0, 0] > 0.0 else -np.inf, mass)
@@ -319,7 +308,7 @@ class Problem(Shown):
             coefficients[1 + axes, np.arange(k)] = signs
             out.append(build.linear("centre of mass", name, indices[:4], coefficients, np.zeros(k)))
         out += [cone.constraint(indices) for cone in self.cones if cone.link == link]
-        if self._has_full_box(link):
+        if self._boxed[link]:
             # J_aa <= upper + m max(c_b^2 + c_c^2): the convex consequence of I_aa <= upper.
             square = com**2
             coefficients = np.zeros((4, 3))
@@ -333,9 +322,9 @@ class Problem(Shown):
         return out
 
 
-def default_mass(given: float) -> float:
-    """Upper bound of a link's mass where none is published: a file's own mass, with room."""
-    return float(max(DEFAULT_LINK_MASS[1], 3.0 * given))
+def default_mass(given: Array) -> Array:
+    """Upper bound of links' masses where none is published: a file's own mass, with room."""
+    return np.maximum(DEFAULT_LINK_MASS[1], 3.0 * given)
 
 
 def _interval(lower: float, upper: float) -> tuple[Array, Array]:

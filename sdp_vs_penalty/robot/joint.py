@@ -57,7 +57,7 @@ class Joint(Plain):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; infinite limits are left out."""
-        return {k: x for k, x in super().to_dict().items() if x not in (np.inf, -np.inf)}
+        return {k: x for k, x in super().to_dict().items() if x is not None}
 
 
 @dataclass(frozen=True)

@@ -172,8 +172,7 @@ class Robot(Plain):
     def link_reach(self) -> Array:
         """(links,) distance [m] from each link frame's origin to the farthest joint that the link bears.
 
-        A length scale for links of which nothing else is known; the last link gets that of its
-        parent.
+        A length scale for links of which nothing else is known; the last link gets that of its parent.
         """
         reach = np.array([np.linalg.norm(joint.link_frame[:3, 3]) for joint in self.tree])
         for joint in self.tree:

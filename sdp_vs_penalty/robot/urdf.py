@@ -1,9 +1,8 @@
 """Read a robot from a URDF file: moving joints, fixed ones merged, inertials where they are given.
 
-<transmission> elements are simple, differential or four-bar. With motor (actuator) reductions n_a,
-joint reductions n_j, as ros_control's transmission_interface: simple: q_m = n q; differential:
-q_m1,2 = n_a1,2 (n_j1 q_1 +- n_j2 q_2); four-bar: q_m1 = n_a1 n_j1 q_1, q_m2 = n_a2 (n_j2 q_2 +
-q_1).
+<transmission> elements are simple, differential or four-bar. With motor (actuator) reductions n_a, joint
+reductions n_j, as ros_control's transmission_interface: simple: q_m = n q; differential: q_m1,2 = n_a1,2
+(n_j1 q_1 +- n_j2 q_2); four-bar: q_m1 = n_a1 n_j1 q_1, q_m2 = n_a2 (n_j2 q_2 + q_1).
 """
 
 from __future__ import annotations

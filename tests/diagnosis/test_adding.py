@@ -111,8 +111,8 @@ def test_bounds_of_a_later_version_do_not_change_an_old_model(tmp_path, monkeypa
         assert (old.family, old.name, old.cone) == (new.family, new.name, new.cone)
         np.testing.assert_array_equal(old.constant, new.constant)
         np.testing.assert_array_equal(old.coefficients, new.coefficients)
-    fresh = load_problem(tmp_path / "arm.urdf").link_size(0)
-    assert fresh != estimate.problem.link_size(0)
+    fresh = load_problem(tmp_path / "arm.urdf").link_sizes[0]
+    assert fresh[0] != estimate.problem.link_sizes[0][0]
 
 
 @pytest.mark.parametrize("width", [0.01, 0.002])

@@ -129,7 +129,7 @@ def _link(problem: Problem, number: int, link: Link, thickness: float) -> list[A
     import cvxpy as cp
 
     box = problem.box[number]
-    largest, com, _ = problem.link_size(number)
+    largest, com, _ = (x[number] for x in problem.link_sizes)
     # A congruence under which the nominal link is the identity: a solver sees numbers of one size.
     t = np.linalg.inv(np.linalg.cholesky(inertia.pseudo_inertia(problem.nominal_links[number])))
     corner = link.sigma - link.mass * thickness**2 * np.eye(3)
@@ -146,12 +146,12 @@ def _link(problem: Problem, number: int, link: Link, thickness: float) -> list[A
             across = [a for a in range(3) if a != cone.axis]
             radius = cone.radius * link.mass + cone.slope * link.h[cone.axis]
             out.append(cp.norm(cp.hstack([link.h[a] for a in across])) <= radius)
-    if problem._has_full_box(number):
+    if problem._boxed[number]:
         for axis, entry in enumerate((4, 6, 9)):
             others = sum(com[a] ** 2 for a in range(3) if a != axis)
             out.append(link.J[axis, axis] <= box[entry, 1] + link.mass * others)
     else:
-        out.append(cp.trace(link.sigma) <= link.mass * problem._radius(number) ** 2)
+        out.append(cp.trace(link.sigma) <= link.mass * problem.link_defaults[number, 1] ** 2)
     return out
 
 
