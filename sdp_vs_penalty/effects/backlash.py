@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.link_deviation import LinkDeviation
+from sdp_vs_penalty.effects.effect import Array, LinkDeviation, Motion
 
 
 class Backlash(LinkDeviation):

@@ -377,6 +377,19 @@ class OneAJoint(Effect):
         return self.units[self.robot.joints[joint].kind == "prismatic"]
 
 
+class LinkDeviation(OneAJoint):
+    """Joint j's link is elsewhere than its encoder says: torque on every joint that depends on it."""
+
+    needs_links = spreads = True
+
+    def deviated(self, motion: Motion, joint: int) -> Array:
+        """(N, n) torque on all joints from one unit of the deviation of ``joint``."""
+        raise NotImplementedError
+
+    def torques(self, motion: Motion) -> Array:
+        return np.stack([self.deviated(motion, j) for j in self.joints], axis=2)
+
+
 class JointEffect(OneAJoint):
     """An effect with one column a joint, or several, on that joint's own torque."""
 

@@ -1,7 +1,6 @@
 """An encoder whose zero is off."""
 
-from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.link_deviation import LinkDeviation
+from sdp_vs_penalty.effects.effect import Array, LinkDeviation, Motion
 
 
 class JointZeroError(LinkDeviation):

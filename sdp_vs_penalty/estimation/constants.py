@@ -41,8 +41,8 @@ TOLD_FINELY = 0.01
 #: Share of a range's logarithm: nearer to an end than this, a shape constant is at it.
 AT_END = 0.02
 
-#: Cut-off of positions over the highest harmonic of the command, where no torque is logged [-]: the
-#: motion that answers it has harmonics of its own, from gravity and friction.
+#: Least cut-off of positions over the highest harmonic of the command, where no torque is logged [-]:
+#: the motion that answers it has harmonics of its own, from gravity and friction.
 COMMAND_HARMONICS = 5.0
 #: Simulations of a command at most, each by the model that the last one's instruments gave, while their
 #: errors differ by more than this ratio; Gauss-Newton steps to the delay before each.

@@ -113,9 +113,8 @@ class CrossValidation(Shown):
     def how(self) -> str:
         """How the runs were split, in one sentence."""
         kind = "phase blocks: a motion's repetitions share a fold" if self.periodic else "blocks of time"
-        return (
-            f"{len(self.folds)} folds by {kind}; training keeps {self.guard:.3g} s off the judged fold."
-        )
+        kept = f"training keeps {self.guard:.3g} s off the judged fold."
+        return f"{len(self.folds)} folds by {kind}; {kept}"
 
     def _summary(self) -> Summary:
         return f"CrossValidation: {self.verdict}", [
@@ -251,17 +250,15 @@ class Split:
         def training(run: int, t: Array) -> NDArray[np.bool_]:
             return np.isin(self.phases.cell(run, t), cells)
 
+        def compressed(m: Model) -> Regression:
+            return compress_cells(self.runs, m, self.settings, self.phases).select(cells)
+
         shapes = estimate_shapes(model, self.runs, self.settings, self.weighting, training)
         if any(shape.after != shape.before for shape in shapes):
             model = replace(model, effects=with_shapes(model.effects, shapes))
         if not model.needs_reference:
             return model
-        return with_reference(
-            self.problem,
-            model,
-            lambda m: compress_cells(self.runs, m, self.settings, self.phases).select(cells),
-            self.weighting,
-        )
+        return with_reference(self.problem, model, compressed, self.weighting)
 
 
 def split_by_phase(

@@ -193,13 +193,11 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
         left, whole = np.linalg.norm(partialled(wide[:, rest], wide[:, at])), np.linalg.norm(wide[:, at])
         s = max(float(left), 1e-9 * float(whole)) / np.sqrt(max(f.rows, 1))
         if s == 0.0:
-            raise InputError(
-                f"joint {f.joint + 1} does not move, or follows its command without error",
-                "check the columns qcmd1..qcmdn",
-            )
+            what = f"joint {f.joint + 1} does not move, or follows its command without error"
+            raise InputError(what, "check the columns qcmd1..qcmdn")
         white.append(wide / s)
-    whole, owner = np.vstack(white), np.repeat(np.arange(len(gains)), [len(x) for x in white])
-    e, L, L_links = -whole[np.arange(len(whole)), gains[owner]], whole[:, rest], whole[:, links]
+    rows, owner = np.vstack(white), np.repeat(np.arange(len(gains)), [len(x) for x in white])
+    e, L, L_links = -rows[np.arange(len(rows)), gains[owner]], rows[:, rest], rows[:, links]
     pulls = [np.linalg.norm(own[:, links] @ nominal[links]) for own in white]
     pushes = [np.linalg.norm(own[:, at]) for own, at in zip(white, gains, strict=True)]
     start = np.maximum(np.divide(pulls, pushes), 1e-6)

@@ -234,13 +234,14 @@ class ServoLog:
 
 
 def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
-    """Filters for a log without torque, where none are given: noise of positions is in every column, and
-    the command says, free of noise, how fast the motion is. Resolved."""
+    """Filters for a log without torque, resolved. Noise of positions is in every column there: the
+    states' cut-off begins where the command, free of noise, says how fast the motion is, and rises as
+    far as the positions show a sharper one."""
+    least = None
     if settings.state_cutoff is None and "qcmd" in data.groups:
         told = [replace(run, q=run.commanded["qcmd"]) for run in data.runs()]
-        cutoff = COMMAND_HARMONICS * max(highest_harmonic(run) for run in told)
-        settings = replace(settings, state_cutoff=cutoff)
-    return settings.resolve(data)
+        least = COMMAND_HARMONICS * max(highest_harmonic(run) for run in told)
+    return settings.resolve(data, least)
 
 
 def servo_log(

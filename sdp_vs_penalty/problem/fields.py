@@ -202,8 +202,10 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
         )
     cones = tuple(map(CentreOfMassCone.from_dict, data["centre_of_mass_cones"]))
     stated = _finite("nominal_links", data["nominal_links"]), _ends(data["total_mass"]), cones
+    name, title = _texts([data["name"], data["title"]])
     return Problem(
-        *_texts([data["name"], data["title"]]),
+        name,
+        title,
         robot,
         box,
         *stated,

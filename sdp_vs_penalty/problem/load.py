@@ -55,10 +55,8 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     if "transmission" in data:
         robot = replace(robot, transmission=parse_transmission(**data["transmission"]))
     if data.get("links", robot.links) != robot.links:
-        raise InputError(
-            f"links = {data['links']}, the kinematics have {robot.links}",
-            "correct links, or leave it out",
-        )
+        what = f"links = {data['links']}, the kinematics have {robot.links}"
+        raise InputError(what, "correct links, or leave it out")
     bounds, none = data.get("bounds", {}), np.zeros((robot.links, 10))
     box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.0
@@ -128,11 +126,8 @@ def _fill_box(box: Array, path: Path) -> None:
                 path,
             ) from None
         if not lower <= upper:
-            raise InputError(
-                f"row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}",
-                "swap them",
-                path,
-            )
+            what = f"row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}"
+            raise InputError(what, "swap them", path)
         box[place] = lower, upper
 
 

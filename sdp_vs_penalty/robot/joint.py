@@ -112,10 +112,8 @@ def following(
             if leader in seen:
                 raise InputError(f"joint {name!r} mimics itself through others", "correct its <mimic>")
             if leader not in names:
-                raise InputError(
-                    f"joint {at!r} mimics {leader!r}, which is no moving joint of the robot",
-                    "correct its <mimic>",
-                )
+                what = f"joint {at!r} mimics {leader!r}, which is no moving joint of the robot"
+                raise InputError(what, "correct its <mimic>")
             seen.add(leader)
             at = leader
         matrix[k, free.index(names.index(at))], offset[k] = ratio, shift

@@ -45,16 +45,14 @@ class Transmission(Plain):
             raise InputError("transmission: a ratio or an offset is not finite", "correct it")
         for name, sides in (("positions", self.positions), ("torques", self.torques)):
             if len(sides) != n or not set(sides) <= set(SIDES):
-                raise InputError(
-                    f"transmission: {name} does not fit {n} motors", "write motor or joint for each"
-                )
+                what = f"transmission: {name} does not fit {n} motors"
+                raise InputError(what, "write motor or joint for each")
         rows = np.linalg.norm(self.matrix, axis=1)
         mixed = (self._position_rows, self._torque_rows)
         # Condition number from which the joints do not follow from the motors.
         if not np.all(rows > 0.0) or any(np.linalg.cond(m) > 1e9 for m in mixed):
-            raise InputError(
-                "transmission: the joints do not follow from the motors", "give independent motors"
-            )
+            what = "transmission: the joints do not follow from the motors"
+            raise InputError(what, "give independent motors")
 
     @property
     def n(self) -> int:
@@ -113,9 +111,8 @@ def parse_formula(text: str, n: int) -> Array:
         if match is None or (number is None and joint is None) or (place > 0 and sign is None):
             raise InputError(f"{text[:60]!r} is no sum of joints", "write one like 32 q5 + 32 q6 - 0.1")
         if joint is not None and int(joint) > n:
-            raise InputError(
-                f"{text[:60]!r} names joint {joint}, there are {n}", f"choose from q1 to q{n}"
-            )
+            what = f"{text[:60]!r} names joint {joint}, there are {n}"
+            raise InputError(what, f"choose from q1 to q{n}")
         value = float(number or 1.0) * (-1.0 if sign == "-" else 1.0)
         out[n if joint is None else int(joint) - 1] += value
         place = match.end()

@@ -94,12 +94,13 @@ class Preprocessing:
                 "give a number from 0 to below 1",
             )
 
-    def resolve(self, measurements: Measurements) -> Preprocessing:
-        """The same settings with every number filled in for these measurements."""
+    def resolve(self, measurements: Measurements, least: float | None = None) -> Preprocessing:
+        """The same settings with every number filled in for these measurements. least : where the
+        states' cut-off begins [Hz]; by default ten times the motion's highest harmonic."""
         rate = min(sample_rate(run) for run in measurements.runs())
         state, highest = self.state_cutoff, rate / 10.0
         if state is None:
-            state = 10.0 * max(highest_harmonic(run) for run in measurements.runs())
+            state = least or 10.0 * max(highest_harmonic(run) for run in measurements.runs())
         state = min(state, highest)
         torque = min(1.6 * state if self.torque_cutoff is None else self.torque_cutoff, rate / 5.0)
         if self.torque_cutoff is None and measurements.torque_logged:

@@ -118,7 +118,7 @@ def simulate(
                 f"level {level!r} is unknown", f"write {', '.join(LEVELS)} or a positive number"
             )
     effects = [(e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)]
-    return hidden_runs(robot, effects, size, seed, must_show=True)
+    return hidden_runs(robot, effects, size, seed)
 
 
 def true_world(problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()) -> World:
@@ -144,18 +144,15 @@ def hidden_runs(
     level: str | float = "medium",
     seed: int = 0,
     count: int = 4,
-    made: Sequence[Hidden] = (),
     world: World | None = None,
-    must_show: bool = False,
 ) -> HiddenRuns:
     """Simulate ``count`` runs (the last meant as the test run) with effects hidden in them.
 
     effects : names and joints (from 0; empty: one effect on every joint that it can act on, or of
-    the whole robot); made : hidden effects of another kind, sized alike. level : of LEVELS, or the
-    root mean square of the hidden torque over the raw noise of the joint that it moves most.
-    world : the true robot (default: that of the seed). Raises InputError for an effect that has no
-    simulation, or that cannot act on a joint; must_show : also where it makes no torque at all there
-    (backlash about a vertical axis), instead of hiding nothing.
+    the whole robot). level : of LEVELS, or the root mean square of the hidden torque over the raw noise
+    of the joint that it moves most. world : the true robot (default: that of the seed). Raises
+    InputError for an effect that has no simulation, or makes no torque on a joint that is named
+    (backlash about a vertical axis).
     """
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)
@@ -177,12 +174,11 @@ def hidden_runs(
         for joint in joints or ([0] if kind.whole_robot else kind(problem.robot).joints):
             one = replace(MAKERS[name](world, joint, rng), effect=name)
             sized = one.sized(world, coarse, factor)
-            if sized is not one or not must_show:
+            if sized is not one:
                 hidden.append(sized)
             elif joints or not one.joints:
                 where = f"on joint {joint + 1}" if one.joints else "on this robot"
                 raise InputError(f"{name} makes no torque {where}", "hide it elsewhere, or hide another")
-    hidden += [one.sized(world, coarse, factor) for one in made]
     runs = tuple(_measure(x, world, hidden, setup, seed, k) for k, x in enumerate(trajectories))
     truth = {
         "problem": problem.name,

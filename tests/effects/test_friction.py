@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_contract import robots, steady_motion, wide_columns
+from effect_contract import robots, wide_columns
 
 from sdp_vs_penalty import InputError, load_problem
 from sdp_vs_penalty.effects import Effect, Motion, parse_effects
@@ -44,27 +44,6 @@ def test_friction_that_remembers_takes_energy_in_every_cycle(name, joint):
     assert power.sum() > 0.05 * np.abs(power).sum()
 
 
-def test_a_slider_of_no_travel_is_coulombs_and_a_long_one_a_spring():
-    motion = to_and_fro()
-    sliders = columns("maxwell_slip:3@d=0.000001", motion)
-    moving = np.abs(motion.dq[:, 2]) > 0.05
-    np.testing.assert_allclose(
-        sliders[moving], np.sign(motion.dq[moving, 2])[:, None] * np.ones(3), atol=1e-9
-    )
-    spring = columns("maxwell_slip:1@d=1", motion)[2000:, 2]  # from the first reversals on
-    travel = motion.q[2000:, 0] - motion.q[2000, 0]
-    np.testing.assert_allclose(spring - spring[0], travel / 16.0, atol=1e-12)
-
-
-def test_hysteresis_under_load_is_load_dependent_friction_once_it_slides():
-    motion = steady_motion(ARM)
-    np.testing.assert_allclose(
-        columns("load_dependent_hysteresis:2@d=0.0001", motion),
-        columns("load_dependent_friction:2", motion),
-        rtol=1e-6,
-    )
-
-
 @pytest.mark.parametrize("waves", [1, 2])
 def test_friction_that_varies_with_position_is_nowhere_negative(waves):
     """Of random parameters exactly those pass whose friction is nowhere below zero."""
@@ -90,19 +69,6 @@ def test_friction_that_varies_with_position_is_nowhere_negative(waves):
     assert {kept for kept, _ in verdicts} == {True, False}
 
 
-def test_warming_by_the_clock_is_settling_drift_and_by_temperature_needs_one():
-    motion = steady_motion(ARM)
-    for law, form in (("coulomb", 2), ("viscous", 4)):
-        by_clock = columns(f"warming_friction:2@law={law}@by=clock@T=40@t0=3", motion)
-        drift = columns(f"drift_friction:2@form={form}@T=40@t0=3", motion)
-        np.testing.assert_array_equal(by_clock, drift)
-    hot = replace(motion, temperature=motion.joint_temperature + 20.0 * np.log(2.0))
-    text = "warming_friction:2@by=temperature@warm=20"
-    np.testing.assert_allclose(columns(text, hot), 0.5 * columns(text, motion))
-    with pytest.raises(InputError, match=r"hold no temperatures: add columns temp1\.\.tempn"):
-        columns(text, replace(motion, temperature=None))
-
-
 EVERY_LAW = pytest.mark.parametrize("law", LAWS)
 
 
@@ -118,16 +84,6 @@ def periodic() -> Motion:
     w = 2.0 * np.pi * np.arange(1, 4) / 10.0
     s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
     return Motion(t, s @ a + c @ b, (c * w) @ a - (s * w) @ b, -(s * w**2) @ a - (c * w**2) @ b)
-
-
-@EVERY_LAW
-def test_it_returns_to_the_joints_by_the_ratios_of_the_combination(law):
-    ratios = np.array([1.0, -0.75, 2.0])
-    made = effect(f"transmission_friction:1+2+3@c1=1@c2=-0.75@c3=2@law={law}")
-    columns = wide_columns(made, periodic())[:, :, 0]
-    force = columns[0] / ratios[0]
-    assert np.abs(force).max() > 0.0
-    np.testing.assert_allclose(columns, ratios[:, None] * force, atol=1e-12)
 
 
 @EVERY_LAW

@@ -27,6 +27,10 @@ def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
     return at_joint(j, law, vs=vs, delta=2.0)
 
 
+def _presliding(w: World, j: int, rng: Generator) -> Hidden:
+    return dahl(w, j, log_uniform(rng, 0.001, 0.01))
+
+
 def dahl(w: World, j: int, travel: float) -> Hidden:
     """Dahl 1968: friction follows the travel since the reversal instead of jumping."""
     d = _unit(w, j) * travel
@@ -146,7 +150,7 @@ FRICTION: Mapping[str, Maker] = {
     "asymmetric_viscous_friction": plain(lambda w, j, m: np.abs(m.dq[:, j]), signed=True),
     "asymmetric_coulomb_friction": plain(lambda w, j, m: np.abs(sign(w, j, m)), signed=True),
     "stribeck_friction": _stribeck,
-    "presliding_hysteresis": lambda w, j, rng: dahl(w, j, log_uniform(rng, 0.001, 0.01)),
+    "presliding_hysteresis": _presliding,
     "sigmoid_friction": _sigmoid,
     "power_law_friction": _power,
     # In proportion to the torque that the gear transmits: Hamon, Gautier, Garrec, IROS 2010.
