@@ -131,20 +131,20 @@ class Score:
     def _told(self, term: Term, dropped: tuple[int, ...]) -> NDArray[np.intp]:
         """Which of a term's columns neither the model nor its others make: of those with many (a robot's
         geometry) half are the links' as well, and a matrix of all would be singular."""
+        k = term.form.k
+        if k == 1:
+            return np.arange(1)
         key = dropped, term.form.effect.text
         if key not in self._own:
-            self._own[key] = np.arange(term.form.k)
-            if term.form.k > 1:
-                B, _ = self._basis(dropped)
-                Z = np.zeros((*B.shape[:2], term.form.k))
-                for j, z in term.columns.items():
-                    Z[j] = z
-                Z = Z.reshape(-1, term.form.k) / or_one(np.sqrt(np.sum(Z**2, axis=(0, 1))))
-                B = B.reshape(len(Z), -1)
-                R, order = scipy.linalg.qr(
-                    np.linalg.qr(Z - B @ (B.T @ Z), mode="r"), mode="r", pivoting=True
-                )
-                self._own[key] = np.sort(order[np.abs(np.diagonal(R)) > _DEPENDENT])
+            B, _ = self._basis(dropped)
+            Z = np.zeros((*B.shape[:2], k))
+            for j, z in term.columns.items():
+                Z[j] = z
+            Z = Z.reshape(-1, k) / or_one(np.sqrt(np.sum(Z**2, axis=(0, 1))))
+            B = B.reshape(len(Z), -1)
+            R = np.linalg.qr(Z - B @ (B.T @ Z), mode="r")
+            R, order = scipy.linalg.qr(R, mode="r", pivoting=True)
+            self._own[key] = np.sort(order[np.abs(np.diagonal(R)) > _DEPENDENT])
         return self._own[key]
 
     def fit(self, terms: Sequence[Term], level: Array | None = None) -> Fit:
