@@ -323,7 +323,7 @@ class ScaledProblem:
         theta_scale = np.minimum(own, task.bound)
         # The loss in units of its unconstrained minimum, so that weights mean the same everywhere.
         loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
-        received = ConstraintSet(_not_implied(constraints.convex))
+        received = ConstraintSet(constraints.essential)
         parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.groups]
         if constraints.nonconvex:
             parts.append(BarycentricPart.of(constraints.nonconvex, theta_scale, interior))
@@ -341,9 +341,3 @@ class ScaledProblem:
             for place, scale, multiplier in zip(group.places, part.scale, shift, strict=True):
                 found[self.received.convex[place]] = self.loss_scale * scale * multiplier
         return [found.get(c, np.zeros_like(c.constant)) for c in constraints.convex]
-
-
-def _not_implied(convex: tuple[Constraint, ...]) -> tuple[Constraint, ...]:
-    """Without the pseudo-inertias of links that have a minimum thickness, which contains them."""
-    thick = {tuple(c.indices) for c in convex if c.family == "minimum thickness"}
-    return tuple(c for c in convex if c.family != "pseudo-inertia" or tuple(c.indices) not in thick)

@@ -206,9 +206,8 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
             else:
                 box[places[name]] = new
         except (ValueError, KeyError):
-            raise InputError(
-                f"--bounds {name}={ends}", "write NAME=LOWER:UPPER, of m1, c1x, I1xx, total"
-            ) from None
+            remedy = "write NAME=LOWER:UPPER, of m1, c1x, I1xx, total"
+            raise InputError(f"--bounds {name}={ends}", remedy) from None
     return _within_masses(replace(problem, box=box, total_mass=total))
 
 

@@ -35,9 +35,8 @@ class Body(Plain):
     def __post_init__(self) -> None:
         shapes = (self.centre.shape, self.half_axes.shape, self.axes.shape)
         if shapes != ((3,), (3,), (3, 3)) or not np.all(np.isfinite(self.centre)):
-            raise InputError(
-                "a body lacks a centre (3,), half axes (3,) or axes (3, 3)", "give all three"
-            )
+            what = "a body lacks a centre (3,), half axes (3,) or axes (3, 3)"
+            raise InputError(what, "give all three")
         if not np.all((self.half_axes > 0.0) & np.isfinite(self.half_axes)):
             raise InputError("a half axis of a body is not above 0", "correct it")
         if not np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-6):

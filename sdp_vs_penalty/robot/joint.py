@@ -43,9 +43,8 @@ class Joint(Plain):
         for name, shape in (("placement", (4, 4)), ("axis", (3,)), ("link_frame", (4, 4))):
             value = getattr(self, name)
             if value.shape != shape or not np.all(np.isfinite(value)):
-                raise InputError(
-                    f"joint {self.name}: {name} does not fit", f"give {shape} finite numbers"
-                )
+                what = f"joint {self.name}: {name} does not fit"
+                raise InputError(what, f"give {shape} finite numbers")
         who = f"joint {self.name}"
         if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
             raise InputError(f"{who}: the axis is no unit vector", "divide it by its length")
@@ -82,9 +81,8 @@ class Mechanism(Plain):
         if not (np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.offset))):
             raise InputError("a mechanism's ratio or offset is not finite", "correct it")
         if not set(self.massless) < set(range(L)):
-            raise InputError(
-                "every link is declared massless", "leave those with a mass out of massless"
-            )
+            remedy = "leave those with a mass out of massless"
+            raise InputError("every link is declared massless", remedy)
 
 
 #: A joint that follows: the joint that it follows, by name, multiplier and offset.
@@ -128,9 +126,8 @@ def parse_mechanism(
     massless : links without mass, by their number in the tree from 1. Raises InputError.
     """
     if len(formulas) != len(tree):
-        raise InputError(
-            f"mechanism: {len(formulas)} formulas, the tree has {len(tree)} joints", "write one a joint"
-        )
+        what = f"mechanism: {len(formulas)} formulas, the tree has {len(tree)} joints"
+        raise InputError(what, "write one a joint")
     rows = np.array([parse_formula(text, len(tree)) for text in formulas])
     n = int(np.flatnonzero(rows[:, :-1].any(axis=0)).max(initial=-1)) + 1
     same = (rows[:, None] == np.eye(len(rows) + 1)[:n]).all(axis=2)
@@ -138,8 +135,7 @@ def parse_mechanism(
         raise InputError(f"mechanism: no joint is q{k + 1} itself", f'write "q{k + 1}" for one')
     own = same.argmax(axis=0).tolist()
     if not all(1 <= k <= len(tree) for k in massless):
-        raise InputError(
-            "mechanism: massless names a link that is not there", f"choose from 1 to {len(tree)}"
-        )
+        what = "mechanism: massless names a link that is not there"
+        raise InputError(what, f"choose from 1 to {len(tree)}")
     places = tuple(sorted({k - 1 for k in massless}))
     return tuple(tree[k] for k in own), Mechanism(tuple(tree), rows[:, :n], rows[:, -1], places)

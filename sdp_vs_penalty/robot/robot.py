@@ -46,9 +46,8 @@ class Robot(Plain):
 
     def __post_init__(self) -> None:
         if len(self.gravity) != 3 or not np.all(np.isfinite(self.gravity)):
-            raise InputError(
-                f"gravity {self.gravity!r} is not three finite numbers", "write x,y,z in m/s^2"
-            )
+            what = f"gravity {self.gravity!r} is not three finite numbers"
+            raise InputError(what, "write x,y,z in m/s^2")
         if self.transmission is not None and self.transmission.n != self.n:
             what = f"{self.n} joints, its transmission {self.transmission.n} motors"
             raise InputError(f"robot {self.name} has {what}", "give one motor a joint")
