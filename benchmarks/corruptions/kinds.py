@@ -70,7 +70,11 @@ def corruptions(n: int) -> list[Corruption]:
     for longer in (0.1, 0.3):
         long = partial(_longer, longer, n // 2)
         add(
-            "link too long", (), f"{longer:g} m", "unexplained torque|torque not explained", problem=long
+            "link too long",
+            (),
+            f"{longer:g} m",
+            "link length|unexplained torque|torque not explained",
+            problem=long,
         )
     moved: Sequence[tuple[str, str, str, Change]] = (
         ("torque gain", "x 1.15", "tau", lambda x, r: 1.15 * x),

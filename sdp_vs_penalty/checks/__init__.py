@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks import channel_rules, residual
+from sdp_vs_penalty.checks import residual, rules
 from sdp_vs_penalty.checks.constants import LOUDEST, PARTS
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
@@ -212,33 +212,32 @@ def _channels(
         raise InputError("fewer than 10 usable rows", "record longer", run.names[0])
     glance = Glance(run, problem.robot, settings.standstill)
     if not glance.moving.any():
-        return list(channel_rules.idle(glance)), None
+        return list(rules.idle(glance)), None
     settings = settings.resolve(run)
     told = [
-        *channel_rules.idle(glance),
-        *channel_rules.quantised(glance, settings),
-        *channel_rules.sample_rate(glance),
+        *rules.idle(glance),
+        *rules.quantised(glance, settings),
+        *rules.sample_rate(glance),
     ]
     if not run.torque_logged:  # rows, clock and positions are all there is
-        return [*told, *channel_rules.beside(glance)], None
-    first = [*channel_rules.dead(glance), *channel_rules.magnitude(glance)]
+        return [*told, *rules.beside(glance)], None
+    first = [*rules.dead(glance), *rules.magnitude(glance)]
     if any(i.kind == "torque magnitude" for i in first):  # nothing else can be asked of such torques
         return first, None
     log = Likelihood(problem, data := RegressionData.of(problem, run, settings))
     net = (search := Search(log)).run()
     score, (stated, certain) = log.score(net), _stated(search, net)
     sizes = list(residual.size(log, net))
-    parameters = int(data.independent.sum()) + log.n * data.own.shape[2]
     assert settings.torque_cutoff is not None
     samples = 2.0 * settings.torque_cutoff * float(np.ptp(data.motion.t)) * len(log.joints)
-    settled = samples > parameters
+    settled = samples > len(score.theta) + log.n * data.own.shape[2]
     issues = [*first, *stated, *told, *sizes, *residual.find(log, net, score, settled)]
     if any(i.kind == "torque channel kind" for i in sizes):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
     bent = {i.figures["joints"][0] for i in stated if i.kind == "saturation"}
-    issues += [i for i in channel_rules.clipped(glance) if i.figures["joint"] not in bent]
+    issues += [i for i in rules.clipped(glance) if i.figures["joint"] not in bent]
     if not any(i.kind in ("encoder offset", "positions in degrees") for i in stated):
-        issues += channel_rules.beside(glance)
+        issues += rules.beside(glance)
     if thorough:
         for issue in sizes:
             run = issue.repair(run) if issue.repair is not None else run
@@ -257,12 +256,10 @@ def _stated(search: Search, net: Repair) -> tuple[list[Issue], Repair]:
         before = search.log.score(e.without).shares
         gain, change = search.posterior(net) - search.posterior(e.without), np.log(before / after)
         j, word = int(np.argmax(change)), "certain" if gain > LOUDEST else "likely"
-        text = (
-            f"{word}: what the arm's dynamics leave unexplained of joint {j + 1}'s torque falls from "
-            f"{100.0 * np.sqrt(before[j]):.3g} % to {100.0 * np.sqrt(after[j]):.3g} %"
-        )
+        text = f"falls from {100.0 * np.sqrt(before[j]):.3g} % to {100.0 * np.sqrt(after[j]):.3g} %"
+        text = f"what the arm's dynamics leave unexplained of joint {j + 1}'s torque {text}"
         if change[j] < 0.05:  # the fit is the same: physics alone tells
-            text = f"{word}: as recorded, friction would drive the motion, or inertia be negative"
+            text = "as recorded, friction would drive the motion, or inertia be negative"
         figures = {"joints": [j + 1 for j in e.joints], **e.figures, "net": True, "log_odds": gain}
         what, where = e.what, e.place or joints_text(e.joints)
         if e.number is not None:
@@ -274,7 +271,9 @@ def _stated(search: Search, net: Repair) -> tuple[list[Issue], Repair]:
         if e.kind.startswith("gravity"):
             share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
             gravity = tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
-        out.append(Issue(e.kind, e.severity, where, what, text, e.remedy, mend, figures, gravity))
+        out.append(
+            Issue(e.kind, e.severity, where, what, f"{word}: {text}", e.remedy, mend, figures, gravity)
+        )
         if not out[-1].mends:
             certain = next((x.without for x in search.elements(certain) if x.name == e.name), certain)
     return out, certain

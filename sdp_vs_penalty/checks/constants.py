@@ -64,9 +64,6 @@ UNRELATED = 0.25
 #: A joint contradicts its neighbours where one arm leaves so many times the energy that the joint's own
 #: model leaves of it, and at least this share of the torque's energy.
 CONTRADICTS = (2.0, 1e-4)
-#: Natural logarithm of the energy by which two arms in turn have to explain a log better than in
-#: stripes.
-TWO_ARMS = 1.5
 
 # -- rows, clock and channels
 #: What is so many times what it is elsewhere is no chance: constant stretches, an event, a rough clock.

@@ -26,11 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import CONTRADICTS, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
-from sdp_vs_penalty.checks.regression_data import RegressionData, under_gravity
+from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Event, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -109,21 +111,14 @@ class Likelihood:
 
     @cached_property
     def samples(self) -> float:
-        """How many independent samples the rows hold whose neighbours are alike: M (1 - rho) / (1 + rho)
-        of the median lag-1 correlation rho of what the arm leaves."""
-        left = self.score(self.none).residual[self.moving]
-        x = left - left.mean(axis=1, keepdims=True)
-        if self.data.count < 4 or not len(x):
-            return float(self.data.count)
-        rho = np.sum(x[:, 1:] * x[:, :-1], axis=1) / np.maximum(np.sum(x * x, axis=1), 1e-300)
-        r = float(np.clip(np.median(rho), 0.0, 0.95))
-        return self.data.count * (1.0 - r) / (1.0 + r)
-
-    def reach(self, repair: Repair) -> Array:
-        """(n,) largest position of each joint, whatever its sign."""
-        return np.abs(repair.positions(self.data.motion.q)).max(axis=0)
-
-    # -- what a repair makes of the rows ---------------------------------------------------------
+        """How many independent samples M rows hold whose neighbours are alike: M / (1 + 2 sum_k rho_k)
+        of the median joint, over lags before what the arm leaves is correlated no more (Geyer 1992)."""
+        left, count = self.score(self.none).residual[self.moving], self.data.count
+        power = np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), 2 * count)) ** 2
+        rho = np.fft.irfft(power)[:, :count]
+        rho = rho / or_one(rho[:, :1])
+        lasts = 2.0 * np.sum(rho * np.cumprod(rho > 0.0, axis=1), axis=1) - 1.0
+        return count / max(float(np.median(lasts)), 1.0)
 
     def channels(self, repair: Repair) -> Array:
         """(n, M) the torque as repaired, 0 where it is not asked for."""
@@ -167,22 +162,35 @@ class Likelihood:
         return np.asarray(self.heard(repair)[:, :, None] * columns)
 
     def _made_columns(self, repair: Repair) -> Array:
-        return self.shared(repair.gravity, self.motion(repair))[:, :, self.data.independent]
+        return self.shared(repair, self.motion(repair))
 
-    def shared(self, gravity: Sequence[float], motion: Motion) -> Array:
+    def robot(self, repair: Repair) -> Robot:
+        """Under another vector of gravity, with other distances between joints."""
+        robot = replace(self.problem.robot, gravity=repair.gravity)
+        if not any(repair.longer):
+            return robot
+        joints = list(robot.joints)
+        for j, x in enumerate(repair.longer):
+            placement = joints[j].placement.copy()
+            placement[:3, 3] *= 1.0 + x / or_one(np.linalg.norm(placement[:3, 3]))
+            joints[j] = replace(joints[j], placement=placement)
+        return replace(robot, joints=tuple(joints))
+
+    def shared(self, repair: Repair, motion: Motion) -> Array:
         """(n, M, p) columns of all parameters that joints share."""
-        shared = self.data.shared
-        if shared is None:
+        if (known := self.data.shared) is None:
             return np.zeros((self.n, len(motion.t), 0))
-        width = len(shared.parameters)
-        return np.stack([b.wide(width) for b in under_gravity(shared, gravity).columns(motion)])
+        robot = self.robot(repair)
+        shared = Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in known.effects))
+        return np.stack([b.wide(len(known.parameters)) for b in shared.columns(motion)])
 
     def nominal(self, repair: Repair, still: bool) -> Array:
         """(M, n) torque of a plausible arm on the repaired motion, or its weight in these poses."""
         m, none = self.motion(repair), 0.0 * self.data.motion.q
-        robot = self.problem.with_gravity(repair.gravity).robot
         states = (m.q, none, none) if still else (m.q, m.dq, m.ddq)
-        return np.asarray(robot.regressor(*states) @ self.problem.nominal_links.ravel(), float)
+        return np.asarray(
+            self.robot(repair).regressor(*states) @ self.problem.nominal_links.ravel(), float
+        )
 
     def _made_basis(self, order: Order, events: tuple[Event, ...]) -> Array:
         """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others."""
@@ -209,8 +217,6 @@ class Likelihood:
         edges = np.linspace(0, self.data.count, count + 1).astype(int)
         parts = [full[:, a:b] for a, b in pairwise(edges.tolist())]
         return np.stack([np.swapaxes(p, 1, 2) @ p for p in parts]), rows.basis.shape[2]
-
-    # -- the likelihood ----------------------------------------------------------------------------
 
     def scores(self, repairs: Sequence[Repair]) -> list[Score]:
         """One arm fitted to each; those of one motion side by side."""
@@ -277,12 +283,12 @@ class Rows:
         product with the weight of a plausible arm."""
         m, of = self.of.motion(self.repair), self.of
         rest, loads = np.zeros_like(m.q), of.nominal(self.repair, still=True)
-        ways = (((0.0, 0.0, 0.0), m.ddq, m.ddq), (self.repair.gravity, rest, loads))
+        weightless = replace(self.repair, gravity=(0.0, 0.0, 0.0))
         made = [
-            np.einsum("jms,mj->s", of.shared(gravity, Motion(m.t, m.q, rest, ddq)), along)
-            for gravity, ddq, along in ways
+            np.einsum("jms,mj->s", of.shared(repair, Motion(m.t, m.q, rest, ddq)), along)
+            for repair, ddq, along in ((weightless, m.ddq, m.ddq), (self.repair, rest, loads))
         ]
-        return np.array(made)[:, of.data.independent] / of.data.count
+        return np.array(made) / of.data.count
 
 
 @dataclass

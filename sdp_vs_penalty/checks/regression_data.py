@@ -22,9 +22,7 @@ from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.base_parameters import random_motion, structure
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints
 
@@ -38,12 +36,11 @@ class RegressionData:
 
     motion : (M, n) low-passed states; torque : (n,) low-passed channels, a spline over time;
     own : (n, M, k) columns that each joint's own motion makes; heard : (M, n) 1 where a joint slides, 0
-    where its torque is not asked; moving : (n,); shared : the effects whose columns joints share,
-    ``independent`` of their parameters stand for all; largest : (n,) sizes that the channels reach.
+    where its torque is not asked; moving : (n,); shared : the effects whose columns joints share;
+    largest : (n,) sizes that the channels reach.
     """
 
     shared: Model | None
-    independent: NDArray[np.bool_]
     motion: Motion
     torque: CubicSpline
     own: Array
@@ -91,7 +88,6 @@ class RegressionData:
         own = np.concatenate([piece[4] for piece in pieces], axis=1)
         times, torque = (np.concatenate(x) for x in zip(*grid, strict=True))
         spline = CubicSpline(times, torque)
-        kept = np.zeros(0, bool) if shared is None else independent_columns(shared)
         moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)  # and its channel is not dead
         slides = np.abs(dq) > SLIDES * np.sqrt(np.mean(dq**2, axis=0))
         asked = np.flatnonzero(np.any(slides[:, moving], axis=1))
@@ -102,7 +98,7 @@ class RegressionData:
         # Where all have stopped nothing is asked of any joint.
         motion, heard = Motion(t[asked], q[asked], dq[asked], ddq[asked]), slides[asked].astype(float)
         largest = np.abs(torque).max(axis=0)
-        return cls(shared, kept, motion, spline, own[:, asked], heard, moving, largest)
+        return cls(shared, motion, spline, own[:, asked], heard, moving, largest)
 
 
 def _piece(
@@ -134,26 +130,3 @@ def own_columns(friction: Sequence[JointEffect], motion: Motion) -> list[Array]:
     laws += [np.tanh(motion.dq / w) for w in COULOMB_WIDTHS]
     laws += [np.column_stack([dahl(q, d) for q in motion.q.T]) for d in BRISTLE_TRAVELS]
     return [motion.ddq, np.ones_like(motion.q), motion.dq, *laws]
-
-
-def independent_columns(model: Model) -> NDArray[np.bool_]:
-    """(p,) which parameters of :func:`split` stand for all, wherever gravity points: 30 to 40 %
-    of the links' follow from the others."""
-    links = model.rigid_indices
-    kept = np.ones(len(model.parameters), bool)
-    if len(links):
-        motion = random_motion(model.robot, 0)
-        turned = [replace(model.robot, gravity=tuple(g)) for g in 9.81 * np.eye(3)]
-        stack = np.vstack([r.regressor(motion.q, motion.dq, motion.ddq) for r in turned])
-        _, independent = structure(stack.reshape(-1, len(links)))
-        kept[links] = np.isin(np.arange(len(links)), independent)
-    return kept
-
-
-def under_gravity(model: Model, gravity: Sequence[float]) -> Model:
-    """The same model under another vector of gravity."""
-    x, y, z = (float(g) for g in gravity)
-    if (x, y, z) == tuple(model.robot.gravity):
-        return model
-    robot: Robot = replace(model.robot, gravity=(x, y, z))
-    return Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects))

@@ -39,9 +39,10 @@ class Event:
 
 @dataclass(frozen=True)
 class Repair:
-    """See the module; all tuples have an entry a joint. gravity : [m/s^2] in the base frame, and
-    ``lacks``, the share of the arm's weight that each torque channel lacks: what a model has to assume,
-    no change of the log; ``bend`` of a repaired file stays as it is."""
+    """See the module; all tuples have an entry a joint. gravity : [m/s^2] in the base frame;
+    ``lacks``, the share of the arm's weight that each torque channel lacks, and ``longer`` [m], how much
+    farther a joint is from the one before than the problem says: what a model has to assume, no change
+    of the log; ``bend`` of a repaired file stays as it is."""
 
     order: Order
     scale: Numbers
@@ -52,6 +53,7 @@ class Repair:
     lag: Numbers
     gravity: tuple[float, float, float]
     lacks: Numbers
+    longer: Numbers
     bend: Numbers
     rate: float = 1.0
     reversed: bool = False
@@ -62,7 +64,7 @@ class Repair:
         """The repair that changes nothing of n joints under a gravity [m/s^2]."""
         same, one, zero = tuple(range(n)), (1.0,) * n, (0.0,) * n
         x, y, z = gravity
-        return cls(same, one, zero, same, one, zero, zero, (x, y, z), zero, zero)
+        return cls(same, one, zero, same, one, zero, zero, (x, y, z), zero, zero, zero)
 
     @property
     def n(self) -> int:
@@ -99,19 +101,14 @@ class Repair:
         same = {k: getattr(none, k) for k in ("tau_order", "gain", "lead", "lag", "bend")}
         return replace(self, **same)
 
-    @property
-    def leaves_log(self) -> bool:
-        """Whether only what a model assumes is changed."""
-        none = Repair.none(self.n, self.gravity)
-        return replace(self, lacks=none.lacks, bend=none.bend, events=()) == none
-
     def positions(self, q: Array) -> Array:
         """(N, n) true positions from those of the log."""
         return np.asarray(q[:, list(self.order)] * np.array(self.scale) + np.array(self.zero))
 
     def apply(self, run: Measurements) -> Measurements:
         """The log repaired; gravity, weight and events are the model's matter and are left alone."""
-        if self.leaves_log:
+        none = Repair.none(self.n, self.gravity)
+        if replace(none, **{k: getattr(self, k) for k in ("lacks", "longer", "bend", "events")}) == self:
             return run
         t, q, tau = run.t, self.positions(run.q), run.tau[:, list(self.tau_order)]
         dq = None

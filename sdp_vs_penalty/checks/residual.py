@@ -52,8 +52,9 @@ def find(log: Likelihood, repair: Repair, score: Score, settled: bool) -> Iterat
         )  # fmt: skip
     elif settled:
         yield from _unexplained(log, repair, score)
-        yield from _event(log, score)
-        yield from _two_arms(log, repair, score)
+        yield from _event(log, repair, score)
+        if not repair.events:
+            yield from _two_arms(log, repair, score)
 
 
 def _unexplained(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
@@ -76,15 +77,18 @@ def _unexplained(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issu
     )  # fmt: skip
 
 
-def _event(log: Likelihood, score: Score) -> Iterator[Issue]:
+def _event(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
     """A moment at which the error is far larger than at any other: contact, a push."""
     t = log.data.motion.t
     for j in log.joints:
         error = np.abs(score.residual[j])
         k = int(np.argmax(error))
         elsewhere = error[np.abs(t - t[k]) > _WIDTH]
-        # At its ends the arm starts or comes to rest: stiction.
-        inside = min(t[k] - t[0], t[-1] - t[k]) > 3.0 * _WIDTH
+        # At its ends the arm starts or comes to rest: stiction; a step has been told.
+        known = [e.at for e in repair.events if e.at is not None]
+        inside = (
+            min(t[k] - t[0], t[-1] - t[k]) > 3.0 * _WIDTH < np.min(np.abs(t[k] - known), initial=9e9)
+        )
         if inside and len(elsewhere) and error[k] > c.TIMES * elsewhere.max():
             at, unit = float(t[k]), log.problem.robot.torque_units[j]
             yield Issue(
@@ -93,13 +97,9 @@ def _event(log: Likelihood, score: Score) -> Iterator[Issue]:
                 f"there is {error[k]:.3g} {unit} in joint {j + 1}, over {c.TIMES:g} times that at "
                 f"any other moment.",
                 "likely: an effect of the arm itself would recur", f"exclude {_WIDTH:g} s around it",
-                partial(_without, at), {"t": at, "joints": [j + 1]},
+                lambda r, at=at: r.rows(np.abs(r.t - at) > 0.5 * _WIDTH), {"t": at, "joints": [j + 1]},
             )  # fmt: skip
             return
-
-
-def _without(at: float, run: Measurements) -> Measurements:
-    return run.rows(np.abs(run.t - at) > 0.5 * _WIDTH)
 
 
 def _two_arms(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
@@ -120,7 +120,7 @@ def _two_arms(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
     halves = [two(number < cut) for cut in cuts]
     gains = [float(np.median(np.log(stripes / h)[log.moving])) for h in halves]
     best = int(np.argmax(gains))
-    if gains[best] < c.TWO_ARMS or best in (0, len(gains) - 1) or repair.events:
+    if gains[best] < np.log(c.TIMES) or best in (0, len(gains) - 1):
         return
     t = float(np.quantile(log.data.motion.t, cuts[best] / len(parts)))
     one, apart = (100.0 * np.sqrt(np.mean(x / score.whole)) for x in (score.left, halves[best]))

@@ -20,7 +20,8 @@ from sdp_vs_penalty.checks.transformations import motion, torque
 #: What is tried, in the order of the words.
 TRANSFORMATIONS: tuple[Transformation, ...] = (
     motion.Degrees(), motion.Clock(), motion.Sign(), motion.Exchange(), motion.Mounting(),
-    torque.Weight(), torque.Gain(), torque.Delay(), torque.Change(), motion.Zero(), torque.Saturation(),
+    torque.Weight(), torque.Gain(), torque.Delay(), torque.Change(), motion.Zero(), motion.Length(),
+    torque.Saturation(),
 )  # fmt: skip
 
 
@@ -55,8 +56,7 @@ class Search:
         """The net repair."""
         now = self.log.none
         for _ in range(c.MOST):
-            better = self.added(now)
-            if better is None:
+            if (better := self.added(now)) is None:
                 break
             now = better
         return now

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import ODDS, SLOW_ODDS
+from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations, Likelihood
 from sdp_vs_penalty.checks.repair import Repair
@@ -46,7 +46,8 @@ _WORDS = {
 def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[int, Issue]]:
     """(number, issue) where the arm of a log is not that of the others; none for a single one.
 
-    logs : rows, net repair and name of each."""
+    logs : rows, net repair and name of each. What is said of a run predicts the parts of it that nothing
+    was fitted to, and its number is far from none."""
     if len(logs) < 2:
         return
     fits, repairs, names = zip(*logs, strict=True)
@@ -59,27 +60,35 @@ def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[in
     def gain(left: Array) -> float:
         return 0.5 * samples * float(np.log(one / left)[asked].sum())
 
-    apart, least = gain(alone), ODDS + SLOW_ODDS  # friction is never quite the same again
+    apart, least = gain(alone), c.ODDS + c.SLOW_ODDS  # friction is never quite the same again
     if apart < least:
         return
-    odd = int(np.argmax(np.log(one / alone).sum(axis=1)))
-    log, causes = fits[odd], []
-    for kind, j, more in _changes(log, repairs[odd], theta):
-        count = more.shape[2]
-        some = [_widened(r, count) for r in runs]
-        some[odd] = _equations(log, repairs[odd], more)
-        cost = choices(1 if count > 1 else log.n) + 0.5 * count * np.log(samples)
-        found, left = _one_arm(some, asked)
-        causes.append((gain(left) - cost, kind, j, float(found[-1])))
-    value, kind, j, x = max(causes)
+    causes = []
+    for odd in np.argsort(np.log(one / alone).sum(axis=1))[-2:].tolist():  # of two runs either
+        for kind, j, more in _changes(fits[odd], repairs[odd], theta):
+            count = more.shape[2]
+            some = [_widened(r, count) for r in runs]
+            some[odd] = _equations(fits[odd], repairs[odd], more)
+            cost = choices(2 * (1 if count > 1 else fits[odd].n)) + 0.5 * count * np.log(samples)
+            causes.append((gain(_one_arm(some, asked)[1]) - cost, odd, kind, j, more))
+    value, odd, kind, j, more = max(causes, key=lambda cause: cause[0])
     # An arm of its own for each run costs as many parameters.
     own = apart - 0.5 * len(theta) * np.log(samples * len(runs))
     if max(value, own) < least:
         return
-    kind = "another arm" if value < 0.5 * own else kind
-    number = 1.0 + x if kind == "torque gain" else x
-    figures = {"run": names[odd], "j": j + 1, "x": number, "degrees": np.degrees(-x)}
-    what, remedy = (text.format(**figures) for text in _WORDS[kind])
+    log, repair = fits[odd], repairs[odd]
+    others, moving = [r for k, r in enumerate(runs) if k != odd], np.delete(asked, odd, axis=0)
+    before, _ = _left_out(log, repair, others, moving, more[:, :, :0])
+    if value < 0.5 * own:
+        kind, others, moving, more = "another arm", [], moving[:0], more[:, :, :0]
+    after, found = _left_out(log, repair, others, moving, more)
+    change = np.log(before / after)[:, log.moving].sum(axis=1)
+    x, spread = float(np.mean(found)), float(np.sqrt((c.PARTS - 1) * np.var(found)))
+    known = kind == "another arm" or more.shape[2] > 1 or abs(x) > c.SIGMAS * spread
+    if not known or np.mean(change) < c.SIGMAS * np.std(change) / np.sqrt(c.PARTS):
+        return
+    figures = {"run": names[odd], "j": j + 1, "x": 1.0 + x if kind == "torque gain" else x}
+    what, remedy = (text.format(**figures, degrees=np.degrees(-x)) for text in _WORDS[kind])
     times = np.exp(apart / samples / max(asked[odd].sum(), 1))
     yield odd, Issue(
         kind, "warning", "the run" if kind == "another arm" else joints_text([j]),
@@ -87,6 +96,18 @@ def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[in
         f"likely: one arm for all runs explains them {times:.2g} times worse than one for each", remedy,
         None, {"joints": [j + 1] if kind != "another arm" else [], "run": names[odd], "size": x},
     )  # fmt: skip
+
+
+def _left_out(
+    log: Likelihood, repair: Repair, others: Sequence[Equations], moving: NDArray[np.bool_], more: Array
+) -> tuple[Array, Array]:
+    """(PARTS, n) what the arm of other runs and of a log's other parts leaves of each part of this log;
+    (PARTS,) its last parameter."""
+    (parts, k), some = log.parts(repair, c.PARTS, more), [_widened(r, more.shape[2]) for r in others]
+    rests = [Equations.of_part(parts.sum(axis=0) - part, k) for part in parts]
+    arms = [_one_arm([*some, rest], np.vstack([moving, log.moving]))[0] for rest in rests]
+    left = [rest.left_of(part, a) for rest, part, a in zip(rests, parts, arms, strict=True)]
+    return np.maximum(left, 1e-280), np.array([a[-1] for a in arms])
 
 
 def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[str, int, Array]]:
@@ -99,7 +120,7 @@ def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[st
             away = log.slope(at, repair.zero[j], 0.01, theta)
             yield "encoder offset", j, -away[:, :, None]
     if log.data.shared is not None:
-        last = log.shared(repair.gravity, log.motion(repair))[:, :, log.data.shared.rigid_indices[-10:]]
+        last = log.shared(repair, log.motion(repair))[:, :, log.data.shared.rigid_indices[-10:]]
         yield "another load", log.n - 1, log.heard(repair)[:, :, None] * last
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.checks.constants import ODDS
+from sdp_vs_penalty.checks.constants import CALIBRATED_GAIN, ODDS
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
 from sdp_vs_penalty.checks.repair import Repair
 
@@ -36,14 +36,11 @@ class Number:
         return cls(value, partial(repair.with_entries, name, joints), *more)
 
     @classmethod
-    def factor(
-        cls, x: float, at: Callable[[float], Repair], tolerance: float, reach: float,
-        snaps: tuple[float, ...],
-    ) -> Number:  # fmt: skip
+    def factor(cls, x: float, at: Callable[[float], Repair], snaps: tuple[float, ...]) -> Number:
         """The natural logarithm of a factor x, which ``at`` and snaps count in."""
         logs = tuple(float(np.log(s)) for s in snaps)
         text = lambda v: f"a factor of {np.exp(v):.3g}"  # noqa: E731
-        return cls(float(np.log(x)), lambda v: at(float(np.exp(v))), tolerance, reach, text, logs)
+        return cls(float(np.log(x)), lambda v: at(float(np.exp(v))), CALIBRATED_GAIN, 0.5, text, logs)
 
 
 @dataclass(frozen=True)

@@ -68,10 +68,8 @@ class Regressor:
         model = problem.model(effects)
         for effect in model.effects:
             if effect.has_memory or depends(effect):
-                raise InputError(
-                    f"effect {effect.name}: its columns depend on more than the state",
-                    "leave it out of the excitation.",
-                )
+                what = f"effect {effect.name}: its columns depend on more than the state"
+                raise InputError(what, "leave it out of the excitation.")
         others = np.setdiff1d(np.arange(len(model.parameters)), model.rigid_indices)
         kept = np.arange(0)
         if len(model.rigid_indices):
@@ -102,15 +100,11 @@ class Limits:
         rows = np.column_stack([self.lower, self.upper, self.velocity, self.acceleration])
         for j, (low, high, v, a) in enumerate(rows.tolist()):
             if not -np.inf < low < high < np.inf:
-                raise InputError(
-                    f"joint {j + 1}: no trajectory fits between {low:g} and {high:g}",
-                    "give finite limits, the lower below the upper",
-                )
+                what = f"joint {j + 1}: no trajectory fits between {low:g} and {high:g}"
+                raise InputError(what, "give finite limits, the lower below the upper")
             if not (0.0 < v < np.inf and 0.0 < a < np.inf):
-                raise InputError(
-                    f"joint {j + 1}: velocity limit {v:g} or acceleration limit {a:g} is not above 0",
-                    "correct it",
-                )
+                what = f"joint {j + 1}: velocity limit {v:g} or acceleration limit {a:g} is not above 0"
+                raise InputError(what, "correct it")
 
     @property
     def middle(self) -> Array:

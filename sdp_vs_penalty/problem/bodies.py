@@ -33,8 +33,8 @@ from sdp_vs_penalty.robot.robot import Robot
 GEOMETRY_MARGIN, LAYER = 1.2, 0.03
 #: Radius of a link where nothing tells it: this share of its reach, at least so much [m].
 RADIUS_SHARE, LEAST_RADIUS = 0.5, 0.1
-#: Geometry smaller than this marks a place [m]; one larger than so many robots is not in metres.
-MARKER, ROBOTS = 0.01, 3.0
+#: Geometry larger than so many robots is not in metres (smaller than the layer it marks a place).
+ROBOTS = 3.0
 
 
 def link_bodies(
@@ -99,7 +99,7 @@ def _usable(shape: Geometry | None, largest: float) -> Geometry | None:
         return None
     extent = float(np.ptp(shape.points, axis=0).max())
     farthest = float(np.linalg.norm(shape.points, axis=1).max())
-    return shape if extent > MARKER and farthest < largest else None
+    return shape if extent > LAYER and farthest < largest else None
 
 
 def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:

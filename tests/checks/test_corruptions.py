@@ -61,6 +61,8 @@ WRONG = (
     "two arms in one file",
     "gravity assumed wall",
     "gravity assumed ceiling",
+    "link too long 0.3 m",
+    "torque gain in one of two runs joint 2 x 1.15",
 )
 
 

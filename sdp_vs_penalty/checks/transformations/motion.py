@@ -28,7 +28,8 @@ class Degrees(Transformation):
     """Positions in degrees: of all revolute joints, or of one of them."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        far = [j for j in log.revolute if log.reach(now)[j] > 2.0 * np.pi]
+        reach = np.abs(now.positions(log.data.motion.q)).max(axis=0)
+        far = [j for j in log.revolute if reach[j] > 2.0 * np.pi]
         for joints in [log.revolute, *([j] for j in far if log.n > 1)] if far else ():
             yield now.times("scale", joints, float(np.radians(1.0)))
 
@@ -36,7 +37,7 @@ class Degrees(Transformation):
         if not (joints := tuple(np.flatnonzero(np.abs(repair.scale) < 0.1).tolist())):
             return
         without = repair.times("scale", joints, float(np.degrees(1.0)))
-        reach = float(log.reach(without)[list(joints)].max())
+        reach = float(np.abs(without.positions(log.data.motion.q)[:, joints]).max())
         every, named = joints == tuple(log.revolute), ", ".join(f"q{j + 1}" for j in joints)
         what = f"the position of {joints_text(joints)} is in degrees, not in radians"
         yield Element(
@@ -69,7 +70,7 @@ class Clock(Transformation):
                 f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
                 "torques does not fit the weight.",
                 f"multiply t by {factor:.3g} (find out the log's true rate)",
-                Number.factor(factor, at, c.CALIBRATED_GAIN, 0.4, _RATES),
+                Number.factor(factor, at, _RATES),
                 place="column t", figures={"factor": factor},
             )  # fmt: skip
 
@@ -143,7 +144,7 @@ class Zero(Transformation):
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         for j in log.joints:
-            at, unit = partial(_shifted, log, now, j), _unit(log, j)
+            at, unit = partial(_shifted, log, now, j), 1.0 if j in log.revolute else _length(log)
             step, _ = log.screen.change(at, now.zero[j], 0.01 * unit)
             quarters = self.quarters if j in log.revolute and score.poor.any() else ()
             for x in (float(np.clip(step, -0.7 * unit, 0.7 * unit)), *quarters):
@@ -152,7 +153,11 @@ class Zero(Transformation):
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(repair.zero).tolist():
-            x, turns, unit = repair.zero[j], j in log.revolute, _unit(log, j)
+            x, turns, unit = (
+                repair.zero[j],
+                j in log.revolute,
+                1.0 if j in log.revolute else _length(log),
+            )
             tolerance, gross = (x * unit * (1.0 if turns else 0.25) for x in (c.CALIBRATED, c.GROSS))
             text, snaps = (_degrees, self.quarters) if turns else ("{:.4g} m".format, ())
             yield Element(
@@ -164,8 +169,9 @@ class Zero(Transformation):
             )  # fmt: skip
 
 
-def _unit(log: Likelihood, j: int) -> float:
-    return 1.0 if j in log.revolute else 0.3 * float(log.problem.robot.link_reach().sum())
+def _length(log: Likelihood) -> float:
+    """What a radian is to an angle: a length of this arm's size [m]."""
+    return 0.3 * float(log.problem.robot.link_reach().sum())
 
 
 def _shifted(log: Likelihood, now: Repair, j: int, x: float) -> Repair:
@@ -174,13 +180,37 @@ def _shifted(log: Likelihood, now: Repair, j: int, x: float) -> Repair:
     return now.with_entries("zero", (j,), wrapped)
 
 
+class Length(Transformation):
+    """Joints farther apart or nearer than the problem says, along the line between them [m]."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        unit = _length(log)
+        for j, joint in enumerate(log.problem.robot.joints):
+            if j and joint.placement[:3, 3].any():
+                at = partial(now.with_entries, "longer", (j,))
+                step, _ = log.screen.change(at, now.longer[j], 0.01 * unit)
+                yield at(now.longer[j] + float(np.clip(step, -0.7 * unit, 0.7 * unit)))
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        unit, text = _length(log), "{:.4g} m".format
+        for j in np.flatnonzero(repair.longer).tolist():
+            x, how = repair.longer[j], "farther from" if repair.longer[j] > 0.0 else "nearer to"
+            yield Element(
+                "link length", "warning", (j,),
+                f"joint {j + 1} is {text(abs(x))} {how} joint {j} than in the robot's kinematics.",
+                "correct the kinematics, or choose the problem of the robot that was logged",
+                Number.of(repair, "longer", (j,), x, 0.25 * c.CALIBRATED * unit, 0.35 * unit, text),
+                choices(log.n), mends=False, figures={"metres": x},
+            )  # fmt: skip
+
+
 class Mounting(Transformation):
     """Gravity along another direction of the base: its six axes first, then around the assumed one."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         given = np.array(now.gravity)
         size = float(np.linalg.norm(given))
-        known = _earthly(size)
+        known = abs(size / _EARTH - 1.0) < c.CALIBRATED_GAIN
         if any(now.lacks):
             return
         for axis in (*np.eye(3), *-np.eye(3)):
@@ -199,7 +229,8 @@ class Mounting(Transformation):
         given = float(np.linalg.norm(assumed))
         cosine = assumed @ g / max(given * float(np.linalg.norm(g)), 1e-300)
         angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        straight, earthly = np.count_nonzero(np.abs(g) > 1e-9) == 1, _earthly(given)
+        straight = np.count_nonzero(np.abs(g) > 1e-9) == 1
+        earthly = abs(given / _EARTH - 1.0) < c.CALIBRATED_GAIN
         x, y, z = (float(round(v, 2)) + 0.0 for v in g)
         kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
         if not earthly:
@@ -216,10 +247,6 @@ class Mounting(Transformation):
             mends=False, place="the base",
             figures={"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]},
         )  # fmt: skip
-
-
-def _earthly(size: float) -> bool:
-    return abs(size / _EARTH - 1.0) < c.CALIBRATED_GAIN
 
 
 def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repair]:

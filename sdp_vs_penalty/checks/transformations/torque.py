@@ -46,7 +46,7 @@ class Gain(Transformation):
                 "error" if abs(np.log(g)) > gross else "warning", (j,),
                 f"{what}." if unit is None else f"{what}: it is in {unit}.",
                 f"multiply tau{j + 1} by {g:.3g}",
-                Number.factor(g, at, c.CALIBRATED_GAIN, 0.5, tuple(UNITS)), choices(log.n),
+                Number.factor(g, at, tuple(UNITS)), choices(log.n),
                 figures={"factor": g},
             )  # fmt: skip
 
@@ -161,7 +161,11 @@ class Change(Transformation):
             j, t = event.joint, event.at
             name, unit = joints_text([j]), log.problem.robot.torque_units[j]
             without = replace(repair, events=tuple(e for e in repair.events if e != event))
-            size = _size(log, repair, without, event)
+            # As far as the fit of its joint needs it.
+            score, lacking, shape = log.score(repair), log.rows(without), event.shape(log.data.motion.t)
+            x = lacking.rest((log.heard(repair) * shape)[:, :, None])[j, :, 0]
+            away = score.channels[j] - lacking.raw[j] @ score.theta
+            size = float(x @ away / max(x @ x, 1e-300))
             kind, many, place = "torque drift", log.n, ""
             how = f"drifts by {size:+.3g} {unit} from the first row to the last"
             remedy = "let the sensor warm up and set its zero before the run"
@@ -173,12 +177,3 @@ class Change(Transformation):
                 kind, "warning", (j,), f"the torque of {name} {how}.", remedy, without,
                 choices(many) + c.SLOW_ODDS, place, False, {"size": size} | ({"t": t} if t else {}),
             )  # fmt: skip
-
-
-def _size(log: Likelihood, repair: Repair, without: Repair, event: Event) -> float:
-    """How far the torque drifts or steps [N m, N]: by how much the fit of its joint needs it."""
-    score, j = log.score(repair), event.joint
-    lacking, shape = log.rows(without), event.shape(log.data.motion.t)
-    x = lacking.rest((log.heard(repair) * shape)[:, :, None])[j, :, 0]
-    away = score.channels[j] - lacking.raw[j] @ score.theta
-    return float(x @ away / max(x @ x, 1e-300))
