@@ -9,7 +9,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import problems_folder
-from sdp_vs_penalty.robot.transmission import Transmission, parse_transmission
+from sdp_vs_penalty.robot.joint import Transmission, parse_transmission
 
 
 def to_joints(measurements: Measurements, transmission: Transmission) -> Measurements:

@@ -21,9 +21,8 @@ from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.identify import identify as _identify
-from sdp_vs_penalty.estimation.noise_level import noise_level
 from sdp_vs_penalty.estimation.pose import readable
-from sdp_vs_penalty.estimation.verdict import Errors, Verdict, judge
+from sdp_vs_penalty.estimation.verdict import Errors, Verdict, judge, noise_level
 from sdp_vs_penalty.formatting import Shown, Summary, finite
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem

@@ -25,6 +25,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED, ALPHA, STEPS
 from sdp_vs_penalty.diagnosis.library import Batch, Form
@@ -114,6 +115,7 @@ class Score:
         self.floor = 1.0 if data.known else 1e-12
         self.owned = tuple(owned)
         self._bases: dict[tuple[int, ...], tuple[Array, Array]] = {}
+        self._own: dict[tuple[tuple[int, ...], str], NDArray[np.intp]] = {}
         self._last: tuple[Fit, dict[tuple[int, ...], Array]] | None = None
 
     def _basis(self, dropped: tuple[int, ...]) -> tuple[Array, Array]:
@@ -126,20 +128,39 @@ class Score:
             self._bases[dropped] = B, B.transpose(0, 2, 1) @ B
         return self._bases[dropped]
 
+    def _told(self, term: Term, dropped: tuple[int, ...]) -> NDArray[np.intp]:
+        """Which of a term's columns neither the model nor its others make: of those with many (a robot's
+        geometry) half are the links' as well, and a matrix of all would be singular."""
+        k = term.form.k
+        if k == 1:
+            return np.arange(1)
+        key = dropped, term.form.effect.text
+        if key not in self._own:
+            B, _ = self._basis(dropped)
+            Z = np.zeros((*B.shape[:2], k))
+            for j, z in term.columns.items():
+                Z[j] = z
+            Z = Z.reshape(-1, k) / or_one(np.sqrt(np.sum(Z**2, axis=(0, 1))))
+            B = B.reshape(len(Z), -1)
+            R = np.linalg.qr(Z - B @ (B.T @ Z), mode="r")
+            R, order = scipy.linalg.qr(R, mode="r", pivoting=True)
+            self._own[key] = np.sort(order[np.abs(np.diagonal(R)) > _DEPENDENT])
+        return self._own[key]
+
     def fit(self, terms: Sequence[Term], level: Array | None = None) -> Fit:
         """The model with the terms, each joint's rows weighted by what is left of them."""
         data = self.data
         dropped = tuple(sorted({i for t in terms for i in t.form.own}))
         B, gram = self._basis(dropped)
         n, M, r = B.shape
-        sizes = [t.form.k for t in terms]
-        A = np.zeros((n, M, r + sum(sizes)))
+        told = [self._told(t, dropped) for t in terms]
+        at = r + sum(map(len, told))
+        A = np.zeros((n, M, at))
         A[:, :, :r] = B
-        at = r
-        for t, k in zip(terms, sizes, strict=True):
+        ends = np.cumsum([r, *map(len, told)])
+        for t, kept, first, stop in zip(terms, told, ends, ends[1:], strict=False):
             for j, z in t.columns.items():
-                A[j][:, at : at + k] = z
-            at += k
+                A[j][:, first:stop] = z[:, kept]
         norms = np.sqrt(np.sum(A[:, :, r:] ** 2, axis=(0, 1)))
         A[:, :, r:] /= or_one(norms)
         G = np.zeros((n, at, at))

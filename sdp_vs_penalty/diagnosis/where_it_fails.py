@@ -25,7 +25,7 @@ from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.estimation.noise_level import noise_level
+from sdp_vs_penalty.estimation.verdict import noise_level
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.formatting import Shown, Summary, finite, plain_unit, words
 from sdp_vs_penalty.robot.arrays import Array

@@ -15,7 +15,7 @@ from sdp_vs_penalty.diagnosis.constants import CLUSTERS, FOLDS
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.noise_level import with_parameters
+from sdp_vs_penalty.estimation.verdict import with_parameters
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
 from sdp_vs_penalty.signals.phases import MotionClock, PhaseFolds, motion_clocks

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose, with_reference
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Estimator, Progress, make_task, no_progress
+from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, make_task, no_progress
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
@@ -112,9 +113,8 @@ class CrossValidation(Shown):
     def how(self) -> str:
         """How the runs were split, in one sentence."""
         kind = "phase blocks: a motion's repetitions share a fold" if self.periodic else "blocks of time"
-        return (
-            f"{len(self.folds)} folds by {kind}; training keeps {self.guard:.3g} s off the judged fold."
-        )
+        kept = f"training keeps {self.guard:.3g} s off the judged fold."
+        return f"{len(self.folds)} folds by {kind}; {kept}"
 
     def _summary(self) -> Summary:
         return f"CrossValidation: {self.verdict}", [
@@ -165,99 +165,136 @@ def cross_validate(
     judge the parameters: by what the links' and friction's torque differs from the drives'.
     Raises InputError for input that cannot be used, or too short for so many folds.
     """
-    problem = as_problem(problem, "cross_validate(problem=...)")
-    names = problem.robot.joint_names
-    runs = as_measurements(measurements, problem.robot.n, names, "cross_validate(measurements=...)")
     estimator = make_estimator(method)
     if estimator.needs_black_box:
         raise InputError(f"method {estimator.name} needs a black box's answers", "choose another method")
-    if folds < 2:
-        raise InputError(f"cross_validate(folds={folds}) is no number of folds", "give 2 or more")
-    check_plausible(problem.robot, runs)
-    if runs.torque_logged:
-        settings, model = (preprocessing or problem.preprocessing).resolve(runs), problem.model(effects)
-        split, raw = phase_folds(runs, settings, folds), None
-        common = compress_cells(runs, model.reference_free, settings, split)
-    else:
-        options = PoseOptions(effects, preprocessing, weighting, seed=seed, known=known or {})
-        posed = pose(problem, runs, options, progress)
-        assert isinstance(posed.measurements, Measurements)
-        settings, model = posed.preprocessing, posed.task.model
-        split = phase_folds(runs, settings, folds)
-        common = compress_cells(posed.measurements, model, settings, split)
-        raw = compress_cells(runs, replace(model, reference=None), settings, split)
-    assert settings.torque_cutoff is not None
-    if not all(common.select(split.training(k)).factors for k in range(folds)):
-        raise _too_short(runs.names[0], split)
-    judging = _Judging(problem, model, estimator, runs, settings, split, common, weighting, seed, raw)
+    options = PoseOptions(effects, preprocessing, weighting, seed=seed, known=known or {})
+    split = split_by_phase(problem, measurements, options, folds, progress)
     workers = replace(workers, progress=progress)
-    judged = [fold for fold in workers.map(judging, range(folds)) if fold is not None]
-    if not judged:
-        raise _too_short(runs.names[0], split)
-    texts, periodic = tuple(e.text for e in model.effects), any(c.periodic for c in split.clocks)
-    split_by = periodic, split.guard, settings.torque_cutoff
-    return CrossValidation(problem.name, estimator.name, texts, tuple(judged), *split_by)
+    return split.result(
+        estimator, list(workers.map(partial(_whole_fold, split, estimator), range(folds)))
+    )
 
 
 @dataclass(frozen=True)
-class _Judging:
+class FoldData:
+    """What one fold is identified from and judged on; no method is known yet.
+
+    start, stop [s] : as of a :class:`Fold`; test : rows to judge on.
+    """
+
+    start: float
+    stop: float
+    task: Task
+    test: Regression
+
+    def judged(self, estimator: Estimator) -> Fold:
+        """Identified by an estimator."""
+        model = self.task.model
+        # Without what another method has left in the task.
+        theta = model.with_known(estimator.fit(replace(self.task)).theta)
+        # What servos stand for counts as the logged torque does.
+        squares, drives = np.zeros(self.test.joints), theta * model.drives
+        for factor in self.test.factors:
+            torque = factor.triangle[:, -1] - factor.triangle[:, :-1] @ drives[factor.indices]
+            squares[factor.joint] += float(np.sum(torque**2))
+        errors = self.test.joint_losses(theta), self.test.joint_rows()
+        return Fold(self.start, self.stop, theta, *errors, squares)
+
+
+@dataclass(frozen=True)
+class Split:
     """What each fold needs, wherever it is worked on; common : all rows, in the model's columns; raw :
     where servos stand for a torque, the same without instruments, by which folds are judged."""
 
     problem: Problem
     model: Model
-    estimator: Estimator
     runs: Measurements
     settings: Preprocessing
-    split: PhaseFolds
+    phases: PhaseFolds
     common: Regression
     weighting: str
     seed: int
     raw: Regression | None = None
 
-    def __call__(self, fold: int) -> Fold | None:
-        """The fold, None where it has no rows to judge on."""
-        own = self.model if self.raw else self._trained(fold)
+    def fold(self, number: int) -> FoldData | None:
+        """The data of a fold, None where it has no rows to judge on."""
+        own = self.model if self.raw else self._trained(number)
         rows = self.common
         if own is not self.model:
-            rows = compress_cells(self.runs, own, self.settings, self.split)
-        train = rows.select(self.split.training(fold))
-        test = (self.raw or rows).select(self.split.tested(fold))
+            rows = compress_cells(self.runs, own, self.settings, self.phases)
+        train = rows.select(self.phases.training(number))
+        test = (self.raw or rows).select(self.phases.tested(number))
         if not test.factors:
             return None
         task = make_task(self.problem, own, train, self.weighting, self.seed)
-        theta = own.with_known(self.estimator.fit(task).theta)
-        return _judged(self.split, fold, theta, test, theta * own.drives)
+        return FoldData(*self.phases.stretch(number), task, test)
+
+    def result(self, estimator: Estimator, judged: Sequence[Fold | None]) -> CrossValidation:
+        """What folds add up to. Raises InputError where none has rows to judge on."""
+        found = tuple(fold for fold in judged if fold is not None)
+        if not found:
+            raise _too_short(self.runs.names[0], self.phases)
+        texts = tuple(e.text for e in self.model.effects)
+        periodic = any(clock.periodic for clock in self.phases.clocks)
+        assert self.settings.torque_cutoff is not None
+        split_by = periodic, self.phases.guard, self.settings.torque_cutoff
+        return CrossValidation(self.problem.name, estimator.name, texts, found, *split_by)
 
     def _trained(self, fold: int) -> Model:
         """The model with what :func:`identify` takes from the data beside its parameters, from the
         fold's training rows alone: shape constants, the current model. Itself where that is nothing.
         """
-        cells, model = self.split.training(fold), self.model
+        cells, model = self.phases.training(fold), self.model
 
         def training(run: int, t: Array) -> NDArray[np.bool_]:
-            return np.isin(self.split.cell(run, t), cells)
+            return np.isin(self.phases.cell(run, t), cells)
+
+        def compressed(m: Model) -> Regression:
+            return compress_cells(self.runs, m, self.settings, self.phases).select(cells)
 
         shapes = estimate_shapes(model, self.runs, self.settings, self.weighting, training)
         if any(shape.after != shape.before for shape in shapes):
             model = replace(model, effects=with_shapes(model.effects, shapes))
         if not model.needs_reference:
             return model
-        return with_reference(
-            self.problem,
-            model,
-            lambda m: compress_cells(self.runs, m, self.settings, self.split).select(cells),
-            self.weighting,
-        )
+        return with_reference(self.problem, model, compressed, self.weighting)
 
 
-def _judged(split: PhaseFolds, fold: int, theta: Array, test: Regression, drives: Array) -> Fold:
-    """drives (p,) : the parameters of servos, whose torque counts as the logged one does."""
-    squares = np.zeros(test.joints)
-    for factor in test.factors:
-        torque = factor.triangle[:, -1] - factor.triangle[:, :-1] @ drives[factor.indices]
-        squares[factor.joint] += float(np.sum(torque**2))
-    return Fold(*split.stretch(fold), theta, test.joint_losses(theta), test.joint_rows(), squares)
+def split_by_phase(
+    problem: str | Path | Problem,
+    measurements: Source,
+    options: PoseOptions,
+    folds: int,
+    progress: Progress = no_progress,
+) -> Split:
+    """The data of :func:`cross_validate`, whatever the method. Raises InputError as it does."""
+    problem = as_problem(problem, "cross_validate(problem=...)")
+    names = problem.robot.joint_names
+    runs = as_measurements(measurements, problem.robot.n, names, "cross_validate(measurements=...)")
+    if folds < 2:
+        raise InputError(f"cross_validate(folds={folds}) is no number of folds", "give 2 or more")
+    check_plausible(problem.robot, runs)
+    if runs.torque_logged:
+        settings = (options.preprocessing or problem.preprocessing).resolve(runs)
+        model = problem.model(options.effects)
+        phases, raw = phase_folds(runs, settings, folds), None
+        common = compress_cells(runs, model.reference_free, settings, phases)
+    else:
+        posed = pose(problem, runs, options, progress)
+        assert isinstance(posed.measurements, Measurements)
+        settings, model = posed.preprocessing, posed.task.model
+        phases = phase_folds(runs, settings, folds)
+        common = compress_cells(posed.measurements, model, settings, phases)
+        raw = compress_cells(runs, replace(model, reference=None), settings, phases)
+    if not all(common.select(phases.training(k)).factors for k in range(folds)):
+        raise _too_short(runs.names[0], phases)
+    return Split(problem, model, runs, settings, phases, common, options.weighting, options.seed, raw)
+
+
+def _whole_fold(split: Split, estimator: Estimator, number: int) -> Fold | None:
+    data = split.fold(number)
+    return None if data is None else data.judged(estimator)
 
 
 def _too_short(name: str, split: PhaseFolds) -> InputError:

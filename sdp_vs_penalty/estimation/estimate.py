@@ -94,11 +94,11 @@ class Estimate(Shown):
     @property
     def unweighed(self) -> str:
         """A sentence about links whose mass the data do not determine, "" where they determine all."""
-        first, theta = self.model.rigid_indices[::10], self.links
+        first, masses = self.model.rigid_indices[::10], self.links[:, 0]
         links = [i for i, k in enumerate(first) if self.sources[k] not in ("data", "given")]
         if not links:
             return ""
-        masses, nominal = theta[:, 0], self.nominal[first]
+        nominal = self.nominal[first]
         known = [i for i in links if nominal[i] > 0.0]
         far = [i for i in known if not 1.0 / FAR_MASS < masses[i] / nominal[i] < FAR_MASS]
         numbers = "s" * (len(links) > 1) + " " + formatting.words([i + 1 for i in links])
@@ -174,7 +174,7 @@ class Estimate(Shown):
         if times.shape != (rows,):
             what = f"predict(t=...): shape {times.shape}, but q has {rows} rows"
             raise InputError(what, "give one time a row")
-        return self.torque(Motion(times, *states))
+        return self.torque(Motion(times, states[0], states[1], states[2]))
 
     def plot(self, axes: Any = None) -> Any:
         """Draw link masses and the other effects' parameters, with two standard deviations.
@@ -225,14 +225,8 @@ class Estimate(Shown):
         """What model.json holds."""
         each = self.theta, self.uncertainty.standard, self.nominal, self.sources
         parameters = [
-            {
-                **interval.to_dict(),
-                "value": float(value),
-                "nominal": formatting.finite(nominal),
-                "source": source,
-                "effect": p.effect,
-                "joint": p.joint,
-            }
+            {**interval.to_dict(), "value": float(value), "nominal": formatting.finite(nominal)}
+            | {"source": source, "effect": p.effect, "joint": p.joint}
             for p, value, interval, nominal, source in zip(self.model.parameters, *each, strict=True)
         ]
         seen = np.flatnonzero(~np.isnan(self.standard_deviations))
@@ -284,10 +278,8 @@ def load_estimate(path: str | Path) -> Estimate:
 
 def _from_dict(data: dict[str, Any]) -> Estimate:
     if not isinstance(data["format"], int) or data["format"] > FORMAT:
-        raise InputError(
-            f"written by a newer version (format {data['format']}, this one reads up to {FORMAT})",
-            "upgrade sdp-vs-penalty",
-        )
+        what = f"written by a newer version (format {data['format']}, this one reads up to {FORMAT})"
+        raise InputError(what, "upgrade sdp-vs-penalty")
     if data["format"] < FORMAT:
         raise InputError(
             f"written by an earlier version (format {data['format']}), which did not keep the "
@@ -295,33 +287,28 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
             "identify again",
         )
     robot = Robot.from_dict(data["robot"])
-    problem = problem_from_dict(data["problem"], robot)
-    reference = data.get("reference")
-    model = Model(
-        robot,
-        tuple(effect_from_dict(e, robot) for e in data["effects"]),
-        None if reference is None else np.array(reference, float),
-        problem.gains,
-    )
-    if reference is not None and len(reference) != len(model.parameters):
+    problem, reference = problem_from_dict(data["problem"], robot), data.get("reference")
+    effects = tuple(effect_from_dict(e, robot) for e in data["effects"])
+    known = None if reference is None else np.array(reference, float)
+    model = Model(robot, effects, known, problem.gains)
+    if known is not None and len(known) != len(model.parameters):
         raise ValueError("reference and parameters differ in length")
-    names = [p.name for p in model.parameters]
-    given = {p["name"]: float(p["value"]) for p in data["parameters"]}
-    missing = [name for name in names if name not in given]
-    if missing:
-        raise KeyError(f"parameters: {missing[0]}")
-    if not np.all(np.isfinite(list(given.values()))):
+    named = {p["name"]: p for p in data["parameters"]}
+    for p in model.parameters:
+        if p.name not in named:
+            raise KeyError(f"parameters: {p.name}")
+    entries = [named[p.name] for p in model.parameters]
+    theta = np.array([float(p["value"]) for p in entries])
+    if not np.all(np.isfinite(theta)):
         raise ValueError("a parameter's value is not a finite number")
     motion = data.get("training_motion")  # earlier versions did not keep it
     if motion is not None:
         motion = MotionRecord.from_dict(motion)
         if len(motion.centre) != 2 * robot.n:
             raise ValueError("training_motion is of another number of joints")
-    theta = np.array([given[name] for name in names])
-    entries = {p["name"]: p for p in data["parameters"]}
     uncertainty = Uncertainty.unknown(model, theta)
     if "uncertainty" in data:  # files from before intervals were kept have none
-        uncertainty = Uncertainty.from_dict(data["uncertainty"], [entries[name] for name in names])
+        uncertainty = Uncertainty.from_dict(data["uncertainty"], entries)
     details = data["details"]
     if not isinstance(details, dict) or not isinstance(details.get("undetermined", {}), dict):
         raise ValueError("details: undetermined names who decides which parameter")

@@ -151,10 +151,8 @@ def proved(
     Raises InputError where the method is not convex, or has no constraints: nothing bounds it.
     """
     if fit.multipliers is None:
-        raise InputError(
-            f"method {method} has no lower bound to prove",
-            "choose one that solves the SDP, such as lmi-sdp, or penalty",
-        )
+        what = f"method {method} has no lower bound to prove"
+        raise InputError(what, "choose one that solves the SDP, such as lmi-sdp, or penalty")
     solved = fit.objective, fit.constraints, fit.multipliers, theta, task.bound, fit.entropy_slopes
     return optimum_proof(*solved, [p.name for p in task.model.parameters], made_of)
 
@@ -321,10 +319,8 @@ def identify(
 def _check_method(estimator: Estimator, refined: bool, black_box: bool, proof: bool) -> None:
     """InputError where method, data and a wanted proof do not fit each other."""
     if estimator.needs_black_box and not black_box:
-        raise InputError(
-            f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix",
-            "choose another method for measured runs",
-        )
+        said = f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix"
+        raise InputError(said, "choose another method for measured runs")
     for wrong, what in (
         (refined and proof, "proof: a simulation's error is not convex: leave it out, or take lmi-sdp"),
         (black_box and proof, "proof: a black box's answers are fitted without constraints"),

@@ -83,9 +83,8 @@ def parsed_known_load(text: str) -> tuple[Path, float]:
             return Path(name), float(mass)
         raise ValueError(text)
     except ValueError:
-        raise InputError(
-            f"--known-load {text!r}", "write the run with the load and its mass in kg, load.csv:2.805"
-        ) from None
+        remedy = "write the run with the load and its mass in kg, load.csv:2.805"
+        raise InputError(f"--known-load {text!r}", remedy) from None
 
 
 def independent_gains(uncertainty: float | Array, joints: int) -> Array:
@@ -95,9 +94,8 @@ def independent_gains(uncertainty: float | Array, joints: int) -> Array:
     if isinstance(uncertainty, np.ndarray):
         return uncertainty
     if not 0.0 <= uncertainty < 1.0:
-        raise InputError(
-            f"gain_uncertainty {uncertainty:g}", "give a relative standard deviation, such as 0.01"
-        )
+        remedy = "give a relative standard deviation, such as 0.01"
+        raise InputError(f"gain_uncertainty {uncertainty:g}", remedy)
     return uncertainty * np.eye(joints)
 
 
@@ -193,13 +191,11 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
         left, whole = np.linalg.norm(partialled(wide[:, rest], wide[:, at])), np.linalg.norm(wide[:, at])
         s = max(float(left), 1e-9 * float(whole)) / np.sqrt(max(f.rows, 1))
         if s == 0.0:
-            raise InputError(
-                f"joint {f.joint + 1} does not move, or follows its command without error",
-                "check the columns qcmd1..qcmdn",
-            )
+            what = f"joint {f.joint + 1} does not move, or follows its command without error"
+            raise InputError(what, "check the columns qcmd1..qcmdn")
         white.append(wide / s)
-    whole, owner = np.vstack(white), np.repeat(np.arange(len(gains)), [len(x) for x in white])
-    e, L, L_links = -whole[np.arange(len(whole)), gains[owner]], whole[:, rest], whole[:, links]
+    rows, owner = np.vstack(white), np.repeat(np.arange(len(gains)), [len(x) for x in white])
+    e, L, L_links = -rows[np.arange(len(rows)), gains[owner]], rows[:, rest], rows[:, links]
     pulls = [np.linalg.norm(own[:, links] @ nominal[links]) for own in white]
     pushes = [np.linalg.norm(own[:, at]) for own, at in zip(white, gains, strict=True)]
     start = np.maximum(np.divide(pulls, pushes), 1e-6)
@@ -302,15 +298,13 @@ def factor_of_motors(
     made = with_drive_torque(model, theta, data)
     for (column, j), constant in motors.items():
         if column not in data.groups:
-            raise InputError(
-                f"a motor's constant needs the column {column}{j + 1}", "log it", data.names[0]
-            )
+            what = f"a motor's constant needs the column {column}{j + 1}"
+            raise InputError(what, "log it", data.names[0])
         x, y = filtered(replace(made, tau=constant * data.groups[column]), j), filtered(made, j)
         across = float(x @ y)
         if across < MOTOR_ALIKE * np.linalg.norm(x) * np.linalg.norm(y):
-            raise InputError(
-                f"{column}{j + 1} is not what this servo makes of its error", "check its sign and joint"
-            )
+            what = f"{column}{j + 1} is not what this servo makes of its error"
+            raise InputError(what, "check its sign and joint")
         shares.append(float(x @ x) / across)
     return float(np.exp(np.mean(np.log(shares))))
 
@@ -331,9 +325,8 @@ def factor_of_loads(
         data = left.least_squares(joint_weights(left, smallest(data.R, data.rho)))
         x = smallest(data.R, data.rho)
         if data.own_torque[0] <= SCALE_TOLD * data.column_norms[0] or x[0] <= 0.0:
-            raise InputError(
-                f"--known-load: these runs do not show {mass:g} kg", "move the joints that lift the load"
-            )
+            what = f"--known-load: these runs do not show {mass:g} kg"
+            raise InputError(what, "move the joints that lift the load")
         variance = left.oversampling * data.loss(x) / max(data.rows, 1)
         found.append(mass / x[0])
         information.append(x[0] ** 2 * data.own_torque[0] ** 2 / or_least(variance))

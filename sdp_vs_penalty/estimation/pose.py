@@ -134,25 +134,25 @@ def pose(
         details = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
         if options.instruments == "command":
             data = commanded_motion(data)
+            if not options.known_loads:
+                details["recipe"] = options.recipe()
+        if options.known_loads:
+            progress("determining the gains from the known loads")
+            spread = float(np.max(options.gain_uncertainty))
+            found = gains_from_loads(model, data, options.known_loads, settings, spread)
+            problem = replace(problem, gains=tuple(found.gain.tolist()))
+            model, errors = replace(model, gains=problem.gains), found.factor
+            details["gains"] = found.to_dict()
     else:
         wanted = options.known, options.weighting, progress, options.instruments != "none"
         chosen = options.effects is not None
         loads = options.known_loads
         servo = servo_log(problem, model.effects, data, settings, *wanted, chosen, loads)
-        model, data, details = servo.model, servo.measurements, {"servo": servo.details}
         errors = np.column_stack([errors, np.full(problem.robot.n, servo.scale_error)])
-    if not data.torque_logged:  # loads are other runs: what they made of the scale is told instead
-        scaled = replace(options, known=servo.details["known"]) if options.known_loads else options
-        details["recipe"] = scaled.recipe()
-    elif options.instruments == "command" and not options.known_loads:
-        details["recipe"] = options.recipe()
-    if options.known_loads and data.torque_logged:
-        progress("determining the gains from the known loads")
-        spread = float(np.max(options.gain_uncertainty))
-        found = gains_from_loads(model, data, options.known_loads, settings, spread)
-        problem = replace(problem, gains=tuple(found.gain.tolist()))
-        model, errors = replace(model, gains=problem.gains), found.factor
-        details["gains"] = found.to_dict()
+        # Loads are other runs: what they made of the scale is told instead.
+        scaled = replace(options, known=servo.details["known"]) if loads else options
+        details = {"servo": servo.details, "recipe": scaled.recipe()}
+        model, data = servo.model, servo.measurements
 
     def compressed(part: Model) -> Regression:
         return in_columns(data, part, settings, workers)

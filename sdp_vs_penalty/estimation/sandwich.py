@@ -197,18 +197,17 @@ def white_variance(data: LeastSquares, oversampling: float) -> float:
 
 def _kernel(regression: Regression, inflation: float) -> sparse.csr_array:
     """(B, B) the triangular window over the blocks of each run, at most half a run long."""
-    runs = np.array([b.run for b in regression.blocks])
-    starts = np.array([b.start for b in regression.blocks])
-    stops = np.array([b.stop for b in regression.blocks])
+    places = [(b.run, b.start, b.stop) for b in regression.blocks]
+    runs, starts, stops = np.array(places, float).reshape(-1, 3).T
     rows = max(int(regression.joint_rows().max(initial=0)), 1)
     # Scores of noise with the correlation time T have 2 T / interval times the variance of white rows.
     interval = float(np.sum(stops - starts)) * regression.oversampling / rows
     window = WINDOW * 0.5 * max(inflation, 1.0) * interval
     parts = []
     for run in np.unique(runs):
-        own = runs == run
-        middle = 0.5 * (starts[own] + stops[own])
-        length = min(window, 0.5 * float(stops[own].max() - starts[own].min()))
+        start, stop = starts[runs == run], stops[runs == run]
+        middle = 0.5 * (start + stop)
+        length = min(window, 0.5 * float(stop.max() - start.min()))
         apart = np.abs(np.subtract.outer(middle, middle))
         parts.append(np.maximum(1.0 - apart / length, 0.0) if length > 0.0 else np.eye(len(middle)))
     return sparse.csr_array(sparse.block_diag(parts)) if parts else sparse.csr_array((0, 0))

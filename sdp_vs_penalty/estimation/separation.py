@@ -29,13 +29,13 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.excitation import Limits, independent_rate, shrunk
-from sdp_vs_penalty.estimation.noise_level import with_current
+from sdp_vs_penalty.estimation.verdict import with_current
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.self_collision import SelfCollision
 from sdp_vs_penalty.robot.trajectory import PointTrajectory, random_trajectory, shortest_moves
 
 States = Callable[[Array], tuple[Array, Array, Array]]
-Progress = Callable[[str], None]
 
 #: Rate at which motions are looked at [Hz].
 _RATE = 20.0
@@ -80,17 +80,13 @@ class Hypotheses:
         the model has already."""
         found = parse_effects(texts, estimate.robot)
         if not 1 <= len(found) <= 2:
-            raise InputError(
-                f"--separate {texts!r} names {len(found)} effects",
-                'name two, such as "torque_ripple:4@k=2,joint_spring:4", or one',
-            )
+            what = f"--separate {texts!r} names {len(found)} effects"
+            raise InputError(what, 'name two, such as "torque_ripple:4@k=2,joint_spring:4", or one')
         own = {p.name for p in estimate.model.parameters}
         for effect in found:
             if twice := own & {p.name for p in effect.parameters}:
-                raise InputError(
-                    f"the model has {effect.name} already ({min(twice)})",
-                    "separate effects that it lacks",
-                )
+                what = f"the model has {effect.name} already ({min(twice)})"
+                raise InputError(what, "separate effects that it lacks")
         noise = np.maximum(estimate.uncertainty.noise, 1e-12)
         bare = cls(estimate, tuple(found), noise, independent_rate(estimate), (1.0,) * len(found))
         motion = bare.motion(default_excitation(estimate, 20.0, 0), 20.0)
@@ -172,7 +168,7 @@ def separate(
     seed: int = 0,
     limits: Limits | None = None,
     collision: SelfCollision | None = None,
-    progress: Progress = lambda _: None,
+    progress: Progress = no_progress,
 ) -> Separation:
     """The motion of ``duration`` [s] on which two effects differ most.
 
@@ -187,9 +183,12 @@ def separate(
     search.run(iterations, progress)
     usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
     default = float(np.median([hypotheses.distance(hypotheses.motion(s, duration)) for s in usual]))
-    each = search.value, default
-    right, seconds = ([of(x, duration) for x in each] for of in (hypotheses.right, hypotheses.needed))
-    return Separation(search.best, *each, *right, *seconds, hypotheses.scale, collision is not None)
+    (right, right_before), (seconds, before) = (
+        [of(x, duration) for x in (search.value, default)]
+        for of in (hypotheses.right, hypotheses.needed)
+    )
+    told = right, right_before, seconds, before, hypotheses.scale, collision is not None
+    return Separation(search.best, search.value, default, *told)
 
 
 class _Search:

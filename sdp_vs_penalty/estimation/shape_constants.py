@@ -36,11 +36,8 @@ REFINED, ON_A_GRID = "refined constant", "constant on a grid"
 
 def free_constants(effect: Effect) -> tuple[str, ...]:
     """The shape constants that measurements can tell and that vary continuously in a range."""
-    return tuple(
-        key
-        for key in effect.searched
-        if not effect.shapes[key].choices and prior_deviation(effect, key) > 0.0
-    )
+    own = (key for key in effect.searched if not effect.shapes[key].choices)
+    return tuple(key for key in own if prior_deviation(effect, key) > 0.0)
 
 
 def prior_deviation(effect: Effect, key: str) -> float:
@@ -76,11 +73,9 @@ class ShapeSensitivity(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        kinds = (ON_A_GRID if self.effect.shapes[k].bounds is None else REFINED for k in self.keys)
-        return tuple(
-            Parameter(f"{key} of {self.effect.text}", "-", kind, 0)
-            for key, kind in zip(self.keys, kinds, strict=True)
-        )
+        e = self.effect
+        kinds = {key: ON_A_GRID if e.shapes[key].bounds is None else REFINED for key in self.keys}
+        return tuple(Parameter(f"{key} of {e.text}", "-", kind, 0) for key, kind in kinds.items())
 
     def blocks(self, motion: Motion) -> list[Block]:
         columns: dict[tuple[int, int], Array] = {}
@@ -97,7 +92,7 @@ class ShapeSensitivity(Effect):
                 for above, below in zip(above_all, below_all, strict=True):
                     change = unit * (above.columns - below.columns) @ theta[above.parameters]
                     where = above.joint, k
-                    columns[where] = columns[where] + change if where in columns else change
+                    columns[where] = columns.get(where, 0.0) + change
         return [Block(j, np.array([k]), column[:, None]) for (j, k), column in columns.items()]
 
     @cached_property
@@ -119,13 +114,9 @@ def moved(effect: Effect, key: str, step: float) -> Effect:
 def sensitivities(effects: Sequence[Effect], thetas: Sequence[Array]) -> tuple[ShapeSensitivity, ...]:
     """One for each of the effects, with its parameters, that has a free shape constant."""
     both = list(zip(effects, thetas, strict=True))
-    return tuple(
-        ShapeSensitivity(
-            effect, theta, [b for b in both if effect.name in (*b[0].refines, b[0].shape_of)]
-        )
-        for effect, theta in both
-        if free_constants(effect)
-    )
+    finer = [[b for b in both if e.name in (*b[0].refines, b[0].shape_of)] for e in effects]
+    every = zip(both, finer, strict=True)
+    return tuple(ShapeSensitivity(*own, fine) for own, fine in every if free_constants(own[0]))
 
 
 def with_sensitivities(
@@ -211,15 +202,17 @@ def _descended(
 ) -> Settled:
     """From one choice of the constants on a grid; theta (p,) : the parameters there."""
 
+    def names(effect: Effect) -> list[Key]:
+        return [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
+
     def is_open(effect: Effect) -> bool:
-        return any((effect.name, effect.joints[0], key) in wanted for key in free_constants(effect))
+        return not wanted.isdisjoint(names(effect))
 
     p, effects = len(theta), model.effects
-    every = [(k, key) for k, e in enumerate(effects) if is_open(e) for key in free_constants(e)]
-    names = [(effects[k].name, effects[k].joints[0], key) for k, key in every]
-    refined = [effects[k].shapes[key].bounds is not None for k, key in every]
-    mine = np.array([name in wanted and fine for name, fine in zip(names, refined, strict=True)])
-    free = [both for both, own in zip(every, mine, strict=True) if own]
+    every = [(k, name) for k, e in enumerate(effects) if is_open(e) for name in names(e)]
+    mine = np.array([x in wanted and effects[k].shapes[x[2]].bounds is not None for k, x in every])
+    own = [x for (_, x), moves in zip(every, mine, strict=True) if moves]
+    free = [(k, x[2]) for (k, x), moves in zip(every, mine, strict=True) if moves]
     unit = np.array([prior_deviation(effects[k], key) for k, key in free])
     latest, variances = theta, dict[bytes, float]()
 
@@ -246,7 +239,6 @@ def _descended(
     spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
     std = np.sqrt(variances[best.tobytes()] * spread)
     found = replace(model, effects=tuple(map(_written, at(best).effects)))
-    own = [name for name, moves in zip(names, mine, strict=True) if moves]
     return Settled(found, dict(zip(own, std.tolist(), strict=True)), float(rest @ rest))
 
 

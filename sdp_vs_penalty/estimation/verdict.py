@@ -9,18 +9,27 @@ can exist. A diagnosis names what is missing; the grade is the same with and wit
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import CurrentModel, Motion
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import CHANGES, ROUNDING
+from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import BarycentricBound
-from sdp_vs_penalty.signals.noise import SPECTRUM, SPECTRUM_KNOWN
+from sdp_vs_penalty.signals.noise import RESIDUAL, SPECTRUM, SPECTRUM_KNOWN, noise_of
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
+from sdp_vs_penalty.signals.window_subsample import window_subsample
 
 Grade = Literal["good", "usable", "do not use"]
 GRADES: tuple[Grade, ...] = ("do not use", "usable", "good")
@@ -248,3 +257,38 @@ def changes(before: Array, after: Array, floor: Array | None) -> str:
         return ""
     unit = "times the noise" if known else "N m or N"
     return f"{'; '.join([*better, *worse])} {unit}."
+
+
+def noise_level(
+    problem: Problem, measurements: Measurements, settings: Preprocessing
+) -> tuple[Array | None, str]:
+    """Standard deviation (n,) of the torque noise below the cut-off [N m or N], and its source.
+
+    From repetition: r(t) - r(t + T) of a residual r. The residual is that of unconstrained least squares
+    of the problem's own effects on these measurements, so that the floor does not depend on which models
+    are judged beside it. Where nothing repeats, from the torque's spectrum above the motion's band
+    (:mod:`~signals.noise`), at most that residual; None and "" where the logs hold nothing
+    there. settings : resolved; of long recordings windows are looked at.
+    """
+    shown = window_subsample(measurements, settings)
+    runs = segmented(shown, settings)
+    if not runs.segments:
+        return None, ""
+    model = problem.model().reference_free
+    theta = make_task(problem, model, compress(shown, model, settings), "none").ols
+    runs = with_parameters(runs, model, theta)
+    noise = noise_of(runs)
+    return (None, "") if noise.source == RESIDUAL else (noise.floor, noise.source)
+
+
+def with_parameters(runs: SegmentedRuns, model: Model, theta: Array) -> SegmentedRuns:
+    """The same runs with a model's parameters as the current model."""
+    return replace(runs.with_model(lambda m: with_current(model, theta, m)), gains=model.gains)
+
+
+def with_current(model: Model, theta: Array, motion: Motion) -> Motion:
+    """The motion with a model's torque, links (none: without mass) and widths of signs."""
+    links = theta[model.rigid_indices].reshape(-1, 10)
+    current = CurrentModel(model.robot, links if len(links) else np.zeros((model.robot.links, 10)))
+    torque = model.torque(theta, motion)
+    return replace(motion, torque=torque, current=current, sign_width=model.sign_width)

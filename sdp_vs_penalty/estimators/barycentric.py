@@ -29,34 +29,9 @@ STEINER_FORMS = inertia.steiner_forms()
 
 
 @dataclass(frozen=True)
-class OneSided:
-    """sign (I_e - limit) >= 0 for entry e of a link's inertia about its centre of mass."""
-
-    indices: NDArray[np.intp]  # (10,) of the link in theta
-    entry: int
-    sign: float
-    limit: float
-
-    @classmethod
-    def all_of(cls, bounds: Sequence[BarycentricBound], reference: Array) -> list[OneSided]:
-        """The finite ends, a hair inside; without I_xx >= 0, which P(theta) >= 0 contains."""
-        out = []
-        for bound in bounds:
-            moment = float(reference[bound.indices[[4, 6, 9]]].sum())
-            itself = np.trace(STEINER_FORMS[bound.entry]) > 0.0
-            for sign, limit in ((1.0, bound.lower), (-1.0, bound.upper)):
-                if np.isfinite(limit) and not (itself and sign > 0.0 and limit <= 0.0):
-                    inside = limit + sign * _MARGIN * (moment + abs(limit))
-                    out.append(cls(bound.indices, bound.entry, sign, inside))
-        return out
-
-
-@dataclass(frozen=True)
 class BarycentricPart:
-    """m sign (I_e - limit) >= 0 with m I_e = m J_e - h^T Q_e h: quadratic in x = theta / theta_scale.
-
-    Multiplied by the mass, which other constraints keep positive, a bound has no pole at m = 0.
-    """
+    """m sign (I_e - limit) >= 0 for entries e of inertia about links' centres of mass, with m I_e =
+    m J_e - h^T Q_e h: quadratic in x = theta / theta_scale, without a pole at m = 0."""
 
     indices: NDArray[np.intp]  # (k, 10) of the link in x
     forms: Array  # (k, 10, 10): F = u^T form u + slope u_0, u = x[indices]
@@ -65,18 +40,27 @@ class BarycentricPart:
     cone: str = "nonnegative"
 
     @classmethod
-    def of(cls, bounds: Sequence[OneSided], theta_scale: Array, reference: Array) -> BarycentricPart:
-        """Each of about unit size at the reference (p,)."""
-        indices = np.array([b.indices for b in bounds], np.intp).reshape(-1, 10)
-        forms, slopes = np.zeros((len(bounds), 10, 10)), np.zeros(len(bounds))
-        for k, b in enumerate(bounds):
+    def of(
+        cls, bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array
+    ) -> BarycentricPart:
+        """Of each finite end, a hair inside, and of about unit size at the reference (p,); without
+        I_xx >= 0, which P(theta) >= 0 contains."""
+        indices, forms, slopes = list[Array](), list[Array](), list[float]()
+        for b in bounds:
             link, scale = reference[b.indices], theta_scale[b.indices]
-            factor = b.sign / (link[0] * (link[[4, 6, 9]].sum() + abs(b.limit)))
-            forms[k, 0, 4 + b.entry] = forms[k, 4 + b.entry, 0] = 0.5
-            forms[k, 1:4, 1:4] = -STEINER_FORMS[b.entry]
-            forms[k] *= factor * np.outer(scale, scale)
-            slopes[k] = -factor * b.limit * scale[0]
-        return cls(indices, forms, slopes, len(theta_scale))
+            moment, itself = link[[4, 6, 9]].sum(), np.trace(STEINER_FORMS[b.entry]) > 0.0
+            form = np.zeros((10, 10))
+            form[0, 4 + b.entry] = form[4 + b.entry, 0] = 0.5
+            form[1:4, 1:4] = -STEINER_FORMS[b.entry]
+            for sign, end in ((1.0, b.lower), (-1.0, b.upper)):
+                if np.isfinite(end) and not (itself and sign > 0.0 and end <= 0.0):
+                    limit = end + sign * _MARGIN * (moment + abs(end))
+                    factor = sign / (link[0] * (moment + abs(limit)))
+                    indices.append(b.indices)
+                    forms.append(form * factor * np.outer(scale, scale))
+                    slopes.append(-factor * limit * scale[0])
+        own = np.array(indices, np.intp).reshape(-1, 10), np.array(forms).reshape(-1, 10, 10)
+        return cls(*own, np.array(slopes), len(theta_scale))
 
     def values(self, x: Array) -> Array:
         """F(x), (k,)."""
@@ -106,10 +90,6 @@ class BarycentricBox:
     lower: Array
     upper: Array
     links: NDArray[np.intp]  # (n, 10)
-
-    def random(self, rng: np.random.Generator) -> Array:
-        """Uniform inside the box."""
-        return rng.uniform(self.lower, self.upper)
 
     def theta(self, p: Array) -> Array:
         """Standard parameters of p: h = m c, J = I + m (c.c 1 - c c^T)."""

@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy.linalg
 
-from sdp_vs_penalty.estimators.barycentric import BarycentricPart, OneSided, barycentric_box
+from sdp_vs_penalty.estimators.barycentric import BarycentricPart, barycentric_box
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
@@ -271,7 +271,8 @@ def fit_penalty(
     runs: list[dict[str, Any]] = []
     best: tuple[float, Array, Minimum] | None = None
     for run in range(max(starts, 1)):
-        start = interior if run == 0 else repair(constraints, box.theta(box.random(rng)), interior)
+        random = box.theta(rng.uniform(box.lower, box.upper)) if run else interior
+        start = repair(constraints, random, interior) if run else interior
         minimum = minimise(scaled.penalty, start / scaled.theta_scale, tolerance)
         theta = feasible(constraints, scaled.theta_scale * minimum.x, interior)
         objective, violation = data.loss(theta), max(constraints.worst(theta).values(), default=0.0)
@@ -322,11 +323,10 @@ class ScaledProblem:
         theta_scale = np.minimum(own, task.bound)
         # The loss in units of its unconstrained minimum, so that weights mean the same everywhere.
         loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
-        bounds = OneSided.all_of(constraints.nonconvex, interior)
-        received = ConstraintSet(_not_implied(constraints.convex))
+        received = ConstraintSet(constraints.essential)
         parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.groups]
-        if bounds:
-            parts.append(BarycentricPart.of(bounds, theta_scale, interior))
+        if constraints.nonconvex:
+            parts.append(BarycentricPart.of(constraints.nonconvex, theta_scale, interior))
         root = np.sqrt(loss_scale)
         scaled = data.R * theta_scale / root, data.rho / root, data.residual_norm**2 / loss_scale
         penalty = ShiftedPenalty(*scaled, tuple(parts))
@@ -341,9 +341,3 @@ class ScaledProblem:
             for place, scale, multiplier in zip(group.places, part.scale, shift, strict=True):
                 found[self.received.convex[place]] = self.loss_scale * scale * multiplier
         return [found.get(c, np.zeros_like(c.constant)) for c in constraints.convex]
-
-
-def _not_implied(convex: tuple[Constraint, ...]) -> tuple[Constraint, ...]:
-    """Without the pseudo-inertias of links that have a minimum thickness, which contains them."""
-    thick = {tuple(c.indices) for c in convex if c.family == "minimum thickness"}
-    return tuple(c for c in convex if c.family != "pseudo-inertia" or tuple(c.indices) not in thick)

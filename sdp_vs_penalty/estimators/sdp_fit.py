@@ -180,23 +180,18 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
 def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:
     """The convex constraints without those that others or the data imply.
 
-    A minimum thickness implies the pseudo-inertia; the range of a parameter is out of reach where the
-    way there makes more torque than was measured, whatever the others do. Redundant rows leave the dual
-    undetermined, which costs a solver digits; feasibility and certificate use the full set.
+    The range of a parameter is out of reach where the way there makes more torque than was measured,
+    whatever the others do. Redundant rows leave the dual undetermined, which costs a solver digits;
+    feasibility and certificate use the full set.
     """
-    data, torque = objective.least_squares, objective.least_squares.own_torque
-    thick = {c.name for c in constraints.convex if c.family == "minimum thickness"}
-    kept = []
-    for c in constraints.convex:
-        if c.family == "pseudo-inertia" and c.name in thick:
-            continue
-        if c.family == "range":
-            # From the rows themselves, so that it holds in any system of units.
-            reach = float(np.min(c.constant / np.abs(c.coefficients).max(axis=0)))
-            if bool(np.all(reach * torque[c.indices] > np.sqrt(data.tau_squared))):
-                continue
-        kept.append(c)
-    return kept
+    torque, most = objective.least_squares.own_torque, np.sqrt(objective.least_squares.tau_squared)
+
+    def near(c: Constraint) -> bool:
+        # From the rows themselves, so that it holds in any system of units.
+        reach = float(np.min(c.constant / np.abs(c.coefficients).max(axis=0)))
+        return bool(np.any(reach * torque[c.indices] <= most))
+
+    return [c for c in constraints.essential if c.family != "range" or near(c)]
 
 
 def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "clarabel") -> Array:
@@ -245,16 +240,15 @@ def _refuse_if_proved(
 ) -> None:
     """Raises Infeasible where the dual of the largest margin proves that nothing satisfies all."""
     multipliers = problem.multipliers(solution)
-    if not proves_infeasible(constraints.convex, multipliers, task.bound):
-        return
-    families = conflicting(constraints.convex, problem.shares(solution))
-    raise Infeasible(
-        f"The constraints admit no parameters: {' and '.join(families)} exclude each other (from the "
-        "infeasibility certificate)",
-        "relax one of them",
-        families=families,
-        proof=(constraints.convex, multipliers),
-    )
+    if proves_infeasible(constraints.convex, multipliers, task.bound):
+        families = conflicting(constraints.convex, problem.shares(solution))
+        what = f"{' and '.join(families)} exclude each other (from the infeasibility certificate)"
+        raise Infeasible(
+            f"The constraints admit no parameters: {what}",
+            "relax one of them",
+            families=families,
+            proof=(constraints.convex, multipliers),
+        )
 
 
 def conflicting(constraints: Sequence[Constraint], shares: Array) -> list[str]:
@@ -270,6 +264,5 @@ def conflicting(constraints: Sequence[Constraint], shares: Array) -> list[str]:
 def _listed(names: Sequence[str]) -> str:
     """link 1, link 2, robot -> links 1, 2; robot."""
     links = [name.removeprefix("link ") for name in names if name.startswith("link ")]
-    others = [name for name in names if not name.startswith("link ")]
     together = [f"link{'s' if len(links) > 1 else ''} {', '.join(links)}"] if links else []
-    return "; ".join(together + others)
+    return "; ".join([*together, *(name for name in names if not name.startswith("link "))])

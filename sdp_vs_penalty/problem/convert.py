@@ -13,7 +13,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.transmission import Transmission, parse_transmission
+from sdp_vs_penalty.robot.joint import Transmission, parse_transmission
 
 
 def convert(

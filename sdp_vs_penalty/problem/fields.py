@@ -189,21 +189,21 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
     box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
     for name, pair in data["bounds"].items():
         if name not in places:
-            raise InputError(
-                f"bounds: {name!r} is no parameter of a link of this robot", "write the file anew"
-            )
+            what = f"bounds: {name!r} is no parameter of a link of this robot"
+            raise InputError(what, "write the file anew")
         box[places[name]] = _ends(pair)
     texts, base = _texts(data["effects"]), data["base_parameters"]
     parse_effects(texts, robot)
     defaults = _finite("link_defaults", [[d["mass"], d["radius"]] for d in data["link_defaults"]])
     if not np.all(defaults > 0.0):
-        raise InputError(
-            "link_defaults: a mass or a radius is not above 0", "correct it, or write the file anew"
-        )
+        what = "link_defaults: a mass or a radius is not above 0"
+        raise InputError(what, "correct it, or write the file anew")
     cones = tuple(map(CentreOfMassCone.from_dict, data["centre_of_mass_cones"]))
     stated = _finite("nominal_links", data["nominal_links"]), _ends(data["total_mass"]), cones
+    name, title = _texts([data["name"], data["title"]])
     return Problem(
-        *_texts([data["name"], data["title"]]),
+        name,
+        title,
         robot,
         box,
         *stated,

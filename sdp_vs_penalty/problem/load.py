@@ -21,9 +21,8 @@ from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, default_ma
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.geometry import link_geometry
-from sdp_vs_penalty.robot.joint import parse_mechanism
+from sdp_vs_penalty.robot.joint import parse_mechanism, parse_transmission
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
-from sdp_vs_penalty.robot.transmission import parse_transmission
 from sdp_vs_penalty.robot.urdf import load_urdf
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -55,10 +54,8 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     if "transmission" in data:
         robot = replace(robot, transmission=parse_transmission(**data["transmission"]))
     if data.get("links", robot.links) != robot.links:
-        raise InputError(
-            f"links = {data['links']}, the kinematics have {robot.links}",
-            "correct links, or leave it out",
-        )
+        what = f"links = {data['links']}, the kinematics have {robot.links}"
+        raise InputError(what, "correct links, or leave it out")
     bounds, none = data.get("bounds", {}), np.zeros((robot.links, 10))
     box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.0
@@ -128,11 +125,8 @@ def _fill_box(box: Array, path: Path) -> None:
                 path,
             ) from None
         if not lower <= upper:
-            raise InputError(
-                f"row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}",
-                "swap them",
-                path,
-            )
+            what = f"row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}"
+            raise InputError(what, "swap them", path)
         box[place] = lower, upper
 
 
@@ -211,9 +205,8 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
             else:
                 box[places[name]] = new
         except (ValueError, KeyError):
-            raise InputError(
-                f"--bounds {name}={ends}", "write NAME=LOWER:UPPER, of m1, c1x, I1xx, total"
-            ) from None
+            remedy = "write NAME=LOWER:UPPER, of m1, c1x, I1xx, total"
+            raise InputError(f"--bounds {name}={ends}", remedy) from None
     return _within_masses(replace(problem, box=box, total_mass=total))
 
 

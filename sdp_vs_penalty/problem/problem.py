@@ -121,21 +121,17 @@ class Problem(Shown):
         )
         for name, value, shape in shapes:
             if value is not None and np.shape(value) != shape:
-                raise InputError(
-                    f"the {name} are of another robot than {self.robot.name} ({n} links)",
-                    "give one a link",
-                )
+                what = f"the {name} are of another robot than {self.robot.name} ({n} links)"
+                raise InputError(what, "give one a link")
         if not np.all(self.box[..., 0] <= self.box[..., 1]):
             raise InputError("a bound has its lower end above its upper", "swap them")
         if not low <= high:
             raise InputError(
                 f"total_mass has its lower bound {low:g} above its upper {high:g}", "swap them"
             )
-        for cone in self.cones:
-            if not 0 <= cone.link < n:
-                raise InputError(
-                    f"centre_of_mass_cone names link {cone.link + 1}, there are {n}", "correct the link"
-                )
+        for link in (cone.link for cone in self.cones if not 0 <= cone.link < n):
+            what = f"centre_of_mass_cone names link {link + 1}, there are {n}"
+            raise InputError(what, "correct the link")
         if self.torque_side not in _TORQUE_SIDES:
             raise unknown("torque_side", self.torque_side, tuple(_TORQUE_SIDES))
 
@@ -329,7 +325,6 @@ def default_mass(given: Array) -> Array:
 
 def _interval(lower: float, upper: float) -> tuple[Array, Array]:
     """Coefficients and constant of x - lower >= 0 and upper - x >= 0; infinite ends left out."""
-    pairs = [(1.0, -lower)] if np.isfinite(lower) else []
-    pairs += [(-1.0, upper)] if np.isfinite(upper) else []
-    signs, constants = zip(*pairs, strict=True)
-    return np.array(signs), np.array(constants)
+    both = np.array([[1.0, -1.0], [-lower, upper]])
+    signs, constants = both[:, np.isfinite(both[1])]
+    return signs, constants

@@ -16,7 +16,7 @@ __getattr__ = surface(
         "cone_margin": "constraint",
         "joint_limits": "robot",
         "load_urdf": "urdf",
-        "parse_transmission": "transmission",
+        "parse_transmission": "joint",
         "project": "constraint",
         "random_trajectory": "trajectory",
     },

@@ -13,8 +13,6 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: What a body can be known from, the best first.
 SOURCES = ("geometry", "bounds", "inertial", "kinematics")
-#: Directions in which a cloud of points is searched for its extremes: enough for 1 % of its size.
-_DIRECTIONS = 400
 #: Relative excess of the volume of an enclosing ellipsoid, and the steps that it may take.
 _EXCESS, _STEPS = 1e-2, 2000
 
@@ -37,9 +35,8 @@ class Body(Plain):
     def __post_init__(self) -> None:
         shapes = (self.centre.shape, self.half_axes.shape, self.axes.shape)
         if shapes != ((3,), (3,), (3, 3)) or not np.all(np.isfinite(self.centre)):
-            raise InputError(
-                "a body lacks a centre (3,), half axes (3,) or axes (3, 3)", "give all three"
-            )
+            what = "a body lacks a centre (3,), half axes (3,) or axes (3, 3)"
+            raise InputError(what, "give all three")
         if not np.all((self.half_axes > 0.0) & np.isfinite(self.half_axes)):
             raise InputError("a half axis of a body is not above 0", "correct it")
         if not np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-6):
@@ -51,10 +48,8 @@ class Body(Plain):
     def quadric(self) -> Array:
         """Q (4, 4) with (x, 1)^T Q (x, 1) = 1 - |x - centre|^2 in units of the half axes."""
         d = (self.axes / self.half_axes**2) @ self.axes.T
-        q = np.empty((4, 4))
-        q[:3, :3], q[3, 3] = -d, 1.0 - float(self.centre @ d @ self.centre)
-        q[:3, 3] = q[3, :3] = d @ self.centre
-        return q
+        row = (d @ self.centre)[:, None]
+        return np.block([[-d, row], [row.T, 1.0 - self.centre @ row]])
 
     @property
     def reach(self) -> float:
@@ -73,7 +68,7 @@ def around(
     ch. 3) over the extremes of the cloud, then enlarged until all points are inside.
     """
     cloud = np.asarray(points, float)
-    few = np.array_split(directions(_DIRECTIONS), 20)  # a cloud may have many points
+    few = np.array_split(directions(), 20)  # a cloud may have many points
     extremes = cloud[np.unique([np.argmax(cloud @ d.T, axis=0) for d in few])]
     lifted = np.column_stack([extremes, np.ones(len(extremes))])
     weights = np.full(len(lifted), 1.0 / len(lifted))
@@ -106,8 +101,9 @@ def balls(centres: ArrayLike, radius: float) -> Array:
     return np.concatenate([np.asarray(c, float) + ends for c in np.atleast_2d(centres)])
 
 
-def directions(count: int) -> Array:
-    """(count, 3) unit vectors, spread over the sphere by the golden angle."""
+def directions(count: int = 400) -> Array:
+    """(count, 3) unit vectors, spread over the sphere by the golden angle; by default enough to find the
+    extremes of a cloud to 1 % of its size."""
     k = np.arange(count) + 0.5
     z, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5.0**0.5) * k
     across = np.sqrt(1.0 - z**2)

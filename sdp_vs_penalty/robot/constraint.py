@@ -230,6 +230,12 @@ class ConstraintSet:
             tuple(c for c in self.nonconvex if keep(c.family)),
         )
 
+    @property
+    def essential(self) -> tuple[Constraint, ...]:
+        """The convex ones without the pseudo-inertias that a minimum thickness of the link contains."""
+        thick = {c.name for c in self.convex if c.family == "minimum thickness"}
+        return tuple(c for c in self.convex if c.family != "pseudo-inertia" or c.name not in thick)
+
     def plus(self, more: Sequence[Constraint]) -> ConstraintSet:
         """These and further ones."""
         return ConstraintSet(self.convex + tuple(more), self.nonconvex)

@@ -20,9 +20,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import directions
 from sdp_vs_penalty.robot.urdf import numbers_of, placed_links, pose_of
 
-#: Directions in which a drawn hull reaches as far as its shape.
-_DIRECTIONS = 128
-
 
 @dataclass(frozen=True)
 class Geometry:
@@ -60,7 +57,7 @@ def _hull(points: Array) -> Array | None:
     """Triangles (k, 3, 3) around what reaches farthest; None for points in a plane."""
     from scipy.spatial import ConvexHull, QhullError
 
-    points = points[np.unique(np.argmax(points @ directions(_DIRECTIONS).T, axis=0))]
+    points = points[np.unique(np.argmax(points @ directions().T, axis=0))]
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError):

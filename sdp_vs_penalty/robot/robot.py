@@ -20,8 +20,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.joint import Joint, Mechanism
-from sdp_vs_penalty.robot.transmission import Transmission
+from sdp_vs_penalty.robot.joint import Joint, Mechanism, Transmission
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
@@ -46,30 +45,24 @@ class Robot(Plain):
 
     def __post_init__(self) -> None:
         if len(self.gravity) != 3 or not np.all(np.isfinite(self.gravity)):
-            raise InputError(
-                f"gravity {self.gravity!r} is not three finite numbers", "write x,y,z in m/s^2"
-            )
+            what = f"gravity {self.gravity!r} is not three finite numbers"
+            raise InputError(what, "write x,y,z in m/s^2")
         if self.transmission is not None and self.transmission.n != self.n:
-            raise InputError(
-                f"robot {self.name} has {self.n} joints, its transmission {self.transmission.n} motors",
-                "give one motor a joint",
-            )
+            what = f"{self.n} joints, its transmission {self.transmission.n} motors"
+            raise InputError(f"robot {self.name} has {what}", "give one motor a joint")
         for name, count in Counter(self.joint_names).items():
             if count > 1:
                 raise InputError(f"robot {self.name}: joint {name} appears {count} times", "rename one")
         if self.mechanism is not None and self.mechanism.matrix.shape[1] != self.n:
-            raise InputError(
-                f"robot {self.name} has {self.n} joints, its mechanism others", "give it the same joints"
-            )
+            what = f"robot {self.name} has {self.n} joints, its mechanism others"
+            raise InputError(what, "give it the same joints")
         open_branch: list[int] = []  # from the base to the last joint
         for i, joint in enumerate(self.tree):
             while open_branch and open_branch[-1] != joint.parent:
                 open_branch.pop()
             if not open_branch and joint.parent != -1:
-                raise InputError(
-                    f"robot {self.name}: joint {joint.name} comes before its parent, or splits a branch",
-                    "order the joints depth first",
-                )
+                what = f"joint {joint.name} comes before its parent, or splits a branch"
+                raise InputError(f"robot {self.name}: {what}", "order the joints depth first")
             open_branch.append(i)
 
     @property

@@ -20,9 +20,8 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_bytes
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.joint import Follower, Joint, following
+from sdp_vs_penalty.robot.joint import Follower, Joint, Transmission, following
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
-from sdp_vs_penalty.robot.transmission import Transmission
 
 
 def urdf_transmission(

@@ -16,12 +16,8 @@ def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less():
     """Spikes at every reversal, which no effect of the model explains, under a known truth."""
     problem = load_problem("emps")
     model = problem.model(EFFECTS)
-    theta = np.array(
-        [
-            {"viscous_friction": 200.0, "coulomb_friction": 20.0}.get(p.effect, 0.0)
-            for p in model.parameters
-        ]
-    )
+    sizes = {"viscous_friction": 200.0, "coulomb_friction": 20.0}
+    theta = np.array([sizes.get(p.effect, 0.0) for p in model.parameters])
     theta[model.rigid_indices] = 95.0 / problem.nominal_links[0, 0] * problem.nominal_links.ravel()
     trajectory = random_trajectory(problem.robot, 3, 4.0)
     late = Sensor.ideal(1, 500.0)

@@ -56,10 +56,8 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(estimate):
     hypotheses = Hypotheses.of(estimate, PAIR, 0.5)
     trajectory = separate(estimate, PAIR, duration=10.0, level=0.5, iterations=5).trajectory
     motion = hypotheses.motion(trajectory.states, 10.0)
-    base = np.zeros((2, len(motion.t), len(estimate.theta)))
-    for j, c in enumerate(estimate.model.columns(motion)):
-        base[j][:, c.indices] = c.columns / hypotheses.noise[j]
-    X = base.reshape(-1, len(estimate.theta))
+    columns = zip(estimate.model.columns(motion), hypotheses.noise, strict=True)
+    X = np.vstack([c.wide(len(estimate.theta)) / noise for c, noise in columns])
     A, B = (
         hypotheses._white(e, motion).reshape(len(X), -1) * s
         for e, s in zip(hypotheses.effects, hypotheses.scale, strict=True)

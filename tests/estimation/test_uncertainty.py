@@ -93,9 +93,8 @@ def test_rotors_count_with_the_inertia_that_they_cannot_be_told_from():
     pair = Model(
         problem.robot, tuple(e for e in model.effects if e.name in ("rigid_body", "rotor_inertia"))
     )
-    wide = np.zeros((6 * 200, len(pair.parameters)))
-    for j, block in enumerate(pair.columns(Motion(np.zeros(200), q, dq, ddq))):
-        wide[200 * j : 200 * (j + 1), block.indices] = block.columns
+    columns = pair.columns(Motion(np.zeros(200), q, dq, ddq))
+    wide = np.vstack([block.wide(len(pair.parameters)) for block in columns])
     rank = int(np.linalg.matrix_rank(wide, tol=1e-8 * np.linalg.norm(wide, 2)))
     assert len(known.base) == rank + 18
     assert counts(known.base)[NOT_SEEN] == 0

@@ -28,8 +28,8 @@ from sdp_vs_penalty.estimators import (
 )
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, LmiSdpTwoStep
 from sdp_vs_penalty.estimators.sdp_fit import essential
+from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.regression import LeastSquares, compress
-from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.signals import Preprocessing
@@ -50,14 +50,6 @@ def simulated(
     return Measurements(t, motion.q, tau + noise * rng.normal(size=tau.shape))
 
 
-def p_real(problem: Problem) -> np.ndarray:
-    """(20,) the 2R's true parameters, straight from Table VII."""
-    cells = {row["parameter"]: float(row["p_real"]) for row in problem.published["table_VII"]}
-    names = ("m{}", "c{}x", "c{}y", "c{}z", "I{}xx", "I{}xy", "I{}yy", "I{}xz", "I{}yz", "I{}zz")
-    links = [[cells[name.format(k)] for name in names] for k in (1, 2)]
-    return np.asarray(inertia.standard_from_barycentric(links)).ravel()
-
-
 def with_friction(problem: Problem, links: np.ndarray, level: float = 0.3) -> np.ndarray:
     theta = np.full(len(problem.model().parameters), level)
     theta[: len(links)] = links
@@ -67,7 +59,7 @@ def with_friction(problem: Problem, links: np.ndarray, level: float = 0.3) -> np
 @pytest.fixture(scope="module")
 def toy_task(two_link: Problem) -> Task:
     """The 2R with noise of a few percent: constraints bind."""
-    truth = with_friction(two_link, p_real(two_link))
+    truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
     run = simulated(two_link, truth, noise=5.0, seconds=6.0)
     return posed_task(two_link, run)
 
@@ -102,18 +94,6 @@ def relative_torque_error(problem: Problem, theta: np.ndarray, truth: np.ndarray
     motion = sines(np.random.default_rng(99), problem.robot.n, np.arange(0.0, 10.0, 0.01), 0.13, 5)
     torque = model.torque(truth, motion)
     return float(np.linalg.norm(model.torque(theta, motion) - torque) / np.linalg.norm(torque))
-
-
-@pytest.mark.parametrize("method", ["ols", *METHODS, "lmi-sdp-two-step"])
-def test_noise_free_the_two_link_robot_is_reproduced(method, two_link):
-    """pi_2R and the torques of p_real, which is feasible, thick enough and inside every bound."""
-    truth = with_friction(two_link, p_real(two_link))
-    estimate = identify(two_link, simulated(two_link, truth), method)
-    assert relative_torque_error(two_link, estimate.theta, truth) < 1e-6
-    base, _ = base_parameters(two_link.model(), two_link.independent)
-    pi = base @ p_real(two_link)
-    np.testing.assert_allclose(base @ estimate.theta[:20], pi, atol=1e-5 * np.abs(pi).max())
-    np.testing.assert_allclose(estimate.theta[20:], 0.3, atol=1e-4)
 
 
 @settings(max_examples=12, deadline=None, derandomize=True)
@@ -203,7 +183,7 @@ def test_a_joint_that_never_reverses_keeps_its_certificate(two_link):
     q = motion.q.copy()
     q[:, 0] = 0.6 * t + 0.05 * np.sin(2.0 * t)
     dq, ddq = np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0)
-    truth = with_friction(two_link, p_real(two_link))
+    truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
     tau = model.torque(truth, replace(motion, q=q, dq=dq, ddq=ddq))
     run = Measurements(t, q, tau + 0.3 * np.random.default_rng(1).normal(size=q.shape))
     task = make_task(two_link, model, compress(run, model, Preprocessing(5.0, 8.0)))

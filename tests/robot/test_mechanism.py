@@ -104,15 +104,12 @@ def test_regressor_mass_matrix_and_derivatives_agree_with_the_dynamics(urdf):
     np.testing.assert_allclose(np.einsum("kij,kj->ki", mass, ddq), inertial, atol=1e-9)
     for k, derivative in enumerate(robot.inverse_dynamics_derivatives(links, q, dq, ddq)):
         for j in range(robot.n):
-            step = [np.zeros_like(q) for _ in range(3)]
-            step[k][:, j] = 1e-6
-            ends = [
-                robot.inverse_dynamics(
-                    links, *(x + s * d for x, d in zip((q, dq, ddq), step, strict=True))
-                )
-                for s in (1.0, -1.0)
-            ]
-            np.testing.assert_allclose(derivative[:, :, j], (ends[0] - ends[1]) / 2e-6, atol=1e-5)
+            step = np.zeros((3, *q.shape))
+            step[k, :, j] = 1e-6
+            after, before = (
+                robot.inverse_dynamics(links, *(np.stack([q, dq, ddq]) + s * step)) for s in (1.0, -1.0)
+            )
+            np.testing.assert_allclose(derivative[:, :, j], (after - before) / 2e-6, atol=1e-5)
 
 
 def test_a_robot_with_followers_is_identified_and_written_back(urdf):

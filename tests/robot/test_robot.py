@@ -47,14 +47,11 @@ def test_masses_of_least_squares_may_be_negative(seed):
     scale = np.abs(by_rnea).max() + 1.0
     np.testing.assert_allclose(np.einsum("kij,kj->ki", matrices, ddq), by_rnea, atol=1e-9 * scale)
     np.testing.assert_allclose(by_ddq, matrices, atol=1e-9 * scale)
-    step = 1e-6 * np.eye(robot.n)[0]
-    for by, moves in ((by_q, (step, 0.0, 0.0)), (by_dq, (0.0, step, 0.0))):
-        after, before = (
-            robot.inverse_dynamics(
-                wild, *(x + sign * m for x, m in zip((q, dq, ddq), moves, strict=True))
-            )
-            for sign in (1.0, -1.0)
-        )
+    states = np.stack([q, dq, ddq])
+    for k, by in enumerate((by_q, by_dq)):
+        step = np.zeros_like(states)
+        step[k, :, 0] = 1e-6
+        after, before = (robot.inverse_dynamics(wild, *(states + s * step)) for s in (1.0, -1.0))
         slope = (after - before) / 2e-6
         np.testing.assert_allclose(by[:, :, 0], slope, atol=1e-5 * (np.abs(slope).max() + scale))
 

@@ -16,8 +16,9 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.cross_validation import CrossValidation, cross_validate
+from sdp_vs_penalty.estimation.cross_validation import CrossValidation, FoldData, Split, split_by_phase
 from sdp_vs_penalty.estimation.identify import certify, identify
+from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Progress, Task, make_task, no_progress
 from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, PenaltyPaper
@@ -191,17 +192,26 @@ class Study:
         return self._data("measured", train, test, self.problem.model())
 
     def unseen(
-        self, method: str | Estimator, effects: Sequence[Effect] | None = None
+        self, method: str | Estimator, effects: Sequence[str] | Sequence[Effect] | None = None
     ) -> CrossValidation:
         """Errors of a method on motion of the real run that it has not seen, by FOLDS folds by phase."""
-        assert self.run is not None
-        if method not in self._made:
+        own = None if effects is None else tuple(effects)
+        if (key := (method, own)) not in self._made:
             self.progress(f"folds by phase, {method if isinstance(method, str) else method.name}")
-            self._made[method] = cross_validate(
-                self.problem, self.run, self.estimator(method), effects=effects, folds=FOLDS,
-                seed=self.seed, workers=self.workers,
-            )  # fmt: skip
-        return cast(CrossValidation, self._made[method])
+            split, folds = self._folds(own)
+            estimator = self.estimator(method)
+            judged = [None if data is None else data.judged(estimator) for data in folds]
+            self._made[key] = split.result(estimator, judged)
+        return cast(CrossValidation, self._made[key])
+
+    def _folds(self, effects: tuple[Any, ...] | None) -> tuple[Split, list[FoldData | None]]:
+        """The real run's folds, shape constants included; no method changes them."""
+        if (key := ("folds", effects)) not in self._made:
+            assert self.run is not None
+            options = PoseOptions(effects, seed=self.seed)
+            split = split_by_phase(self.problem, self.run, options, FOLDS)
+            self._made[key] = split, list(self.workers.map(split.fold, range(FOLDS)))
+        return cast("tuple[Split, list[FoldData | None]]", self._made[key])
 
     def _data(self, label: str, train: Measurements, test: Measurements | None, model: Model) -> Data:
         return Data(label, train, test, model, self.problem.preprocessing.resolve(train))

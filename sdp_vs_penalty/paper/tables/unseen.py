@@ -7,7 +7,7 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.cross_validation import CrossValidation, Fold, cross_validate
+from sdp_vs_penalty.estimation.cross_validation import CrossValidation, Fold
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import FOLDS, TEST_START, TRAIN_STOP, Study
@@ -60,7 +60,7 @@ def _rows(study: Study, run: Measurements, method: str, added: str) -> list[Row]
     """The folds, all of them together, and repeatability."""
     problem = study.problem
     effects = [*problem.default_effects, *(text for text in added.split(", ") if text)]
-    result = cross_validate(problem, run, method, effects=effects, folds=FOLDS, seed=study.seed)
+    result = study.unseen(method, effects)
     train, test = run.window(0.0, TRAIN_STOP), run.window(TEST_START, np.inf)
     again = compare(identify(problem, train, method, effects=effects, seed=study.seed), test)[0]
     judged: list[tuple[str, Fold | CrossValidation | Comparison]] = [
