@@ -14,7 +14,7 @@ programming keeps. Collisions are not looked at: choose position limits within w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,11 +27,12 @@ from sdp_vs_penalty.effects.model import Model, depends
 from sdp_vs_penalty.effects.payload import Payload
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.partial import deviations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
@@ -70,14 +71,8 @@ class Regressor:
             if effect.has_memory or depends(effect):
                 what = f"effect {effect.name}: its columns depend on more than the state"
                 raise InputError(what, "leave it out of the excitation.")
-        others = np.setdiff1d(np.arange(len(model.parameters)), model.rigid_indices)
-        kept = np.arange(0)
-        if len(model.rigid_indices):
-            kept = model.rigid_indices[list(base_parameters(model, problem.independent)[1])]
-        return cls(model, np.concatenate([kept, others]))
+        return cls(model, np.array(base_rows(problem, model).leading))
 
-
-Progress = Callable[[str], None]
 
 OBJECTIVES = ("condition", "d-optimal")
 #: Steps of the central differences in the states (rad, rad/s, rad/s^2).
@@ -168,7 +163,7 @@ def excite(
     blend: float = 0.5,
     iterations: int = 60,
     seed: int = 0,
-    progress: Progress = lambda _: None,
+    progress: Progress = no_progress,
 ) -> Excitation:
     """A trajectory that excites the base parameters of a problem as evenly as the limits allow.
 
@@ -198,7 +193,7 @@ def optimised(
     objective: str,
     iterations: int,
     moving: Sequence[int] | None = None,
-    progress: Progress = lambda _: None,
+    progress: Progress = no_progress,
 ) -> Excitation:
     """The best motion for a regressor that is found from a start, and within limits.
 
@@ -291,20 +286,17 @@ class _Search:
             scaled, offset, now = self.rows[j] * self.unit[j], self.offset[j], self.x[j] / self.unit[j]
             # A share is kept for what happens between these instants; what the start uses up, it may.
             room = np.maximum(0.998, np.abs(self.rows[j] @ self.x[j] + offset))
-            found = optimize.linprog(
-                self.slope[j] * self.unit[j],
-                A_ub=np.vstack([scaled, -scaled]),
-                b_ub=np.concatenate([room - offset, room + offset]),
-                bounds=list(zip(now - self.radius, now + self.radius, strict=True)),
-                method="highs-ds",
-            )
+            both = np.vstack([scaled, -scaled]), np.concatenate([room - offset, room + offset])
+            near = np.column_stack([now - self.radius, now + self.radius])
+            slope = self.slope[j] * self.unit[j]
+            found = optimize.linprog(slope, *both, bounds=near, method="highs-ds")
             if found.status == 0:
                 out[j] = found.x * self.unit[j]
         return out
 
-    def _at(self, x: Array) -> tuple[list[Array], float, Array]:
+    def _at(self, x: Array) -> tuple[Array, float, Array]:
         """States, the objective and its gradient with respect to W, in the shape of the regressor."""
-        states = [linear @ x.T for linear in self.maps]
+        states = np.stack([linear @ x.T for linear in self.maps])
         w = self.regressor.at(self.t, *states)
         value, outer = self._objective(w.reshape(-1, w.shape[2]))
         return states, value, outer.reshape(w.shape)
@@ -325,12 +317,10 @@ class _Search:
         slope = np.zeros_like(x)
         for which, linear in enumerate(self.maps):
             for j in self.moving:
-                ends = []
-                for sign in (1.0, -1.0):
-                    moved = [s.copy() for s in states]
-                    moved[which][:, j] += sign * _DIFFERENCE
-                    ends.append(self.regressor.at(self.t, *moved))
-                rate = np.einsum("kjc,kjc->k", outer, ends[0] - ends[1]) / (2.0 * _DIFFERENCE)
+                step = np.zeros((3, *states[0].shape))
+                step[which, :, j] = _DIFFERENCE
+                above, below = (self.regressor.at(self.t, *(states + s * step)) for s in (1.0, -1.0))
+                rate = np.einsum("kjc,kjc->k", outer, above - below) / (2.0 * _DIFFERENCE)
                 slope[j] += rate @ linear
         return value, slope
 
@@ -378,7 +368,7 @@ def payload_run(
     harmonics: int = 3,
     iterations: int = 60,
     seed: int = 0,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
 ) -> PayloadRun:
     """A motion of ``joints`` (from 0; default the last three) that determines a load at the flange, the
     others in the middle of their ranges; noise and cut-off are those of the model's data.

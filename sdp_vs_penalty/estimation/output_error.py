@@ -110,22 +110,17 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, 
     windows, seconds = _chosen(plant, courses, size)
     directions = visible(task.data.R)[1] * np.sqrt(task.data.loss(task.ols) / task.data.rows)
     theta, error = start.theta, _errors(plant, windows, size)[0]
-    begin, made = error, None
+    begin = error
     for k in range(12):
         task.progress(f"output error, step {k + 1}: {1e3 * _rms(error * size):.4g} thousandths")
-        linear = _linearised(task, theta, directions, windows, size)
-        linearised = replace(task, data=linear)
+        linearised = replace(task, data=_linearised(task, theta, directions, windows, size))
         fit = estimator.fit(linearised)
         tried = np.array([theta + share * (fit.theta - theta) for share in (1.0, 0.5, 0.25, 0.1)])
         errors = _errors(Plant(model, tried), windows, size)
         best = int(np.argmin([_rms(e) for e in errors]))
-        gained = 1.0 - _rms(errors[best]) / _rms(error)
-        made = linearised, fit
-        if not gained > 1e-3:
+        if not 1.0 - _rms(errors[best]) / _rms(error) > 1e-3:
             break
         theta, error = tried[best], errors[best]
-    assert made is not None
-    linearised, fit = made
     fit = replace(fit, theta=theta, details={**fit.details, "window_s": seconds})
     fit.details["simulation_rms"] = [_rms(begin * size), _rms(error * size)]
     return replace(posed, task=linearised), fit

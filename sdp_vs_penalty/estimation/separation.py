@@ -30,12 +30,12 @@ from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.excitation import Limits, independent_rate, shrunk
 from sdp_vs_penalty.estimation.verdict import with_current
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.self_collision import SelfCollision
 from sdp_vs_penalty.robot.trajectory import PointTrajectory, random_trajectory, shortest_moves
 
 States = Callable[[Array], tuple[Array, Array, Array]]
-Progress = Callable[[str], None]
 
 #: Rate at which motions are looked at [Hz].
 _RATE = 20.0
@@ -168,7 +168,7 @@ def separate(
     seed: int = 0,
     limits: Limits | None = None,
     collision: SelfCollision | None = None,
-    progress: Progress = lambda _: None,
+    progress: Progress = no_progress,
 ) -> Separation:
     """The motion of ``duration`` [s] on which two effects differ most.
 

@@ -144,9 +144,8 @@ class LmiSdpTwoStep(Estimator):
         torque = Objective(task.data)
         best = solve_sdp(task, torque, physics, self.solver, self.accuracy)
         bounded = solve_sdp(task, torque, task.constraints, self.solver, self.accuracy)
-        chain = {
-            name: (task.base @ fit.theta).tolist()
-            for name, fit in (("beta_prime", nearest), ("beta_star", best), ("beta_star_e", bounded))
-        }
+        names = ("beta_prime", "beta_star", "beta_star_e")
+        pairs = zip(names, (nearest, best, bounded), strict=True)
+        chain = {name: (task.base @ fit.theta).tolist() for name, fit in pairs}
         details = {**bounded.details, **chain, "loss_beta_prime": task.data.loss(nearest.theta)}
         return replace(bounded, details=details)

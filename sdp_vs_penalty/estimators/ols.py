@@ -73,9 +73,6 @@ class ReverseEngineering(Estimator):
     needs_black_box = True
 
     def fit(self, task: Task) -> Fit:
-        details = {
-            "condition_number": condition_number(task),
-            "relative_error_percent": 100.0
-            * float(np.sqrt(task.data.loss(task.ols) / task.data.tau_squared)),
-        }
+        error = 100.0 * float(np.sqrt(task.data.loss(task.ols) / task.data.tau_squared))
+        details = {"condition_number": condition_number(task), "relative_error_percent": error}
         return Fit(task.ols, Objective(task.data), task.constraints, details=details)

@@ -27,6 +27,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body, around, balls
 from sdp_vs_penalty.robot.geometry import Geometry
+from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
 #: Half axes of the body over those of the ellipsoid around the link's geometry, and a layer on it [m].
@@ -79,18 +80,15 @@ def joint_places(robot: Robot, link: int) -> Array:
     own = robot.tree[carrier]
     into = np.linalg.inv(own.link_frame)
     before = float(own.axis @ own.placement[:3, :3].T @ own.placement[:3, 3])
-    places: list[Array] = [-s * own.axis for s in (before, *_stroke(own.kind, own.lower, own.upper))]
-    for child in robot.tree:
-        if child.parent == carrier:
-            along = child.placement[:3, :3] @ child.axis
-            places += [
-                child.placement[:3, 3] + s * along for s in _stroke(child.kind, child.lower, child.upper)
-            ]
+    places: list[Array] = [-s * own.axis for s in (before, *_stroke(own))]
+    for child in (joint for joint in robot.tree if joint.parent == carrier):
+        along = child.placement[:3, :3] @ child.axis
+        places += [child.placement[:3, 3] + s * along for s in _stroke(child)]
     return np.concatenate([np.zeros((1, 3)), np.array(places) @ into[:3, :3].T + into[:3, 3]])
 
 
-def _stroke(kind: str, lower: float, upper: float) -> list[float]:
-    ends = [x for x in (lower, upper) if kind == "prismatic" and np.isfinite(x)]
+def _stroke(joint: Joint) -> list[float]:
+    ends = [x for x in (joint.lower, joint.upper) if joint.kind == "prismatic" and np.isfinite(x)]
     return [0.0, *ends]
 
 
@@ -139,10 +137,10 @@ def plausible_links(
         body = None if bodies is None else bodies[i]
         seen = body is not None and body.source == "geometry"
         if body is not None and seen:
-            second = (body.axes * _bare(body) ** 2 / 7.0) @ body.axes.T  # 5 for a ball, 9 for a box
-            volume = body.volume
-            if volume is None:  # the surface is open
-                volume = 0.5 * (4.0 / 3.0 * np.pi * float(np.prod(_bare(body))))
+            bare = (body.half_axes - LAYER) / GEOMETRY_MARGIN  # of what it is drawn around
+            second = (body.axes * bare**2 / 7.0) @ body.axes.T  # 5 for a ball, 9 for a box
+            half = 0.5 * (4.0 / 3.0 * np.pi * float(np.prod(bare)))  # where the surface is open
+            volume = half if body.volume is None else body.volume
             drawn = _lump(DEFAULT_DENSITY * volume, body.centre, second)
         else:
             drawn = _tube(robot, i, reach, actuators)
@@ -154,11 +152,8 @@ def plausible_links(
 
 def _lump(mass: float, centre: Array, second: Array) -> Array:
     """(4, 4) pseudo-inertia of a mass [kg] about its centre [m] with second moments per mass [m^2]."""
-    pseudo = np.empty((4, 4))
-    pseudo[:3, :3] = second + np.outer(centre, centre)
-    pseudo[:3, 3] = pseudo[3, :3] = centre
-    pseudo[3, 3] = 1.0
-    return mass * pseudo
+    lifted = np.append(centre, 1.0)
+    return mass * (np.pad(second, (0, 1)) + np.outer(lifted, lifted))
 
 
 def _actuators(robot: Robot) -> Array:
@@ -166,7 +161,7 @@ def _actuators(robot: Robot) -> Array:
     where limits are missing or all the same (a placeholder); none for a sliding joint."""
     beyond = np.zeros(len(robot.tree))
     reach = dict(zip(robot.link_joints, robot.link_reach(), strict=True))
-    for k in reversed(range(len(robot.tree))):
+    for k in reversed(range(len(robot.tree))):  # a joint's children come after it: theirs are known
         ahead = [beyond[c] for c, joint in enumerate(robot.tree) if joint.parent == k]
         beyond[k] = reach.get(k, 0.0) + max(ahead, default=0.0)
     torque, limits = HOLDING * beyond**2, np.array([joint.effort for joint in robot.tree])
@@ -184,13 +179,7 @@ def _tube(robot: Robot, link: int, reach: float, actuators: Array) -> Array:
     into = np.linalg.inv(robot.tree[carrier].link_frame)
     ends = np.array(places) @ into[:3, :3].T + into[:3, 3]
     middle = 0.5 * (ends[0] + ends[1:].mean(axis=0)) if children else ends[0]
+    masses = [TUBE * reach, *(0.5 * actuators[k] for k in (carrier, *children))]
     second = 0.2 * (0.25 * reach) ** 2 * np.eye(3)
-    lumps = [_lump(TUBE * reach, middle, second)]
-    for k, end in zip((carrier, *children), ends, strict=True):
-        lumps.append(_lump(0.5 * actuators[k], end, second))
-    return np.sum(lumps, axis=0)
-
-
-def _bare(body: Body) -> Array:
-    """(3,) half axes of the ellipsoid around the geometry itself [m]."""
-    return (body.half_axes - LAYER) / GEOMETRY_MARGIN
+    lumps = zip(masses, (middle, *ends), strict=True)
+    return np.sum([_lump(mass, at, second) for mass, at in lumps], axis=0)

@@ -48,10 +48,8 @@ class Body(Plain):
     def quadric(self) -> Array:
         """Q (4, 4) with (x, 1)^T Q (x, 1) = 1 - |x - centre|^2 in units of the half axes."""
         d = (self.axes / self.half_axes**2) @ self.axes.T
-        q = np.empty((4, 4))
-        q[:3, :3], q[3, 3] = -d, 1.0 - float(self.centre @ d @ self.centre)
-        q[:3, 3] = q[3, :3] = d @ self.centre
-        return q
+        row = (d @ self.centre)[:, None]
+        return np.block([[-d, row], [row.T, 1.0 - self.centre @ row]])
 
     @property
     def reach(self) -> float:
