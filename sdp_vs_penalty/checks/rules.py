@@ -526,7 +526,10 @@ def magnitude(g: Glance) -> Iterator[Issue]:
     """Torques that are never negative because their sign is lost: they come down to zero and turn there,
     without slowing down before."""
     joints = []
-    for j in np.flatnonzero(g.moving & (g.run.tau.min(axis=0) >= 0.0)).tolist():
+    least, most = g.run.tau.min(axis=0), g.run.tau.max(axis=0)
+    for j in np.flatnonzero(
+        g.moving & (least >= 0.0) & (least <= 0.01 * most) & (most > least)
+    ).tolist():
         x = g.run.tau[:, j]
         low = spans(x < 0.05 * x.max())
         low = low[(low[:, 0] > 3) & (low[:, 1] < len(x) - 4)]

@@ -29,7 +29,7 @@ _WORDS = {
         "identify from one run at a time",
     ),
     "another load": (
-        "{run} carries another load on its last link",
+        "{run} carries another load on its last link ({x:+.2g} kg)",
         "identify the runs apart, or log with the same tool",
     ),
     "torque gain": (
@@ -84,7 +84,7 @@ def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[in
     after, found = _left_out(log, repair, others, moving, more)
     change = np.log(before / after)[:, log.moving].sum(axis=1)
     x, spread = float(np.mean(found)), float(np.sqrt((c.PARTS - 1) * np.var(found)))
-    known = kind == "another arm" or more.shape[2] > 1 or abs(x) > c.SIGMAS * spread
+    known = kind == "another arm" or abs(x) > c.SIGMAS * spread
     if not known or np.mean(change) < c.SIGMAS * np.std(change) / np.sqrt(c.PARTS):
         return
     figures = {"run": names[odd], "j": j + 1, "x": 1.0 + x if kind == "torque gain" else x}
@@ -102,12 +102,12 @@ def _left_out(
     log: Likelihood, repair: Repair, others: Sequence[Equations], moving: NDArray[np.bool_], more: Array
 ) -> tuple[Array, Array]:
     """(PARTS, n) what the arm of other runs and of a log's other parts leaves of each part of this log;
-    (PARTS,) its last parameter."""
+    (PARTS,) its gain or zero, or the mass of its load."""
     (parts, k), some = log.parts(repair, c.PARTS, more), [_widened(r, more.shape[2]) for r in others]
     rests = [Equations.of_part(parts.sum(axis=0) - part, k) for part in parts]
     arms = [_one_arm([*some, rest], np.vstack([moving, log.moving]))[0] for rest in rests]
     left = [rest.left_of(part, a) for rest, part, a in zip(rests, parts, arms, strict=True)]
-    return np.maximum(left, 1e-280), np.array([a[-1] for a in arms])
+    return np.maximum(left, 1e-280), np.array([a[-max(more.shape[2], 1)] for a in arms])
 
 
 def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[str, int, Array]]:

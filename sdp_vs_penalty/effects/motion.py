@@ -33,21 +33,6 @@ class Sampling:
     count: int = 1
     dt: float = 0.0
 
-    @property
-    def offsets(self) -> Array:
-        """When those samples were taken, around the instant [s]; two at the ends share an even count."""
-        half = self.count // 2
-        return np.asarray(self.dt * np.arange(-half, half + 1), float)
-
-    @property
-    def weights(self) -> Array:
-        """Of each in the mean."""
-        half = self.count // 2
-        out = np.ones(2 * half + 1)
-        if self.count % 2 == 0:
-            out[[0, -1]] = 0.5
-        return np.asarray(out / self.count)
-
 
 @dataclass(frozen=True)
 class Command:
@@ -180,16 +165,11 @@ class Motion:
         robot, links = self._model.robot, self._model.links
         return robot.inverse_dynamics(links, self.q, self.dq, self.ddq)
 
-    @cached_property
-    def torque_rate(self) -> Array:
-        """d torque / dt (N, n) by central differences."""
-        return _time_derivative(self.model_torque, self.t)
-
     def late_torque_rate(self, T: float) -> Array:
         """(N, n) (tau(t) - tau(t - T)) / T of the current model's torque, to third order: its derivative
-        in the middle."""
-        middle = self.t - 0.5 * T
-        return np.column_stack([np.interp(middle, self.t, rate) for rate in self.torque_rate.T])
+        in the middle, by central differences."""
+        middle, rates = self.t - 0.5 * T, _time_derivative(self.model_torque, self.t)
+        return np.column_stack([np.interp(middle, self.t, rate) for rate in rates.T])
 
     @cached_property
     def link_torque_rates(self) -> tuple[Array, Array]:
@@ -240,8 +220,11 @@ def smooth_sign(
     # Far from zero the sign is 1 to the last bit.
     reach = 20.0 * width + 0.5 * within.count * within.dt * np.abs(rate)
     near = np.flatnonzero(np.abs(velocity) < reach)
-    values = _tanh((velocity[near, None] + rate[near, None] * within.offsets) / width)
-    out[near] = values @ within.weights
+    half = within.count // 2
+    offsets, weights = within.dt * np.arange(-half, half + 1), np.full(2 * half + 1, 1.0 / within.count)
+    if within.count % 2 == 0:  # two at the ends share a place
+        weights[[0, -1]] *= 0.5
+    out[near] = _tanh((velocity[near, None] + rate[near, None] * offsets) / width) @ weights
     return out
 
 

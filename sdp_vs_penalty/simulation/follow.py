@@ -30,8 +30,6 @@ from sdp_vs_penalty.robot.arrays import Array
 
 Drive = Literal["torque", "pd", "servo"]
 
-#: How many windows at most.
-_WINDOWS = 200
 #: A free run has left the measured one beyond this error [rad, m].
 _LEFT = {"rad": 0.5, "m": 0.1}
 
@@ -195,6 +193,7 @@ def follow(
     horizon: float = 0.1,
     bandwidth: float = 5.0,
     draws: int = 8,
+    windows: int = 200,
 ) -> Following:
     """Run a model forward along measured runs and compare the motion.
 
@@ -202,7 +201,8 @@ def follow(
     measured torque alone), "pd" (and a loop on the measured motion) or "servo" (the command, through
     the model's servos); seed : of the ``draws`` of parameters from their intervals for the band of the
     free run; steps : of the free runs at most, together; progress : hears where the computation stands;
-    horizon : length of a window [s]; bandwidth : of the loop [Hz].
+    horizon : length of a window [s], of which there are ``windows`` a run at most; bandwidth : of the
+    loop [Hz].
     Raises InputError for a model that cannot accelerate, or runs too short for its filters.
     """
     estimate = as_estimate(model, "follow(model=...)")
@@ -227,7 +227,7 @@ def follow(
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
     rides = [_Ride(plant, course, loop, servo) for course in courses]
     progress("simulating windows")
-    ahead = zip(*(_windows(ride, horizon) for ride in rides), strict=True)
+    ahead = zip(*(_windows(ride, horizon, windows) for ride in rides), strict=True)
     one, far, naive_one, naive_far = (np.concatenate(x) for x in ahead)
     drawn = _drawn(estimate, seed, draws)
     free = []
@@ -289,7 +289,7 @@ class _Ride:
         return state
 
 
-def _windows(ride: _Ride, horizon: float) -> tuple[Array, Array, Array, Array]:
+def _windows(ride: _Ride, horizon: float, most: int) -> tuple[Array, Array, Array, Array]:
     """Errors (W, n) of windows all over the course: of velocity after one sample, of position at the
     horizon; and both at constant velocity."""
     course, seen, dt = ride.course, ride.course.states, ride.course.dt
@@ -297,7 +297,7 @@ def _windows(ride: _Ride, horizon: float) -> tuple[Array, Array, Array, Array]:
     starts = np.flatnonzero(course.moving[: len(seen.t) - steps - 1])
     if not len(starts):
         starts = np.arange(len(seen.t) - steps - 1)
-    at = starts[np.unique(np.linspace(0, len(starts) - 1, min(_WINDOWS, len(starts))).astype(int))]
+    at = starts[np.unique(np.linspace(0, len(starts) - 1, min(most, len(starts))).astype(int))]
     state, first = seen.rows(at), np.zeros((len(at), seen.q.shape[1]))
     for k in range(steps):
         state = ride.step(state, at + k)

@@ -15,6 +15,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import signal
+from scipy.special import expit
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
@@ -25,9 +26,6 @@ from sdp_vs_penalty.robot.trajectory import FourierTrajectory
 
 #: From a motion to joint torques (N, n) [N m or N].
 TorqueSource = Callable[[Motion], Array]
-
-#: Steps of the noise process that are thrown away, so that it starts stationary.
-_BURN_IN = 500
 
 
 def rigid_body_torque(robot: Robot, links: ArrayLike) -> TorqueSource:
@@ -42,12 +40,8 @@ def sigmoid_friction(phi: ArrayLike) -> TorqueSource:
     phi_1 [N m], phi_2 [s/rad], phi_3 [rad/s] (Gaz et al. 2019, eq. 12): zero at rest.
     """
     amplitude, slope, shift = np.asarray(phi, float).T
-    rest = amplitude * _logistic(slope * shift)
-    return lambda motion: amplitude * _logistic(slope * (motion.dq + shift)) - rest
-
-
-def _logistic(x: Array) -> Array:
-    return 0.5 * (1.0 + np.tanh(0.5 * x))
+    rest = amplitude * expit(slope * shift)
+    return lambda motion: amplitude * expit(slope * (motion.dq + shift)) - rest
 
 
 @dataclass(frozen=True)
@@ -90,16 +84,14 @@ class Sensor:
         std, step = np.broadcast_arrays(np.asarray(torque_std, float), position_step)
         return cls(rate, std, np.zeros((len(std), 0)), np.zeros(len(std)), step)
 
-    def noise(self, count: int, rng: np.random.Generator) -> Array:
-        """(count, n) samples of the torque noise at ``rate``, stationary from the first on."""
-        white = rng.normal(size=(count + _BURN_IN, len(self.torque_std)))
-        columns = []
-        for j, (std, row) in enumerate(zip(self.torque_std, self.torque_ar, strict=True)):
+    def noise(self, count: int, rng: np.random.Generator, burn_in: int = 500) -> Array:
+        """(count, n) samples of the torque noise at ``rate``, stationary from the first on: as many as
+        ``burn_in`` before them are thrown away."""
+        white, out = rng.normal(size=(count + burn_in, len(self.torque_std))), []
+        for x, std, row in zip(white.T, self.torque_std, self.torque_ar, strict=True):
             innovation = std * np.sqrt(innovation_share(row))
-            columns.append(
-                signal.lfilter([innovation], np.concatenate([[1.0], -row]), white[:, j])[_BURN_IN:]
-            )
-        return np.column_stack(columns)
+            out.append(signal.lfilter([innovation], np.concatenate([[1.0], -row]), x)[burn_in:])
+        return np.column_stack(out)
 
     def log_times(self, duration: float, rng: np.random.Generator) -> Array:
         """(N,) instants of the log entries in [0, duration] [s]."""

@@ -52,13 +52,14 @@ class Gain(Transformation):
 
 
 class Delay(Transformation):
-    """Torque later than the motion, or through a causal filter: one channel, or all."""
+    """Torque later than the motion, or through a causal filter: one channel, or all. Nothing brings one
+    channel ahead of the others: what looks like that is a law of its joint."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         each = [(j,) for j in log.joints] if len(log.joints) > 1 else []
         for name, tried in _LATE.items():
-            for joints in (range(log.n), *each):
-                yield from (now.with_entries(name, joints, x) for x in tried)
+            yield from (now.with_entries(name, range(log.n), x) for x in tried)
+            yield from (now.with_entries(name, one, x) for one in each for x in tried if x > 0.0)
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         for name, joints, x in ((k, *found) for k in _LATE for found in repair.changed(k)):
