@@ -51,6 +51,15 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         say(f"gains of the torque channels, from the known load: {', '.join(told)}")
     if law := result.details.get("servo"):
         servo(result, law)
+    if loop := result.details.get("loop"):
+        shares = ", ".join(f"{100.0 * x:.3g} %" for x in loop["share"])
+        late = f"{1e3 * loop['delay']:.2g} ms late"
+        say(f"the servos' law, {late}, makes {shares} of the joints' logged torque")
+        gains = loop["gains"].items()
+        rows = [
+            [k, f"{g['value']:.4g}", f"{1.96 * g['std']:.2g}", plain_unit(g["unit"])] for k, g in gains
+        ]
+        table("Gains, of the logged torque", ["gain", "value", "+-", "unit"], rows)
     if len(result.links):
         links(result)
     if fit is not None:

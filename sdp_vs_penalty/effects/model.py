@@ -81,6 +81,11 @@ class Model:
         return Model(self.robot, free, gains=self.gains, known=self.known)
 
     @cached_property
+    def without_drives(self) -> Model:
+        """The same model without the drives' laws."""
+        return replace(self, effects=tuple(e for e in self.effects if e.forward != "drive"))
+
+    @cached_property
     def reference_free_indices(self) -> NDArray[np.intp]:
         """Where the parameters of :attr:`reference_free` sit in theta."""
         own = zip(self.effects, self.indices, strict=True)

@@ -277,7 +277,7 @@ def split_by_phase(
     check_plausible(problem.robot, runs)
     if runs.torque_logged:
         settings = (options.preprocessing or problem.preprocessing).resolve(runs)
-        model = problem.model(options.effects)
+        model = problem.model(options.effects).without_drives
         phases, raw = phase_folds(runs, settings, folds), None
         common = compress_cells(runs, model.reference_free, settings, phases)
     else:

@@ -24,7 +24,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot, unknown
 from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
-from sdp_vs_penalty.estimation.servo import servo_filters, servo_log
+from sdp_vs_penalty.estimation.servo import loop_beside_torque, servo_filters, servo_log
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task, no_progress
 from sdp_vs_penalty.parallel import ALONE, Workers
@@ -128,10 +128,13 @@ def pose(
     details: dict[str, Any] = {}
     errors = independent_gains(options.gain_uncertainty, problem.robot.n)
     if data.torque_logged:
+        if drives := [e for e in model.effects if e.forward == "drive"]:
+            details["loop"] = loop_beside_torque(drives, data, settings)
+            model = model.without_drives
         progress("estimating shape constants")
         shapes = estimate_shapes(model, data, settings, options.weighting, workers=workers)
         model = replace(model, effects=with_shapes(model.effects, shapes))
-        details = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
+        details |= {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
         if options.instruments == "command":
             data = commanded_motion(data)
             if not options.known_loads:

@@ -53,8 +53,8 @@ from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, wit
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, make_task
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.partial import visible
-from sdp_vs_penalty.regression.regression import compress, compress_cells
+from sdp_vs_penalty.regression.partial import deviations, smallest, visible
+from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array, or_least
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.phases import phase_folds
@@ -319,6 +319,53 @@ def servo_log(
     return ServoLog(
         replace(model, known=scale, reference=factor * model.reference), used, details, error
     )
+
+
+def loop_beside_torque(
+    drives: Sequence[Effect], data: Measurements, settings: Preprocessing
+) -> dict[str, Any]:
+    """What a servo's law makes of the torque that was logged: whether the loop is what its makers say.
+
+    drives : the law's effects. Least squares of the torque in their columns alone, joint by joint,
+    beside a constant (an integral may begin anywhere); a delay that is not given is the best one.
+    Returns plain JSON: gains with standard deviation and unit by name, the delay [s], and the share of
+    each joint's torque that the law makes. Raises InputError for a log without commands.
+    """
+    if "qcmd" not in data.groups:
+        raise InputError("a servo's law needs the command", "log qcmd1..qcmdn", data.names[0])
+    robot, turned = drives[0].robot, replace(data, tau=-data.tau)  # a drive's torque counts negative
+    offset = effect_types()["torque_offset"](robot)
+
+    def fitted(delay: float) -> tuple[Model, Regression, Array]:
+        model = Model(robot, (*(e.with_shape(T=delay) for e in drives), offset))
+        rows = compress(turned, model, settings)
+        both = rows.least_squares()
+        return model, rows, smallest(both.R, both.rho)
+
+    def left(delay: float) -> float:
+        _, rows, theta = fitted(delay)
+        return float(np.sum(np.log(or_least(rows.joint_losses(theta)))))
+
+    late = next((e.shape["T"] for e in drives if "T" in e.given), None)
+    if late is None:
+        from scipy.optimize import minimize_scalar
+
+        late = float(minimize_scalar(left, bounds=(0.0, LATEST), method="bounded").x)
+        late = late if left(late) < left(0.0) else 0.0
+    model, rows, theta = fitted(late)
+    losses, whole = rows.joint_losses(theta), rows.least_squares()
+    alone = np.where(model.drives, 0.0, smallest(np.where(model.drives, 0.0, whole.R), whole.rho))
+    noise = np.sqrt(rows.oversampling * losses / np.maximum(rows.joint_rows(), 1))
+    std = deviations(whole.R)
+    return {
+        "delay": late,
+        "gains": {
+            p.name: {"value": float(x), "std": float(s * noise[p.joint - 1]), "unit": p.unit}
+            for p, x, s, drive in zip(model.parameters, theta, std, model.drives, strict=True)
+            if drive
+        },
+        "share": (1.0 - losses / or_least(rows.joint_losses(alone))).tolist(),
+    }
 
 
 def _parts(

@@ -23,6 +23,7 @@ from sdp_vs_penalty import (
     load_estimate,
     report,
 )
+from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation import verify_proof_file
@@ -233,6 +234,27 @@ def test_neither_torque_nor_command_is_refused(arm):
         cross_validate(arm, silent, effects=EFFECTS)
     with pytest.raises(InputError, match="no servo that would stand for it"):
         driven(plain, run)
+
+
+def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, capsys):
+    run = log(1e-4, ki=700.0, delay=0.02, torque=True)
+    loop = f"{EFFECTS},servo_position,servo_integral"
+    found = identify(arm, run, effects=loop, check=False)
+    plain = identify(arm, run, effects=EFFECTS, check=False)
+    np.testing.assert_array_equal(found.theta, plain.theta)
+    told = found.details["loop"]
+    assert told["delay"] == pytest.approx(0.02, abs=1e-3)
+    assert min(told["share"]) > 0.999
+    for name, true in {"kp1": KP, "kd1": KD, "ki1": 700.0}.items():
+        gain = told["gains"][name]
+        assert gain["value"] == pytest.approx(true, abs=max(4.0 * gain["std"], 0.01 * true))
+    printing.estimate(found, None, 0.0)
+    assert "of the joints' logged torque" in capsys.readouterr().out
+    folds = [cross_validate(arm, run, effects=x).relative_error_percent for x in (loop, EFFECTS)]
+    assert folds[0] == folds[1]
+    silent = Measurements.of(run.t, {"q": run.q, "tau": run.tau}, ("run",))
+    with pytest.raises(InputError, match="needs the command"):
+        identify(arm, silent, effects=loop, check=False)
 
 
 @pytest.mark.parametrize("scale", ["mass", "load", "torque"])
