@@ -184,11 +184,15 @@ def _near(points: Array, rows: Array, reach: float) -> NDArray[np.bool_]:
 
 def _straight(rows: Array, beside: float) -> Array:
     """Rows between which straight lines pass all the others within ``beside``: halved until they do."""
-    line = rows[0] + np.linspace(0.0, 1.0, len(rows))[:, None] * (rows[-1] - rows[0])
-    if len(rows) < 3 or np.abs(rows - line).max() <= beside:
-        return rows[[0, -1]] if len(rows) > 1 else rows
-    half = len(rows) // 2
-    return np.concatenate([_straight(rows[: half + 1], beside)[:-1], _straight(rows[half:], beside)])
+    each, knots = np.arange(len(rows)), np.unique([0, len(rows) - 1])
+    while len(knots) > 1:
+        line = np.column_stack([np.interp(each, knots, x[knots]) for x in rows.T])
+        off = np.flatnonzero(np.abs(rows - line).max(axis=1) > beside)
+        if not len(off):
+            break
+        far = np.unique(np.searchsorted(knots, off))
+        knots = np.sort(np.append(knots, (knots[far - 1] + knots[far] + 1) // 2))
+    return rows[knots]
 
 
 def _filled(lines: Iterable[Array], spacing: float) -> Array:
