@@ -80,8 +80,7 @@ class Certificate(Shown, Plain):
             text = f"{self.largest_gyration:.3g} m ({fits} {self.body_share:.2g} of a link's body)"
             out.append(("largest radius of gyration", text))
         if self.density is not None:
-            low, high = self.density
-            span = " to ".join(dict.fromkeys((f"{low:.3g}", f"{high:.3g}")))
+            span = " to ".join(dict.fromkeys(f"{x:.3g}" for x in self.density))
             out.append(("mean density", f"{span} kg/m^3 of the links' geometry"))
         if self.positive_mass_matrices is not None:
             text = f"at {100.0 * self.positive_mass_matrices:.4g} % of 10 000 random poses"

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.forward import ServoLoop
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.motion import Command
-from sdp_vs_penalty.effects.servo_loop import ServoLoop
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
@@ -106,10 +106,8 @@ def with_drive_torque(model: Model, theta: Array, measurements: Measurements) ->
         tau = np.array(run.tau)
         for part, inside in _parts(run):
             rate = np.gradient(part.q, part.t, axis=0)
-            told = sampled_command(part)
-            faster = np.gradient(rate, part.t, axis=0)
-            motion = Motion(part.t, part.q, rate, faster, command=told, sum=part.integrals[1])
-            tau[inside] += loop.drive(motion)
+            states, told = (part.q, rate, np.gradient(rate, part.t, axis=0)), sampled_command(part)
+            tau[inside] += loop.drive(Motion(part.t, *states, command=told, sum=part.integrals[1]))
         runs.append(replace(run, tau=tau, torque_logged=True))
     return runs[0] if len(runs) == 1 else concatenate(runs)
 

@@ -243,7 +243,9 @@ class _Search:
         step = reach * (self.high - self.low) * self.rng.normal(size=points.shape)
         points = np.clip(points + step * (self.rng.random(points.shape) < share), self.low, self.high)
         which = self.rng.random(len(slow)) < share
-        slow = np.clip(slow * np.exp(which * reach * 2.0 * self.rng.normal(size=len(slow))), 1.0, 10.0)
+        slow = np.clip(
+            slow * np.exp(which * reach * 2.0 * self.rng.normal(size=len(slow))), 1.0, _SLOWEST
+        )
         pauses = np.clip(pauses + reach * _PAUSE * self.rng.normal(size=len(pauses)), 0.0, _PAUSE)
         return points, slow, pauses
 

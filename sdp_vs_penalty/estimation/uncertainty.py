@@ -90,12 +90,8 @@ def physical_limits(task: Task) -> Array:
 
 def combined_limits(rows: Array, limits: Array) -> Array:
     """(b, 2) limits of linear combinations (b, p) of parameters with limits (p, 2)."""
-    low = np.where(rows > 0.0, limits[:, 0], limits[:, 1])
-    high = np.where(rows > 0.0, limits[:, 1], limits[:, 0])
-    none = rows == 0.0
-    return np.column_stack(
-        [np.sum(np.where(none, 0.0, rows * np.where(none, 0.0, x)), axis=1) for x in (low, high)]
-    )
+    ends = np.where(rows > 0.0, limits.T[:, None], limits.T[::-1, None])
+    return np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2).T
 
 
 def _verdict(half: float, value: float, largest: float) -> str:
@@ -158,15 +154,13 @@ class Uncertainty:
     def with_gain_errors(self, errors: Array, base: Array) -> Uncertainty:
         """With gains known otherwise than they were; base (b, p) : the base parameters' rows."""
 
-        def widened(intervals: tuple[Interval, ...], rows: Array) -> tuple[Interval, ...]:
-            before, after = (
-                np.sum((rows @ self.gains @ e) ** 2, axis=1) for e in (self.gain_errors, errors)
-            )
-            more = np.sqrt(np.maximum(after - before, 0.0))
-            return tuple(i.widened(float(x)) for i, x in zip(intervals, more, strict=True))
+        def widened(intervals: tuple[Interval, ...], response: Array) -> tuple[Interval, ...]:
+            known, new = (np.sum((response @ e) ** 2, axis=1) for e in (self.gain_errors, errors))
+            more = np.sqrt(np.maximum(new - known, 0.0)).tolist()
+            return tuple(i.widened(x) for i, x in zip(intervals, more, strict=True))
 
-        standard = widened(self.standard, np.eye(len(self.gains)))
-        combined = widened(self.base, base) if self.base else ()
+        combined = widened(self.base, base @ self.gains) if self.base else ()
+        standard = widened(self.standard, self.gains)
         return replace(self, standard=standard, base=combined, gain_errors=errors)
 
     def band(self, theta: Array, columns: Sequence[JointColumns]) -> tuple[Array, Array]:

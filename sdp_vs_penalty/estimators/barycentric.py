@@ -45,7 +45,7 @@ class BarycentricPart:
     ) -> BarycentricPart:
         """Of each finite end, a hair inside, and of about unit size at the reference (p,); without
         I_xx >= 0, which P(theta) >= 0 contains."""
-        indices, forms, slopes = list[Array](), list[Array](), list[float]()
+        indices, forms, slopes = list[NDArray[np.intp]](), list[Array](), list[float]()
         for b in bounds:
             link, scale = reference[b.indices], theta_scale[b.indices]
             moment, itself = link[[4, 6, 9]].sum(), np.trace(STEINER_FORMS[b.entry]) > 0.0

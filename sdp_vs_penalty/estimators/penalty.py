@@ -103,10 +103,8 @@ class ShiftedPenalty:
 
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
         """Pi_K(S - w F(x)): the next shifts."""
-        return [
-            project(part.cone, shift - weight * part.values(x))
-            for part, shift in zip(self.parts, shifts, strict=True)
-        ]
+        pairs = zip(self.parts, shifts, strict=True)
+        return [project(part.cone, shift - weight * part.values(x)) for part, shift in pairs]
 
     def value_and_gradient(
         self, x: Array, shifts: Sequence[Array], weight: float
@@ -115,8 +113,8 @@ class ShiftedPenalty:
         residual = self.R @ x - self.rho
         value = float(residual @ residual) + self.constant
         gradient = 2.0 * (residual @ self.R)
-        for part, shift in zip(self.parts, shifts, strict=True):
-            z = project(part.cone, shift - weight * part.values(x))
+        new = self.shifted(x, shifts, weight)
+        for part, shift, z in zip(self.parts, shifts, new, strict=True):
             value += (float(np.vdot(z, z)) - float(np.vdot(shift, shift))) / (2.0 * weight)
             gradient -= z.ravel() @ part.jacobian(x)
         return value, gradient
@@ -139,21 +137,11 @@ class ShiftedPenalty:
         return out
 
 
-@dataclass(frozen=True)
-class Minimum:
-    """x (p,) and the shifts (multipliers) there; spent : its residual, the largest of violation and
-    slackness, the weight in the end, evaluations of L, and iterations."""
-
-    x: Array
-    shifts: list[Array]
-    spent: dict[str, float]
-
-
-def minimise(penalty: ShiftedPenalty, x: Array, tolerance: float = 1e-9) -> Minimum:
-    """Continue weight and shifts from x until violation and complementarity are below tolerance.
-
-    tolerance : in the scaled units of the parts (1: the size of the cone's values at the reference).
-    """
+def minimise(
+    penalty: ShiftedPenalty, x: Array, tolerance: float
+) -> tuple[Array, list[Array], dict[str, float]]:
+    """Continue weight and shifts from x until violation and complementarity are below tolerance, in the
+    scaled units of the parts: x (p,), the shifts (multipliers) there, and what was spent."""
     shifts, weight = [np.zeros_like(part.values(x)) for part in penalty.parts], _FIRST_WEIGHT
     residual, accuracy = np.inf, 1e-2
     evaluations = iterations = 0
@@ -170,7 +158,7 @@ def minimise(penalty: ShiftedPenalty, x: Array, tolerance: float = 1e-9) -> Mini
             weight *= 10.0
         accuracy = max(0.1 * accuracy, 1e-8)
     spent = {"residual": residual, "weight": weight, "evaluations": evaluations}
-    return Minimum(x, shifts, {**spent, "iterations": iterations})
+    return x, shifts, {**spent, "iterations": iterations}
 
 
 def newton(
@@ -269,25 +257,25 @@ def fit_penalty(
     scaled = ScaledProblem.of(task, data, constraints, interior)
     box, rng = barycentric_box(task), np.random.default_rng(task.seed)
     runs: list[dict[str, Any]] = []
-    best: tuple[float, Array, Minimum] | None = None
+    best: tuple[float, Array, list[Array]] | None = None
     for run in range(max(starts, 1)):
         random = box.theta(rng.uniform(box.lower, box.upper)) if run else interior
         start = repair(constraints, random, interior) if run else interior
-        minimum = minimise(scaled.penalty, start / scaled.theta_scale, tolerance)
-        theta = feasible(constraints, scaled.theta_scale * minimum.x, interior)
+        x, shifts, spent = minimise(scaled.penalty, start / scaled.theta_scale, tolerance)
+        theta = feasible(constraints, scaled.theta_scale * x, interior)
         objective, violation = data.loss(theta), max(constraints.worst(theta).values(), default=0.0)
         found = {"loss": task.data.loss(theta), "objective": objective, "violation": violation}
-        runs.append({**found, **minimum.spent})
+        runs.append({**found, **spent})
         # A run that could not be made feasible counts behind every one that could.
         rank = objective if violation <= 1e-9 else np.inf
         # One that is lower by less than it violates is no better: its multipliers may be worse.
         if best is None or rank < best[0] * (1.0 - 1e-7):
-            best = (rank, theta, minimum)
+            best = (rank, theta, shifts)
         least = min(r["objective"] for r in runs)
         task.progress(f"run {run + 1} of {starts}: best {least:.6g}, violation {violation:.1e}")
     assert best is not None
-    _, theta, minimum = best
-    multipliers, details = scaled.multipliers(constraints, minimum), {"runs": runs}
+    _, theta, shifts = best
+    multipliers, details = scaled.multipliers(constraints, shifts), {"runs": runs}
     return Fit(theta, Objective(data), constraints, multipliers, interior=interior, details=details)
 
 
@@ -332,11 +320,11 @@ class ScaledProblem:
         penalty = ShiftedPenalty(*scaled, tuple(parts))
         return cls(penalty, theta_scale, loss_scale, received)
 
-    def multipliers(self, constraints: ConstraintSet, minimum: Minimum) -> list[Array]:
+    def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> list[Array]:
         """The shifts as dual variables of the convex constraints, in units of loss per F."""
         found: dict[Constraint, Array] = {}
         groups = self.received.groups  # the first of the parts, in this order
-        for group, part, shift in zip(groups, self.penalty.parts, minimum.shifts, strict=False):
+        for group, part, shift in zip(groups, self.penalty.parts, shifts, strict=False):
             assert isinstance(part, AffinePart)
             for place, scale, multiplier in zip(group.places, part.scale, shift, strict=True):
                 found[self.received.convex[place]] = self.loss_scale * scale * multiplier

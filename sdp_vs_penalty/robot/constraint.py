@@ -207,10 +207,10 @@ class ConstraintSet:
     def worst(self, theta: ArrayLike) -> dict[str, float]:
         """Worst violation of each family, max(0, -margin), in the family's own units."""
         out: dict[str, float] = {}
-        demands: tuple[Constraint | BarycentricBound, ...] = (*self.convex, *self.nonconvex)
+        families = [c.family for c in self.convex] + [b.family for b in self.nonconvex]
         found = [*margins(self.convex, theta)[0].tolist(), *(b.margin(theta) for b in self.nonconvex)]
-        for demand, margin in zip(demands, found, strict=True):
-            out[demand.family] = max(out.get(demand.family, 0.0), -margin)
+        for family, margin in zip(families, found, strict=True):
+            out[family] = max(out.get(family, 0.0), -margin)
         return out
 
     def margin(self, theta: ArrayLike) -> float:
@@ -291,11 +291,8 @@ def alike(constraints: Sequence[Constraint]) -> list[Alike]:
         groups.setdefault((c.cone, c.coefficients.shape), []).append(place)
     out = []
     for (cone, _), places in groups.items():
-        own = [constraints[k] for k in places]
-        arrays = (
-            np.array([getattr(c, x) for c in own]) for x in ("indices", "constant", "coefficients")
-        )
-        out.append(Alike(cone, np.array(places), *arrays))
+        own = [(c.indices, c.constant, c.coefficients) for c in (constraints[k] for k in places)]
+        out.append(Alike(cone, np.array(places), *map(np.array, zip(*own, strict=True))))
     return out
 
 
@@ -312,8 +309,8 @@ class Entries:
 
     @classmethod
     def of(cls, groups: Sequence[Alike]) -> Entries:
-        start = 0
-        rows, columns, values = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)], [np.zeros(0)]
+        start, none = 0, np.zeros(0, np.intp)
+        rows, columns, values = [none], [none], [np.zeros(0)]
         for group in groups:
             flat = group.coefficients.reshape(*group.indices.shape, -1)
             member, own, entry = np.nonzero(flat)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -83,7 +84,6 @@ _MOST_LINKS = 500
 class _Reader:
     path: Path
     joints: list[Joint] = field(default_factory=list)
-    nominal: list[Array] = field(default_factory=list)
     parts: list[list[tuple[Any, Array]]] = field(default_factory=list)
     reached: set[str] = field(default_factory=set)
 
@@ -96,6 +96,12 @@ class _Reader:
             return build()
         except InputError as error:
             raise error if error.where == self.path else error.within(self.path) from error
+
+    @cached_property
+    def nominal(self) -> list[Array]:
+        """(10,) of each moving link with what is fixed to it."""
+        moved = [[inertia.transform(at) @ self.inertial(e) for e, at in parts] for parts in self.parts]
+        return [np.sum(own, axis=0) for own in moved]
 
     @property
     def massless(self) -> tuple[int, ...]:
@@ -110,10 +116,9 @@ class _Reader:
             return list(default)
         values = numbers_of(text, len(default))
         if not np.all(np.abs(values) < _LARGEST):
-            raise self.fail(
-                f"line {element.sourceline}, <{element.tag} {attribute}={text[:40]!r}> must hold "
-                f"{formatting.count(len(default), 'finite number')}, below {_LARGEST:g}"
-            )
+            where = f"line {element.sourceline}, <{element.tag} {attribute}={text[:40]!r}>"
+            wanted = formatting.count(len(default), "finite number")
+            raise self.fail(f"{where} must hold {wanted}, below {_LARGEST:g}")
         return list(values.tolist())
 
     def limit(self, element: Any, attribute: str, none: float) -> float:
@@ -123,9 +128,8 @@ class _Reader:
             return none
         (value,) = numbers_of(text, 1).tolist()
         if np.isnan(value):
-            raise self.fail(
-                f"line {element.sourceline}, <limit {attribute}={text[:40]!r}> must hold a number"
-            )
+            where = f"line {element.sourceline}, <limit {attribute}={text[:40]!r}>"
+            raise self.fail(f"{where} must hold a number")
         # How files write "no limit" where the format asks for a number [rad or m].
         return none if abs(value) > 1e6 else value
 
@@ -172,9 +176,6 @@ class _Reader:
         self.reached.add(name)
         if body >= 0:
             self.parts[body].append((links[name], pose))
-            self.nominal[body] = self.nominal[body] + inertia.transform(pose) @ self.inertial(
-                links[name]
-            )
         for element in children[name]:
             placement = pose @ self.pose(element)
             child = element.find("child").get("link")
@@ -182,7 +183,6 @@ class _Reader:
                 self.visit(links, children, child, body, placement)
             else:
                 self.joints.append(self.joint(element, body, placement))
-                self.nominal.append(np.zeros(10))
                 self.parts.append([])
                 self.visit(links, children, child, len(self.joints) - 1, np.eye(4))
 
@@ -190,10 +190,8 @@ class _Reader:
         """One moving joint."""
         kind, name = element.get("type"), element.get("name")
         if kind not in _MOVING:
-            raise self.fail(
-                f"joint {name!r} is of type {kind!r}, none of revolute, continuous, prismatic and fixed",
-                "make it one of these (fix a floating base)",
-            )
+            what = f"is of type {kind!r}, none of revolute, continuous, prismatic and fixed"
+            raise self.fail(f"joint {name!r} {what}", "make it one of these (fix a floating base)")
         axis = np.array(self.numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0)))
         length = np.linalg.norm(axis)
         if not length > 1e-9:
@@ -202,10 +200,8 @@ class _Reader:
         span = None if kind == "continuous" else limit
         lower, upper = self.limit(span, "lower", -np.inf), self.limit(span, "upper", np.inf)
         if lower > upper:
-            raise self.fail(
-                f"line {limit.sourceline}, joint {name!r} has its lower limit {lower:g} above its upper "
-                f"{upper:g}"
-            )
+            what = f"joint {name!r} has its lower limit {lower:g} above its upper {upper:g}"
+            raise self.fail(f"line {limit.sourceline}, {what}")
         rates = (self.limit(limit, key, np.inf) for key in ("velocity", "effort"))
         place = placement, axis / length, np.eye(4)
         return Joint(name, _MOVING[kind], parent, *place, lower, upper, *rates)
@@ -271,9 +267,8 @@ def _read(path: str | Path) -> tuple[_Reader, Any]:
 
 def _parse(reader: _Reader) -> Any:
     """The <robot> element; entities are never expanded, nothing is loaded from elsewhere."""
-    parser = etree.XMLParser(
-        resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True
-    )
+    safe = {"resolve_entities": False, "no_network": True}
+    parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
     try:
         root = etree.fromstring(read_bytes(reader.path), parser)
     except InputError:
@@ -304,10 +299,8 @@ def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[An
     for element in root.findall("joint"):
         parent, child = reader.end(element, "parent", links), reader.end(element, "child", links)
         if child in carried:
-            raise reader.fail(
-                f"link {child!r} has two parent joints (joint {element.get('name')!r} closes a loop)",
-                "cut the loop, for only trees can be identified",
-            )
+            what = f"link {child!r} has two parent joints (joint {element.get('name')!r} closes a loop)"
+            raise reader.fail(what, "cut the loop, for only trees can be identified")
         carried.add(child)
         children[parent].append(element)
     roots = [name for name in links if name not in carried]
