@@ -1,4 +1,4 @@
-"""A model run forward: from joint torques to motion.
+"""A model run forward: from joint torques, or what drives are told, to motion.
 
     M(q) ddq = tau - b(q, dq) - f(q, dq, z, t),   dz/ds = law of the friction's internal states
 
@@ -21,10 +21,12 @@ from sdp_vs_penalty.effects.bristles import Remembering
 from sdp_vs_penalty.effects.dry_friction import Contacts, dry_step
 from sdp_vs_penalty.effects.effect import Array, CurrentModel, Effect, Motion
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
 
-#: Change of velocity [rad/s, m/s] by which slopes of the force are taken.
-_SLOPE = 1e-6
+#: Change of velocity [rad/s, m/s] by which slopes of the force are taken, and the damping of drives,
+#: whose laws are linear in it.
+_SLOPE, _PUSH = 1e-6, 1e-3
 
 
 class State(NamedTuple):
@@ -265,3 +267,37 @@ def advance(plant: Plant, state: State, torque: Array, h: float, damping: Array 
     travel, ddq = 0.5 * h * (state.dq + dq), (dq - state.dq) / h
     z, path = plant.advanced(state.z, travel), state.sum + h * (state.q + 0.5 * travel)
     return State(state.t + h, state.q + travel, dq, ddq, z, state.temperature, path)
+
+
+class ServoLoop:
+    """A model with servo effects and its parameters theta (p,): the plant, and what drives it."""
+
+    def __init__(self, model: Model, theta: Array) -> None:
+        own = zip(model.effects, model.indices, strict=True)
+        self.drives = [(e, theta[k]) for e, k in own if e.forward == "drive"]
+        self.plant = Plant(model, theta)
+
+    def drive(self, motion: Motion) -> Array:
+        """(N, n) torque of the drives [N m, N]."""
+        return -sum((e.torque(own, motion) for e, own in self.drives), np.zeros_like(motion.q))
+
+    def start(self, command: Command, t: Array, q: Array, path: Array) -> State:
+        """States (W) at positions q (W, n) whose integrals are path (W, n), with the velocity of the
+        command, at instants t (W,)."""
+        dq, rest = command.velocity(t), np.zeros_like(q)
+        motion = Motion(t, q, dq, rest, command=command, sum=path)
+        z = self.plant.remembered(motion) if self.plant.states else np.zeros((len(t), 0))
+        return State(t, q, dq, rest, z, np.full_like(q, np.nan), path)
+
+    def step(self, state: State, command: Command, h: float) -> State:
+        """One step of h [s] of all states, the drives' stiffness and damping implicit."""
+        half = 0.5 * h
+        dq = state.dq + half * state.ddq
+        q = state.q + half * state.dq + 0.5 * half * half * state.ddq
+        path = state.sum + half * state.q
+        middle = Motion(state.t + half, q, dq, state.ddq, command=command, sum=path)
+        torque = self.drive(middle)
+        path = path + 0.5 * half * half * _PUSH
+        faster = replace(middle, q=q + half * _PUSH, dq=dq + _PUSH, sum=path)
+        fall = (torque - self.drive(faster)) / _PUSH
+        return advance(self.plant, state, torque, h, fall[:, :, None] * np.eye(q.shape[1]))

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.forward import ServoLoop
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.motion import Command
-from sdp_vs_penalty.effects.servo_loop import ServoLoop
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array

@@ -9,8 +9,8 @@ __getattr__ = surface(
         "experiment": "experiments",
         "HiddenRuns": "hidden_runs",
         "MAKERS": "hidden_runs",
-        "Sensor": "simulate",
+        "Sensor": "experiments",
         "engine_types": "engines",
-        "sigmoid_friction": "simulate",
+        "sigmoid_friction": "experiments",
     },
 )

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.forward import Plant, State, advance
-from sdp_vs_penalty.effects.servo_loop import ServoLoop
+from sdp_vs_penalty.effects.forward import Plant, ServoLoop, State, advance
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.drive_torque import driven

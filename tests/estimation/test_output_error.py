@@ -7,7 +7,7 @@ from sdp_vs_penalty import InputError, identify, load_problem
 from sdp_vs_penalty.regression import BlackBox
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation import Sensor
-from sdp_vs_penalty.simulation.simulate import simulate
+from sdp_vs_penalty.simulation.experiments import simulate
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.001,torque_offset"
 

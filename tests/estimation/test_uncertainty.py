@@ -20,7 +20,7 @@ from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot import inertia, random_trajectory
 from sdp_vs_penalty.simulation import Sensor, experiment
-from sdp_vs_penalty.simulation.simulate import simulate
+from sdp_vs_penalty.simulation.experiments import simulate
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 

@@ -9,7 +9,7 @@ from scipy import linalg, signal
 from sdp_vs_penalty import InputError, Measurements, compare, identify, load_problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
-from sdp_vs_penalty.simulation.simulate import innovation_share, simulate
+from sdp_vs_penalty.simulation.experiments import innovation_share, simulate
 
 Array = NDArray[np.float64]
 

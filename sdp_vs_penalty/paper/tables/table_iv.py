@@ -12,7 +12,7 @@ from sdp_vs_penalty.paper.tables.study import FOLDS, TEST_START, TRAIN_STOP, Fro
 from sdp_vs_penalty.paper.tables.table import Cell, Row, Table
 from sdp_vs_penalty.problem.published import box_tables, published_links
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.simulation.simulate import sigmoid_friction
+from sdp_vs_penalty.simulation.experiments import sigmoid_friction
 
 NAME = "IV"
 #: Rows whose sensitivity to the filter is told.
