@@ -389,8 +389,5 @@ def payload_run(
     regressor = Regressor(Model(robot, (Payload(robot),)), np.arange(10), 1.0 / noise)
     rate = independent_rate(estimate)
     found = optimised(regressor, limits, start, "d-optimal", iterations, moving, progress)
-    return PayloadRun(
-        found.trajectory,
-        deviations(regressor.along(found.trajectory, rate)),
-        deviations(regressor.along(start, rate)),
-    )
+    each = (deviations(regressor.along(x, rate)) for x in (found.trajectory, start))
+    return PayloadRun(found.trajectory, *each)

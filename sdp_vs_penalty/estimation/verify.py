@@ -35,14 +35,13 @@ def verify_proof_file(
         raise
     except Exception as error:
         return False, f"refused: {path}: {error or type(error).__name__}"
-    if found is None:
-        said = [f"accepted: {path}: no parameters satisfy all constraints, in exact arithmetic"]
-    else:
+    said = [f"accepted: {path}: no parameters satisfy all constraints, in exact arithmetic"]
+    if found is not None:
         low, high = (float(x) for x in found)
         said = [
-            f"accepted: {path}: the least objective lies in [{low!r}, {high!r}], in exact arithmetic",
-            "proved is this of the numbers in the file; that the model describes the robot is not",
+            f"accepted: {path}: the least objective lies in [{low!r}, {high!r}], in exact arithmetic"
         ]
+        said += ["proved is this of the numbers in the file; that the model describes the robot is not"]
     if model is None:
         return True, "; ".join([*said, "name --model and --data to see what the numbers are made of"])
     if fault := _other_model(proof, model):

@@ -89,8 +89,7 @@ class Robot(Plain):
     @property
     def couplings(self) -> tuple[Array, ...]:
         """(n,) each axis known to turn with several joints, its first entry 1: motors and followers."""
-        rows = [] if self.transmission is None else list(self.transmission.matrix)
-        rows += [] if self.mechanism is None else list(self.mechanism.matrix)
+        rows = [row for part in (self.transmission, self.mechanism) if part for row in part.matrix]
         several = [row for row in rows if np.count_nonzero(row) > 1]
         return tuple(row / row[np.flatnonzero(row)[0]] for row in several)
 

@@ -31,9 +31,8 @@ class SelfCollision:
         with reading(path, LARGEST_TEXT):
             model = pin.buildModelFromUrdf(str(path))
         try:
-            geometry = pin.buildGeomFromUrdf(
-                model, str(path), pin.GeometryType.COLLISION, package_dirs=[str(path.parent)]
-            )
+            shapes, folders = pin.GeometryType.COLLISION, [str(path.parent)]
+            geometry = pin.buildGeomFromUrdf(model, str(path), shapes, package_dirs=folders)
         except (ValueError, RuntimeError):
             return None
         if geometry.ngeoms < 2 or model.nq != n:
@@ -51,15 +50,12 @@ class SelfCollision:
     def _leave_out_what_always_touches(self) -> None:
         low = np.maximum(self.model.lowerPositionLimit, -np.pi)
         high = np.minimum(self.model.upperPositionLimit, np.pi)
-        poses = np.random.default_rng(0).uniform(low, high, (40, self.model.nq))
-        touch = []
-        for q in poses:
+        pairs, touch = list(self.geometry.collisionPairs), []
+        for q in np.random.default_rng(0).uniform(low, high, (40, self.model.nq)):
             pin.computeCollisions(self.model, self.data, self.geometry, self.placed, q, False)
             touch.append([r.isCollision() for r in self.placed.collisionResults])
-        always = np.all(touch, axis=0)
-        for pair, out in zip(list(self.geometry.collisionPairs), always, strict=True):
-            if out:
-                self.geometry.removeCollisionPair(pair)
+        for k in np.flatnonzero(np.all(touch, axis=0)):
+            self.geometry.removeCollisionPair(pairs[k])
         self.placed = self.geometry.createData()
 
     def free(self, q: Array) -> bool:
