@@ -226,16 +226,12 @@ def new_differences(segments: Sequence[Filtered], repeats: Sequence[Repeat]) -> 
 
     Six equal runs make fifteen pairs and not more than five such differences an instant.
     """
-    both, _ = instants(segments, repeats)
-    group = np.arange(
-        sum(len(s.t) for s in segments)
-    )  # each instant's number, or that of one that shares its motion
-    while np.any(group[both[:, 0]] != group[both[:, 1]]):
-        least = np.minimum(*group[both.T])
-        for side in both.T:
-            np.minimum.at(group, group[side], least)
-        group = group[group]
-    return int(np.sum(group != np.arange(len(group))))
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    both, count = instants(segments, repeats)[0], sum(len(s.t) for s in segments)
+    alike = coo_array((np.ones(len(both)), tuple(both.T)), shape=(count, count))
+    return count - int(connected_components(alike, directed=False, return_labels=False))
 
 
 def instants(segments: Sequence[Filtered], repeats: Sequence[Repeat]) -> tuple[NDArray[np.intp], Array]:
