@@ -570,17 +570,18 @@ def clipped(g: Glance) -> Iterator[Issue]:
 
 def quantised(g: Glance, settings: Preprocessing) -> Iterator[Issue]:
     """Noise from rounding, in the band that identification uses, beside the signal itself."""
-    assert settings.state_cutoff is not None
-    cutoff, robot = settings.state_cutoff, g.robot
-    motion, tau = low_passed(g.run, settings, 500)
+    states, torques, robot = settings.state_cutoff, settings.torque_cutoff, g.robot
+    assert states is not None
+    assert torques is not None
+    motion, tau = low_passed(g.run, settings)
     # A second derivative weighs the power of rounding errors with (2 pi f)^4.
-    twice = (2.0 * np.pi * cutoff) ** 2 / np.sqrt(5.0)
+    twice = (2.0 * np.pi * states) ** 2 / np.sqrt(5.0)
     signals = {
-        "q": (motion.ddq, twice, "acceleration", robot.position_units),
-        "tau": (tau, 1.0, "torque", robot.torque_units),
+        "q": (motion.ddq, states, twice, "acceleration", robot.position_units),
+        "tau": (tau, torques, 1.0, "torque", robot.torque_units),
     }
     for name, j, x in (channel for channel in g.channels if g.moving[channel[1]]):
-        signal, weight, seen, units = signals[name.rstrip("0123456789")]
+        signal, cutoff, weight, seen, units = signals[name.rstrip("0123456789")]
         step, size = lattice_step(x), float(np.std(signal[:, j]))
         # They renew themselves when the level changes; the part below the cut-off stays.
         lasts = g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1)

@@ -79,9 +79,14 @@ def servo(result: Estimate, told: dict[str, Any]) -> None:
         units = result.robot.position_units
         apart = (f"{1e3 * x:.3g} m{u}" for x, u in zip(told["motion"], units, strict=True))
         say(f"motion simulated from the command, RMS from the measured: {', '.join(apart)}")
-    model, std = result.model, result.standard_deviations
+    model, error = result.model, told.get("scale_error", 0.0)
+    # The gain that stands for the scale is as uncertain as what set it.
+    std = [
+        error * x if p.name in model.known else s
+        for p, x, s in zip(model.parameters, result.theta, result.standard_deviations, strict=True)
+    ]
     rows = [
-        [p.name, f"{x:.4g}", _spread(p.name in model.known, x, s), plain_unit(p.unit)]
+        [p.name, f"{x:.4g}", _spread(p.name in model.known and not error, x, s), plain_unit(p.unit)]
         for p, x, s, drive in zip(model.parameters, result.theta, std, model.drives, strict=True)
         if drive
     ]

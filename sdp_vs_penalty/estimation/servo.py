@@ -315,6 +315,7 @@ def servo_log(
         "motion": motion.tolist(),
         "known": scale,
         "scale": words_of_scale(known, loads, model.known),
+        "scale_error": error,
     }
     return ServoLog(
         replace(model, known=scale, reference=factor * model.reference), used, details, error

@@ -198,7 +198,10 @@ def _prediction(errors: Errors, forward: str) -> Line:
     percent = "not recorded" if share is None else f"{100.0 * share:.0f} %"
     if share is None or share < MOSTLY_NEW:
         grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
-        said = f"Not judged on unseen motion (new to the model: {percent}): compare it on another motion"
+        known = (
+            "the model does not record its own" if share is None else f"{percent} of this is new to it"
+        )
+        said = f"Not judged on unseen motion ({known}): compare it on another one"
     else:
         far = errors.outside > _OUTSIDE or errors.floor is None
         grade = "do not use" if not beyond <= NO_MODEL else "usable" if far or beyond > CLOSE else "good"

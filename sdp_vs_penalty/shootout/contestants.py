@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import metadata
+from inspect import signature
 from types import ModuleType
 from typing import Any
 
@@ -68,7 +69,7 @@ def contestants() -> dict[str, Contestant]:
     """All of them by name, absent ones included."""
     found = _baselines()
     for name, module in solver_modules().items():
-        own, finest = _conic(name, module), getattr(module, "FINEST", LmiSdp.accuracy)
+        own, finest = _conic(name, module), signature(module.solve).parameters["accuracy"].default
         certified = replace(
             own,
             name=f"{name} certified",

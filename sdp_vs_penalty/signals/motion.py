@@ -35,8 +35,6 @@ _IDLE = 0.1
 #: Rows of a path that are compared with the record at a time, at least; a quarter of all before, so that
 #: a long path takes few looks, and its first periods are enough for the later ones.
 _CHUNK = 200
-#: Pairs of points up to which each is looked at.
-_FEW = 1 << 22
 
 
 @dataclass(frozen=True)
@@ -179,24 +177,22 @@ def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
 
 def _near(points: Array, rows: Array, reach: float) -> NDArray[np.bool_]:
     """(M,) whether rows (M, d) are less than ``reach`` from some point (K, d) in every coordinate."""
-    if len(points) * len(rows) > _FEW:
-        from scipy.spatial import cKDTree  # its import takes longer than few pairs
+    from scipy.spatial import cKDTree
 
-        return np.isfinite(cKDTree(points).query(rows, p=np.inf, distance_upper_bound=reach)[0])
-    row, point = np.nonzero(np.abs(rows[:, :1] - points[:, 0]) < reach)
-    for x, at in zip(rows.T[1:], points.T[1:], strict=True):
-        close = np.abs(x[row] - at[point]) < reach
-        row, point = row[close], point[close]
-    return np.isin(np.arange(len(rows)), row)
+    return np.isfinite(cKDTree(points).query(rows, p=np.inf, distance_upper_bound=reach)[0])
 
 
 def _straight(rows: Array, beside: float) -> Array:
     """Rows between which straight lines pass all the others within ``beside``: halved until they do."""
-    line = rows[0] + np.linspace(0.0, 1.0, len(rows))[:, None] * (rows[-1] - rows[0])
-    if len(rows) < 3 or np.abs(rows - line).max() <= beside:
-        return rows[[0, -1]] if len(rows) > 1 else rows
-    half = len(rows) // 2
-    return np.concatenate([_straight(rows[: half + 1], beside)[:-1], _straight(rows[half:], beside)])
+    each, knots = np.arange(len(rows)), np.unique([0, len(rows) - 1])
+    while len(knots) > 1:
+        line = np.column_stack([np.interp(each, knots, x[knots]) for x in rows.T])
+        off = np.flatnonzero(np.abs(rows - line).max(axis=1) > beside)
+        if not len(off):
+            break
+        far = np.unique(np.searchsorted(knots, off))
+        knots = np.sort(np.append(knots, (knots[far - 1] + knots[far] + 1) // 2))
+    return rows[knots]
 
 
 def _filled(lines: Iterable[Array], spacing: float) -> Array:

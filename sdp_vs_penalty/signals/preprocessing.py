@@ -342,44 +342,22 @@ def rows_per_sample(run: Measurements, settings: Preprocessing) -> float:
 def filtered_torque(run: Measurements, model: Model, settings: Preprocessing) -> Rows:
     """All rows of a run at once."""
     pieces = list(filtered_rows(run, model, settings))
-
-    def join(name: str) -> Array:
-        return np.concatenate([getattr(p.motion, name) for p in pieces])
-
     columns = [
         JointColumns(parts[0].indices, np.concatenate([p.columns for p in parts]))
         for parts in zip(*(p.columns for p in pieces), strict=True)
     ]
-    motion = Motion(join("t"), join("q"), join("dq"), join("ddq"))
-    return Rows(motion, np.concatenate([p.torque for p in pieces]), columns)
+    return Rows(*_joined([(p.motion, p.torque) for p in pieces]), columns)
 
 
-def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[Motion, Array]:
-    """At most so many evenly spread instants of one run: states and torque, low-passed.
+def low_passed(run: Measurements, settings: Preprocessing) -> tuple[Motion, Array]:
+    """States and torque (M, n) at the rows of one run, without columns: enough to judge data. Raises
+    InputError for short runs."""
+    return _joined([(p.rows, p.torque) for p in _pieces(run, settings, False, None)])
 
-    The torque passes the kernel that the position passes, and columns are computed from the states
-    as they are: cheaper than :func:`filtered_rows`, and equal to it for slow motion. Enough to
-    judge data, not to identify from. Stand-still is dropped. Raises InputError for short runs.
-    """
-    filters = RunFilter(run, settings)
-    kernel = filters.state
-    width = 2 * kernel.half + 1
-    places = filters.moving(kernel.half)
-    count = sum(len(k) for _, k in places)
-    if count == 0:
-        raise no_rows(run, (width - 1) * filters.dt)
-    pieces = []
-    for part, k in places:
-        own = k[:: -(-count // rows)]
-        # Only what the kernel reaches of a long run is looked at.
-        for at in np.split(own, np.flatnonzero(np.diff(own) > width) + 1):
-            if len(at):
-                begin, end = at[0] - kernel.half, at[-1] + kernel.half + 1
-                states = kernel.states(part.resampled(part.q, begin, end))
-                smooth, *_ = kernel.states(part.resampled(part.tau, begin, end))
-                pieces.append((part.clock(at), *(x[at - at[0]] for x in (*states, smooth))))
-    t, q, dq, ddq, tau = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
-    return Motion(t, q, dq, ddq), tau
+
+def _joined(pieces: Sequence[tuple[Motion, Array]]) -> tuple[Motion, Array]:
+    states = zip(*((m.t, m.q, m.dq, m.ddq) for m, _ in pieces), strict=True)
+    return Motion(*map(np.concatenate, states)), np.concatenate([torque for _, torque in pieces])
 
 
 def no_rows(run: Measurements, seconds: float) -> InputError:

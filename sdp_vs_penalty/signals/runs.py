@@ -41,8 +41,7 @@ def _steps(t: Array) -> Array:
     if len(t) <= _MOST_STEPS:
         return np.diff(t)
     starts = np.linspace(0, len(t) - PART, _MOST_STEPS // PART).astype(int)
-    out = np.concatenate([np.diff(t[k : k + PART]) for k in starts])
-    return out
+    return np.concatenate([np.diff(t[k : k + PART]) for k in starts])
 
 
 def moving_joints(run: Measurements) -> NDArray[np.bool_]:

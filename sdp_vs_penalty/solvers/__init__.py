@@ -4,8 +4,9 @@ NAME : on the command line; EXTRA : what installs it (None: the core installatio
 ("package", module) or ("program", command) without which it is absent; CONES : what it takes, after
 rewriting where it lacks quadratic objectives, equalities or second-order cones; options(accuracy), what
 the solver is told. Where they are needed: warm_up(), what a first call pays for; licence(), why it
-must not run; SYSTEM_PACKAGE, Debian's name of a program's package; FINEST, what a loop around it
-may ask; VARIANTS, further parameter sets of its manual, the third argument of solve() and options().
+must not run; SYSTEM_PACKAGE, Debian's name of a program's package; VARIANTS, further parameter
+sets of its manual, the third argument of solve() and options(). What solve() asks for by default is the
+finest that a loop around it may ask.
 """
 
 from __future__ import annotations

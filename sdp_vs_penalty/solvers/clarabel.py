@@ -31,7 +31,7 @@ def options(accuracy: float) -> dict[str, Any]:
     return {"tol_gap_abs": accuracy, "tol_gap_rel": accuracy, "tol_feas": accuracy}
 
 
-def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+def solve(problem: ConicProblem, accuracy: float = 1e-10) -> Solution:
     """Solve to the accuracy asked for (relative gap and feasibility)."""
     import clarabel
 

@@ -33,6 +33,6 @@ def options(accuracy: float) -> dict[str, Any]:
     return {"RelGap": accuracy, "FeasTol": accuracy, "DualTol": accuracy}
 
 
-def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+def solve(problem: ConicProblem, accuracy: float = 1e-10) -> Solution:
     """Solve to the accuracy asked for (relative gap and feasibility)."""
     return through_cvxpy.solve(problem, "COPT", options(accuracy))

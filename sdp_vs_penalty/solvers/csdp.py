@@ -6,15 +6,13 @@ import re
 from typing import Any
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-from sdp_vs_penalty.solvers.programs import read_solution, run_program
+from sdp_vs_penalty.solvers.programs import run_program
 
 NAME = "csdp"
 EXTRA = "a system package: coinor-csdp"
 REQUIRES = ("program", "csdp")
 SYSTEM_PACKAGE = "coinor-csdp"
 CONES = frozenset({"nonnegative", "psd"})
-#: What it asks of itself by default; what our loop asks of it.
-FINEST = 1e-8
 
 #: Its exit codes. Our problem is the one that CSDP calls the dual.
 _CLAIMS = ("optimal", "unbounded", "infeasible", "inaccurate")
@@ -43,16 +41,10 @@ def options(accuracy: float) -> dict[str, Any]:
     return {"axtol": accuracy, "atytol": accuracy, "objtol": accuracy, "maxiter": 200}
 
 
-def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+def solve(problem: ConicProblem, accuracy: float = 1e-8) -> Solution:
     """Solve to the accuracy asked for (feasibility and gap)."""
     files = {"param.csdp": _PARAMETERS.format(**options(accuracy))}
-    return run_program(
-        problem,
-        ["csdp", "problem.dat-s", "solution"],
-        files,
-        _judge,
-        lambda folder, lmi: read_solution(folder / "solution", lmi),
-    )
+    return run_program(problem, ["csdp", "problem.dat-s", "solution"], files, _judge)
 
 
 def _judge(text: str, code: int) -> tuple[str, str, int]:

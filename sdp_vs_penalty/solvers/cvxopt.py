@@ -15,8 +15,6 @@ NAME = "cvxopt"
 EXTRA = "solvers"
 REQUIRES = ("package", "cvxopt")
 CONES = frozenset({"zero", "nonnegative", "soc", "psd"})
-#: What it asks of itself by default; what our loop asks of it.
-FINEST = 1e-7
 
 _CLAIMS = {
     "optimal": "optimal",
@@ -31,7 +29,7 @@ def options(accuracy: float) -> dict[str, Any]:
     return {"abstol": accuracy, "reltol": accuracy, "feastol": accuracy, "maxiters": 200}
 
 
-def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+def solve(problem: ConicProblem, accuracy: float = 1e-7) -> Solution:
     """Solve to the accuracy asked for (absolute and relative gap, feasibility)."""
     import cvxopt
     from cvxopt import solvers

@@ -6,15 +6,13 @@ import re
 from typing import Any
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-from sdp_vs_penalty.solvers.programs import read_solution, run_program
+from sdp_vs_penalty.solvers.programs import run_program
 
 NAME = "dsdp"
 EXTRA = "a system package: dsdp"
 REQUIRES = ("program", "dsdp5")
 SYSTEM_PACKAGE = "dsdp"
 CONES = frozenset({"nonnegative", "psd"})
-#: What it asks of itself by default; what our loop asks of it.
-FINEST = 1e-6
 
 
 def options(accuracy: float) -> dict[str, Any]:
@@ -22,16 +20,10 @@ def options(accuracy: float) -> dict[str, Any]:
     return {"gaptol": accuracy, "maxit": 1000}
 
 
-def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+def solve(problem: ConicProblem, accuracy: float = 1e-6) -> Solution:
     """Solve to the accuracy asked for (relative gap)."""
     chosen = [word for key, value in options(accuracy).items() for word in (f"-{key}", str(value))]
-    return run_program(
-        problem,
-        ["dsdp5", "problem.dat-s", "-save", "solution", *chosen],
-        {},
-        _judge,
-        lambda folder, lmi: read_solution(folder / "solution", lmi),
-    )
+    return run_program(problem, ["dsdp5", "problem.dat-s", "-save", "solution", *chosen], {}, _judge)
 
 
 def _judge(text: str, code: int) -> tuple[str, str, int]:

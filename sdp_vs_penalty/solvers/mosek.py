@@ -35,6 +35,6 @@ def options(accuracy: float) -> dict[str, Any]:
     }
 
 
-def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+def solve(problem: ConicProblem, accuracy: float = 1e-10) -> Solution:
     """Solve to the accuracy asked for (relative gap and feasibility)."""
     return through_cvxpy.solve(problem, "MOSEK", {"mosek_params": options(accuracy)})

@@ -22,12 +22,34 @@ Judge = Callable[[str, int], tuple[str, str, int]]
 Reader = Callable[[Path, ConicProblem], tuple[Array, Array] | None]
 
 
+def read_solution(folder: Path, problem: ConicProblem) -> tuple[Array, Array] | None:
+    """x and z of "solution" in the format of CSDP, which DSDP shares: matrix 1 is Z, matrix 2 X."""
+    try:
+        lines = (folder / "solution").read_text().splitlines()
+        x = np.array([float(word) for word in lines[0].split()])
+        entries = np.array(
+            [[float(word) for word in line.split()] for line in lines[1:] if line.strip()]
+        )
+    except (OSError, ValueError, IndexError):
+        return None
+    if len(x) != len(problem.q):
+        return None
+    z, (block, i, j, factor) = np.zeros(len(problem.b)), svec_entries(problem.cones)
+    rows = {place: k for k, place in enumerate(zip(block, i, j, strict=True))}
+    for matrix, number, *place, value in entries.reshape(-1, 5):
+        if int(matrix) == 2:
+            low, high = sorted(int(x) - 1 for x in place)
+            k = rows[int(number) - 1, low, high]
+            z[k] = value / factor[k]
+    return x, z
+
+
 def run_program(
     problem: ConicProblem,
     command: Sequence[str],
     files: dict[str, str],
     judge: Judge,
-    reader: Reader,
+    reader: Reader = read_solution,
 ) -> Solution:
     """Write problem.dat-s and the program's own files into a fresh folder, run it there, read back."""
     start = time.perf_counter()
@@ -55,25 +77,3 @@ def run_program(
     x, z = lmi.back(*answer)
     seen = (lmi.problem, *answer)
     return Solution(x, z, claims, status, iterations, ready - start, end - ready, seen)
-
-
-def read_solution(file: Path, problem: ConicProblem) -> tuple[Array, Array] | None:
-    """x and z of a solution in the format of CSDP, which DSDP shares: matrix 1 is Z, matrix 2 X."""
-    try:
-        lines = file.read_text().splitlines()
-        x = np.array([float(word) for word in lines[0].split()])
-        entries = np.array(
-            [[float(word) for word in line.split()] for line in lines[1:] if line.strip()]
-        )
-    except (OSError, ValueError, IndexError):
-        return None
-    if len(x) != len(problem.q):
-        return None
-    z, (block, i, j, factor) = np.zeros(len(problem.b)), svec_entries(problem.cones)
-    rows = {place: k for k, place in enumerate(zip(block, i, j, strict=True))}
-    for matrix, number, *place, value in entries.reshape(-1, 5):
-        if int(matrix) == 2:
-            low, high = sorted(int(x) - 1 for x in place)
-            k = rows[int(number) - 1, low, high]
-            z[k] = value / factor[k]
-    return x, z

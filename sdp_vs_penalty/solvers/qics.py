@@ -34,7 +34,7 @@ def options(accuracy: float) -> dict[str, Any]:
     return {"tol_gap": accuracy, "tol_feas": accuracy, "max_iter": 200}
 
 
-def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+def solve(problem: ConicProblem, accuracy: float = 1e-10) -> Solution:
     """Solve to the accuracy asked for (gap and feasibility)."""
     import qics
 

@@ -17,8 +17,6 @@ EXTRA = "solvers"
 REQUIRES = ("package", "scs")
 CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
 
-#: What our loop asks of a first-order method.
-FINEST = 1e-7
 
 _CLAIMS = {1: "optimal", 2: "inaccurate", -1: "unbounded", -2: "infeasible", -6: "unbounded"}
 _CLAIMS[-7] = "infeasible"
@@ -33,7 +31,7 @@ def options(accuracy: float) -> dict[str, Any]:
     return {"eps_abs": accuracy, "eps_rel": accuracy, "max_iters": 100_000}
 
 
-def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+def solve(problem: ConicProblem, accuracy: float = 1e-7) -> Solution:
     """Solve to the accuracy asked for (absolute and relative residuals)."""
     import scs
 

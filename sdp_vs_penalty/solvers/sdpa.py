@@ -33,7 +33,7 @@ def options(accuracy: float) -> dict[str, Any]:
     return {"epsilonStar": accuracy, "epsilonDash": accuracy, "maxIteration": 200}
 
 
-def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+def solve(problem: ConicProblem, accuracy: float = 1e-10) -> Solution:
     """Solve to the accuracy asked for (gap and feasibility)."""
     import sdpap
 

@@ -17,8 +17,6 @@ NAME = "sdpa-program"
 EXTRA = "a system package: sdpa"
 REQUIRES = ("program", "sdpa")
 CONES = frozenset({"nonnegative", "psd"})
-#: What it asks of itself by default; what our loop asks of it.
-FINEST = 1e-7
 
 _DEFAULT = {"lambdaStar": 1e2, "betaStar": 0.1, "betaBar": 0.2, "gammaStar": 0.9}
 #: The other two parameter sets of its manual (-pt 1 and -pt 2).
@@ -56,7 +54,7 @@ def options(accuracy: float, variant: str = "") -> dict[str, Any]:
     return told | VARIANTS.get(variant, _DEFAULT)
 
 
-def solve(problem: ConicProblem, accuracy: float = 1e-9, variant: str = "") -> Solution:
+def solve(problem: ConicProblem, accuracy: float = 1e-7, variant: str = "") -> Solution:
     """Solve to the accuracy asked for (gap and feasibility)."""
     files = {"param.sdpa": _PARAMETERS.format(**options(accuracy, variant))}
     command = ["sdpa", "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa", "-numThreads", "1"]

@@ -233,15 +233,6 @@ def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name
     assert a_body == (name == "payload")
 
 
-@EVERY_EFFECT
-def test_what_worlds_hide_can_be_found(name):
-    """A new effect may do without a world that states it again; what a world states is searched for."""
-    robot = robots()["arm"]
-    kind = effect_types()[name]
-    found = bool(kind.candidates(robot, None if kind.whole_robot else 1))
-    assert found or name not in MAKERS, f"{name}: hiding it is of no use where no search finds it"
-
-
 @pytest.mark.parametrize("name", MAKERS)
 def test_columns_are_the_hidden_torque(name):
     check_columns_are_the_hidden_torque(name)

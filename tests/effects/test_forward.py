@@ -84,21 +84,6 @@ def test_a_block_that_is_pushed_below_its_friction_stays_and_slides_above_it(h):
     )
 
 
-def test_as_a_stiff_solver_has_it():
-    """One joint with a smooth sign, against scipy's Radau on the equation written down again."""
-    p = plant("emps", "rigid_body,viscous_friction,coulomb_friction@v_s=0.001", coulomb_friction=20.0)
-    mass, h = float(p.mass(np.zeros((1, 1)))[0, 0, 0]), 1e-3
-
-    def f(t: float, x: Array) -> list[float]:
-        friction = SIZES["viscous_friction"] * x[1] + 20.0 * np.tanh(x[1] / 0.001)
-        return [x[1], (60.0 * np.sin(6.0 * t) - friction) / mass]
-
-    exact = solve_ivp(f, (0.0, 1.0), [0.3, 0.0], method="Radau", rtol=1e-8, atol=1e-10).y[0, -1]
-    t = h * (np.arange(1000) + 0.5)
-    ours = run(p, at_rest(p), 60.0 * np.sin(6.0 * t)[:, None], h).q[0, 0]
-    assert ours == pytest.approx(exact, abs=2e-3 * abs(exact - 0.3))
-
-
 def test_friction_that_follows_the_load_follows_that_of_the_links_alone():
     """u = m a + f v + 0.3 |m a| sign(v), v > 0 and a > 0 throughout: 1.3 m a = u - f v."""
     sizes = {"viscous_friction": 500.0, "load_dependent_friction": 0.3}
