@@ -218,6 +218,11 @@ class Likelihood:
         parts = [full[:, a:b] for a, b in pairwise(edges.tolist())]
         return np.stack([np.swapaxes(p, 1, 2) @ p for p in parts]), rows.basis.shape[2]
 
+    def equations(self, repair: Repair, more: Array | None = None) -> Equations:
+        """Of the whole log."""
+        parts, k = self.parts(repair, 1, more)
+        return Equations.of_part(parts[0], k)
+
     def scores(self, repairs: Sequence[Repair]) -> list[Score]:
         """One arm fitted to each; those of one motion side by side."""
         groups: dict[Repair, list[int]] = {}

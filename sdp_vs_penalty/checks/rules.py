@@ -134,9 +134,6 @@ def _deleted(
     yield Issue(kind, severity, where, what, sure, remedy, lambda r: r.rows(~gone), figures)
 
 
-# -- the clock --------------------------------------------------------------------------------------
-
-
 def missing(g: Glance) -> Iterator[Issue]:
     parts = {"t": g.run.t[:, None], **g.run.groups}.items()  # nan compares false
     finite = np.all([np.all(np.abs(x) <= LARGEST_VALUE[k], axis=1) for k, x in parts], axis=0)
@@ -269,9 +266,6 @@ def jumps(g: Glance) -> Iterator[Issue]:
                 "no action needed: the run is split there, and the filters lose a second on either side",
                 None, figures | {"step": g.step, "total": float(steps.sum())},
             )  # fmt: skip
-
-
-# -- rows and channels of a motion --------------------------------------------------------------------
 
 
 def wrapped(g: Glance) -> Iterator[Issue]:
@@ -478,9 +472,6 @@ def _stuck(g: Glance, j: int, x: Array, position: bool) -> Rows:
         clipped = x[a] in (x.min(), x.max())  # stays at its end
         bad[a : b + 1] |= long and not clipped and not by_itself and jump >= level
     return bad
-
-
-# -- what channels can show -----------------------------------------------------------------------
 
 
 def idle(g: Glance) -> Iterator[Issue]:

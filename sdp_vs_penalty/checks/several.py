@@ -52,7 +52,7 @@ def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[in
         return
     fits, repairs, names = zip(*logs, strict=True)
     samples = float(np.mean([s.samples for s in fits]))
-    runs = [_equations(s, r) for s, r in zip(fits, repairs, strict=True)]
+    runs = [s.equations(r) for s, r in zip(fits, repairs, strict=True)]
     asked = np.stack([s.moving for s in fits])
     alone = np.stack([x.fitted(a)[1][:, 0] for x, a in zip(runs, asked, strict=True)])
     theta, one = _one_arm(runs, asked)
@@ -68,7 +68,7 @@ def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[in
         for kind, j, more in _changes(fits[odd], repairs[odd], theta):
             count = more.shape[2]
             some = [_widened(r, count) for r in runs]
-            some[odd] = _equations(fits[odd], repairs[odd], more)
+            some[odd] = fits[odd].equations(repairs[odd], more)
             cost = choices(2 * (1 if count > 1 else fits[odd].n)) + 0.5 * count * np.log(samples)
             causes.append((gain(_one_arm(some, asked)[1]) - cost, odd, kind, j, more))
     value, odd, kind, j, more = max(causes, key=lambda cause: cause[0])
@@ -122,11 +122,6 @@ def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[st
     if log.data.shared is not None:
         last = log.shared(repair, log.motion(repair))[:, :, log.data.shared.rigid_indices[-10:]]
         yield "another load", log.n - 1, log.heard(repair)[:, :, None] * last
-
-
-def _equations(log: Likelihood, repair: Repair, more: Array | None = None) -> Equations:
-    parts, k = log.parts(repair, 1, more)
-    return Equations.of_part(parts[0], k)
 
 
 def _widened(run: Equations, count: int) -> Equations:

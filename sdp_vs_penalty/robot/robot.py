@@ -257,9 +257,9 @@ class Robot(Plain):
         """
         states = self.tree_state(q, dq, ddq)
         out = np.empty((len(states[0]), len(self.tree), 10 * len(self.tree)))
-        model, data = self._model, self._model.createData()
+        made, model, data = self._pin.computeJointTorqueRegressor, self._model, self._model.createData()
         for k, row in enumerate(zip(*states, strict=True)):
-            out[k] = self._pin.computeJointTorqueRegressor(model, data, *row)
+            out[k] = made(model, data, *row)
         blocks = self._projected(out).reshape(len(out), self.n, -1, 10)
         if self.mechanism is not None:
             blocks = blocks[:, :, list(self.link_joints)]
@@ -283,10 +283,10 @@ class Robot(Plain):
 
     def inverse_dynamics(self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Joint torques (N, n) of rigid links by recursive Newton-Euler; theta has 10 a link."""
-        model = self._with_inertias(theta)
+        model, rnea = self._with_inertias(theta), self._pin.rnea
         data = model.createData()
         rows = zip(*self.tree_state(q, dq, ddq), strict=True)
-        return self._projected(np.stack([self._pin.rnea(model, data, *row) for row in rows]))
+        return self._projected(np.stack([rnea(model, data, *row) for row in rows]))
 
     def inverse_dynamics_derivatives(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
@@ -301,10 +301,10 @@ class Robot(Plain):
             by_q, by_dq, by_ddq = (np.subtract(a, b) for a, b in zip(*both, strict=True))
             return by_q, by_dq, by_ddq
         model, states = self._with_inertias(theta), self.tree_state(q, dq, ddq)
-        data = model.createData()
+        data, derive = model.createData(), self._pin.computeRNEADerivatives
         by_q, by_dq, by_ddq = np.empty((3, len(states[0]), len(self.tree), len(self.tree)))
         for k, row in enumerate(zip(*states, strict=True)):
-            self._pin.computeRNEADerivatives(model, data, *row)
+            derive(model, data, *row)
             by_q[k], by_dq[k], by_ddq[k] = data.dtau_dq, data.dtau_dv, data.M
         by_q, by_dq, by_ddq = (self._projected(x, True) for x in (by_q, by_dq, _symmetric(by_ddq)))
         return by_q, by_dq, by_ddq

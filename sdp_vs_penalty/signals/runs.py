@@ -168,7 +168,7 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
 def stretches(run: Measurements) -> Iterator[Stretch]:
     """The uninterrupted parts of a run: a time step above 20 usual ones (at least 50 ms) is a gap."""
     dt = 1.0 / sample_rate(run)
-    pause = max(20.0 * dt, 0.05)
+    pause = max(20.0 * dt, _PAUSE)
     found = [k + np.flatnonzero(np.diff(t) > pause) for k, t in parts(run.t, overlap=1)]
     breaks = np.concatenate(found) + 1
     for start, stop in zip([0, *breaks], [*breaks, len(run.t)], strict=True):

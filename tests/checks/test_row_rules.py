@@ -1,5 +1,7 @@
 """Copies, freezes and skips: told where they were made, and not where a coarse sensor looks like one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,10 +30,6 @@ def motion(
     return Measurements(t, stepped(q, encoder).T, stepped(tau, torque).T, measured.T)
 
 
-def only(run: Measurements, **blocks: np.ndarray | None) -> Measurements:
-    return Measurements(run.t, **{"q": run.q, "tau": run.tau, "dq": run.dq, **blocks})
-
-
 def found(kind: str, run: Measurements) -> Issue | None:
     """What the rules, each by itself, say of that kind of a run."""
     said = (issue for rule in MOTION for issue in rule(Glance(run, ROBOT, STANDSTILL)))
@@ -47,7 +45,7 @@ def told(run: Measurements) -> tuple[list[Issue], Measurements]:
 def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity):
     """Many rows are equal one period later by chance; a part that is in the file twice still is told."""
     clean = motion(encoder=2.0 * np.pi / 4096, torque=0.1, noise=0.1)
-    clean = clean if velocity else only(clean, dq=None)
+    clean = clean if velocity else replace(clean, dq=None)
     lag = int(PERIOD * RATE)
     same = np.all(clean.q[lag:] == clean.q[:-lag], axis=1) & np.all(
         clean.tau[lag:] == clean.tau[:-lag], axis=1
@@ -61,7 +59,7 @@ def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity):
     issue = found("repeated run", copied)
     assert (issue.figures["rows"], issue.figures["lag"]) == (1000, 1500)
     # The same positions and torques with other velocities are no copies.
-    other = only(copied, dq=motion(4).dq[: len(rows)])
+    other = replace(copied, dq=motion(4).dq[: len(rows)])
     assert found("repeated run", other) is None
 
 
@@ -73,14 +71,14 @@ def test_a_coarse_torque_keeps_its_value_until_dry_friction_turns(seed, step):
     assert clean.dq is not None
     load = 1.5 * np.sin(2.6 * np.pi * clean.t / clean.t[-1] + seed)[:, None]
     tau = 2.4 * np.sign(clean.dq) + 0.2 * clean.dq + load + 0.02 * rng.normal(size=clean.q.shape)
-    assert found("frozen torque", only(clean, tau=stepped(tau, step))) is None
+    assert found("frozen torque", replace(clean, tau=stepped(tau, step))) is None
 
 
 def test_a_torque_in_steps_that_froze_is_told():
     fine = motion(torque=0.1)
     tau = fine.tau.copy()
     tau[2050:2320, 1] = tau[2050, 1]
-    issue = found("frozen torque", only(fine, tau=tau))
+    issue = found("frozen torque", replace(fine, tau=tau))
     assert issue.figures["joints"] == [2]
 
 
@@ -91,7 +89,7 @@ def test_packets_that_froze_are_no_rows_lost(length):
     rows = np.arange(len(clean.t))
     for k in range(200, 5800, 500):
         rows[k : k + length] = k
-    issues, fixed = told(only(clean, q=clean.q[rows], tau=clean.tau[rows], dq=clean.dq[rows]))
+    issues, fixed = told(replace(clean, q=clean.q[rows], tau=clean.tau[rows], dq=clean.dq[rows]))
     kinds = ["frozen packets"] if length >= 10 else []
     assert [f.kind for f in issues if "gap" not in f.kind] == kinds
     np.testing.assert_array_equal(fixed.t, clean.t[np.isin(clean.t, fixed.t)])

@@ -192,9 +192,9 @@ class Length(Transformation):
                 yield at(now.longer[j] + float(np.clip(step, -0.7 * unit, 0.7 * unit)))
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
-        unit, text = _length(log), "{:.4g} m".format
         for j in np.flatnonzero(repair.longer).tolist():
-            x, how = repair.longer[j], "farther from" if repair.longer[j] > 0.0 else "nearer to"
+            x, unit, text = repair.longer[j], _length(log), "{:.4g} m".format
+            how = "farther from" if x > 0.0 else "nearer to"
             yield Element(
                 "link length", "warning", (j,),
                 f"joint {j + 1} is {text(abs(x))} {how} joint {j} than in the robot's kinematics.",
