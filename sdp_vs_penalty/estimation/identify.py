@@ -170,8 +170,7 @@ def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
 
 def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     """The estimate, moved into the feasible set where the method promises that, and its certificate."""
-    theta = fit.theta
-    upper = lower = gap = None
+    theta, upper, lower, gap = fit.theta, None, None, None
     if fit.multipliers is not None and fit.interior is not None:
         theta = repair(fit.constraints, theta, fit.interior)
         written = feasible_point(fit.constraints.convex, theta, fit.interior, as_written=True)
@@ -318,10 +317,9 @@ def identify(
 
 def _check_method(estimator: Estimator, refined: bool, black_box: bool, proof: bool) -> None:
     """InputError where method, data and a wanted proof do not fit each other."""
-    if estimator.needs_black_box and not black_box:
-        said = f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix"
-        raise InputError(said, "choose another method for measured runs")
+    needs = f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix"
     for wrong, what in (
+        (estimator.needs_black_box and not black_box, needs),
         (refined and proof, "proof: a simulation's error is not convex: leave it out, or take lmi-sdp"),
         (black_box and proof, "proof: a black box's answers are fitted without constraints"),
         (black_box and refined, f"method {OUTPUT_ERROR} needs measured runs"),

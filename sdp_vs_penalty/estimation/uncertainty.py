@@ -63,16 +63,13 @@ def intervals_of(
 ) -> tuple[Interval, ...]:
     """figures (3, k) : values, least squares and standard deviations."""
     out = []
-    for k, (name, unit) in enumerate(zip(names, units, strict=True)):
-        value, least, std = (float(x) for x in figures[:, k])
-        if np.isnan(std):
-            out.append(Interval(name, unit, value))
-            continue
-        half = NORMAL_95 * std
-        low, high = max(least - half, limits[k, 0]), min(least + half, limits[k, 1])
-        low, high = min(low, value), max(high, value)
-        verdict = _verdict(half, abs(least), float(sizes[k]))
-        out.append(Interval(name, unit, value, std, float(low), float(high), verdict))
+    rows = zip(names, units, figures.T.tolist(), limits.tolist(), sizes.tolist(), strict=True)
+    for name, unit, (value, least, std), (lowest, highest), size in rows:
+        half, one = NORMAL_95 * std, Interval(name, unit, value)
+        if not np.isnan(std):
+            low, high = min(max(least - half, lowest), value), max(min(least + half, highest), value)
+            one = replace(one, std=std, lower=low, upper=high, verdict=_verdict(half, abs(least), size))
+        out.append(one)
     return tuple(out)
 
 

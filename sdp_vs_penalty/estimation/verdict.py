@@ -198,9 +198,8 @@ def _prediction(errors: Errors, forward: str) -> Line:
     percent = "not recorded" if share is None else f"{100.0 * share:.0f} %"
     if share is None or share < MOSTLY_NEW:
         grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
-        known = (
-            "the model does not record its own" if share is None else f"{percent} of this is new to it"
-        )
+        own = "the model does not record its own"
+        known = own if share is None else f"{percent} of this is new to it"
         said = f"Not judged on unseen motion ({known}): compare it on another one"
     else:
         far = errors.outside > _OUTSIDE or errors.floor is None

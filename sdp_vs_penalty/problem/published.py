@@ -94,10 +94,10 @@ def published_links(problem: Problem, column: str, corrected: bool = True) -> Ar
             f"problem {problem.name}: no published parameters {column!r}", "choose another problem"
         )
     rows = []
-    for link in range(problem.robot.n):
+    for link, box in enumerate(problem.box):
         entries = np.array([values[name] for name in barycentric_names(link + 1)])
         empty = np.isnan(entries)
-        entries[empty] = problem.box[link][empty].mean(axis=1)
+        entries[empty] = box[empty].mean(axis=1)
         rows.append(entries)
     return inertia.standard_from_barycentric(rows)
 
@@ -105,9 +105,8 @@ def published_links(problem: Problem, column: str, corrected: bool = True) -> Ar
 def published_friction(problem: Problem, table: str) -> Array:
     """(n, 3) phi_1, phi_2, phi_3 of a table with one row a constant and one column a joint."""
     rows = {row["parameter"]: row for row in problem.published[table]}
-    return np.array(
-        [[float(rows[f"phi_{k}"][f"joint_{j + 1}"]) for k in (1, 2, 3)] for j in range(problem.robot.n)]
-    )
+    joints = [f"joint_{j + 1}" for j in range(problem.robot.n)]
+    return np.array([[float(rows[f"phi_{k}"][joint]) for k in (1, 2, 3)] for joint in joints])
 
 
 def published_trajectory(problem: Problem, settings: Mapping[str, Any]) -> FourierTrajectory:

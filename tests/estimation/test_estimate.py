@@ -131,4 +131,4 @@ def test_a_file_without_the_training_motion_loads_and_says_so(two_link, tmp_path
     (tmp_path / "old.json").write_text(json.dumps(old))
     judged = compare(tmp_path / "old.json", run)[0]
     assert judged.new_motion_share is None
-    assert "not recorded" in repr(judged)
+    assert "the model does not record its own" in repr(judged)

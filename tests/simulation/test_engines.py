@@ -9,7 +9,7 @@ import pytest
 from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.paper.tables import table_v
 from sdp_vs_penalty.problem import published_links
-from sdp_vs_penalty.robot import Joint, Robot, inertia
+from sdp_vs_penalty.robot import Joint, Robot, inertia, joint_limits
 from sdp_vs_penalty.simulation import engine_types
 from sdp_vs_penalty.simulation.engines.comparison import Sinusoids, inverse_dynamics_error, play
 from sdp_vs_penalty.simulation.engines.engine import Engine
@@ -77,6 +77,13 @@ def test_a_rod_is_refused_by_name(name, two_link):
     links[0] = inertia.standard_from_barycentric([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])
     with pytest.raises(InputError, match="link 1"):
         present(name)(two_link.robot, links)
+
+
+def test_sinusoids_stay_within_the_limits(panda):
+    lower, upper, velocity = joint_limits(panda.robot)
+    q, dq, _ = Sinusoids.over_range(panda.robot).states(np.linspace(0.0, 60.0, 20000))
+    assert np.all((lower <= q) & (q <= upper) & (np.abs(dq) <= velocity))
+    assert np.all(np.ptp(q, axis=0) > 0.85 * (upper - lower))
 
 
 def test_an_absent_engine_is_listed_as_absent(two_link, monkeypatch):
