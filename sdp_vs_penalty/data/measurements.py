@@ -104,10 +104,8 @@ class Measurements(Shown):
 
     @cached_property
     def _runs(self) -> list[Measurements]:
-        assert self.run is not None
-        return self._split(self.run)
-
-    def _split(self, run: NDArray[np.int64]) -> list[Measurements]:
+        run = self.run
+        assert run is not None
         if all(np.all(np.diff(part) >= 0) for _, part in parts(run, overlap=1)):
             # One after the other: views, no copies.
             edges = np.searchsorted(run, np.arange(len(self.names) + 1))

@@ -356,8 +356,9 @@ def low_passed(run: Measurements, settings: Preprocessing) -> tuple[Motion, Arra
 
 
 def _joined(pieces: Sequence[tuple[Motion, Array]]) -> tuple[Motion, Array]:
-    states = zip(*((m.t, m.q, m.dq, m.ddq) for m, _ in pieces), strict=True)
-    return Motion(*map(np.concatenate, states)), np.concatenate([torque for _, torque in pieces])
+    every = ((m.t, m.q, m.dq, m.ddq, torque) for m, torque in pieces)
+    t, q, dq, ddq, torque = (np.concatenate(parts) for parts in zip(*every, strict=True))
+    return Motion(t, q, dq, ddq), torque
 
 
 def no_rows(run: Measurements, seconds: float) -> InputError:
