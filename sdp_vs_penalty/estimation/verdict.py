@@ -201,6 +201,8 @@ def _prediction(errors: Errors, forward: str) -> Line:
         own = "the model does not record its own"
         known = own if share is None else f"{percent} of this is new to it"
         said = f"Not judged on unseen motion ({known}): compare it on another one"
+        if grade == "do not use":
+            said = f"{beyond:.3g} % relative error beyond the noise already here. {said}"
     else:
         far = errors.outside > _OUTSIDE or errors.floor is None
         grade = "do not use" if not beyond <= NO_MODEL else "usable" if far or beyond > CLOSE else "good"
