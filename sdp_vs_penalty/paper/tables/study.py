@@ -6,7 +6,7 @@ import re
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -16,7 +16,13 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.cross_validation import CrossValidation, FoldData, Split, split_by_phase
+from sdp_vs_penalty.estimation.cross_validation import (
+    CrossValidation,
+    Fold,
+    FoldData,
+    Split,
+    split_by_phase,
+)
 from sdp_vs_penalty.estimation.identify import certify, identify
 from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.estimators import estimator_types
@@ -200,7 +206,7 @@ class Study:
             self.progress(f"folds by phase, {method if isinstance(method, str) else method.name}")
             split, folds = self._folds(own)
             estimator = self.estimator(method)
-            judged = [None if data is None else data.judged(estimator) for data in folds]
+            judged = self.workers.map(partial(_judged, estimator), folds)
             self._made[key] = split.result(estimator, judged)
         return cast(CrossValidation, self._made[key])
 
@@ -337,6 +343,10 @@ def _estimated(given: tuple[Estimator, Task]) -> Result:
     seconds = time.perf_counter() - begin
     theta, certificate = certify(task, fit)
     return Result(theta, certificate, seconds, fit.details)
+
+
+def _judged(estimator: Estimator, data: FoldData | None) -> Fold | None:
+    return None if data is None else data.judged(estimator)
 
 
 def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:
