@@ -349,6 +349,23 @@ def doubled(g: Glance) -> Iterator[Issue]:
     )  # fmt: skip
 
 
+def end_stops(g: Glance) -> Iterator[Issue]:
+    """Rows in which a joint is told to go beyond its range and does not: its stop holds it, whose torque
+    no model has. Where it follows the command, the range is not where the stop is."""
+    told, bad = g.run.commanded.get("qcmd", g.run.q), {}
+    for j, joint in enumerate(g.robot.joints):
+        beyond, asked = (
+            np.maximum(joint.lower - x[:, j], x[:, j] - joint.upper) for x in (g.run.q, told)
+        )
+        parts = [
+            p for p in spans(asked > 0.0) if beyond[slice(*p)].max() * TIMES < asked[slice(*p)].max()
+        ]
+        bad[f"q{j + 1}"] = _mask(len(told), parts) & (np.abs(beyond) * TIMES < asked)
+    what = "the command goes beyond the range of {named} for up to {seconds:.3g} s, the joint does not: "
+    sure = "certain: its stop holds the joint, and the drive pushes against it"
+    yield from _deleted(g, bad, "end stop", what + "it lies against its end stop.", sure)
+
+
 def interpolated_rows(g: Glance) -> Iterator[Issue]:
     """Rows that lie on straight lines in every channel: a gap that was filled in."""
     if not g.run.torque_logged:
@@ -606,8 +623,8 @@ CLOCK: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
     missing, time_unit, backwards, repeated_time, uneven, jumps,
 )  # fmt: skip
 MOTION: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
-    wrapped, repeated_run, frozen_packets, doubled, interpolated_rows, zeros, spikes, lost_rows,
-    partial(frozen, word="position"), partial(frozen, word="torque"),
+    wrapped, repeated_run, frozen_packets, doubled, end_stops, interpolated_rows, zeros, spikes,
+    lost_rows, partial(frozen, word="position"), partial(frozen, word="torque"),
 )  # fmt: skip
 
 

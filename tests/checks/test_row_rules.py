@@ -94,3 +94,23 @@ def test_packets_that_froze_are_no_rows_lost(length):
     assert [f.kind for f in issues if "gap" not in f.kind] == kinds
     np.testing.assert_array_equal(fixed.t, clean.t[np.isin(clean.t, fixed.t)])
     assert fixed.samples == clean.samples - (12 * (length - 1) if kinds else 0)
+
+
+@pytest.mark.parametrize("follows", [False, True])
+def test_a_joint_that_is_told_to_go_beyond_its_range_lies_against_its_end_stop(follows):
+    """A sine of .9 rad through a range of .7: the position stays there, or the range is a wrong one."""
+    run, range_ = motion(), 0.7
+    narrow = replace(
+        ROBOT, joints=(replace(ROBOT.joints[0], lower=-range_, upper=range_), ROBOT.joints[1])
+    )
+    told, q = run.q.copy(), run.q.copy()
+    q[:, 0] = q[:, 0] if follows else np.clip(q[:, 0], -range_ - 0.01, range_ + 0.01)
+    run = replace(run, q=q, commanded={"qcmd": told})
+    issues, _, fixed = mended(run, narrow, STANDSTILL)
+    issue = next((x for x in issues if x.kind == "end stop"), None)
+    assert (issue is None) is follows
+    if issue is not None:
+        against = np.abs(told[:, 0]) > range_ + 0.03  # the position is .01 beyond: a third of that
+        assert issue.figures["joints"] == [1]
+        assert np.count_nonzero(against) <= issue.figures["rows"] < 1.2 * np.count_nonzero(against)
+        assert len(fixed.t) == len(run.t) - issue.figures["rows"]
