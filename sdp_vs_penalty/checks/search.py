@@ -74,16 +74,17 @@ class Search:
         value = {i: self.likelihood(scores[i], asked[i]) for i in near}
         order = sorted((i for i in near if value[i] > far), key=lambda i: -value[i])
         tied = [i for i in order if _same_fit(asked[i], now)]
-        return [asked[i] for i in dict.fromkeys(order[: c.MOST] + tied[: c.MOST])]
+        # One of each kind and joint: their numbers are refined, and a coarse grid may have missed most.
+        kinds: dict[frozenset[object], int] = {}
+        for i in order:
+            kinds.setdefault(frozenset(e.name for e in self.elements(asked[i])), i)
+        return [asked[i] for i in dict.fromkeys([*kinds.values()][: c.MOST] + tied[: c.MOST])]
 
     def added(self, now: Repair) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
         level = self.posterior(now)
-        # Rough numbers first: a coarse grid may miss most of what its best value explains.
-        best: dict[frozenset[object], Repair] = {}
-        for r in sorted(self.proposals(now), key=self.posterior, reverse=True):
-            best.setdefault(frozenset(e.name for e in self.elements(r)), r)
-        refined = [self.refined(r, now) for r in list(best.values())[: c.MOST]]
+        likely = sorted(self.proposals(now), key=self.posterior, reverse=True)
+        refined = [self.refined(r, now) for r in likely[: c.MOST]]
         for repair in sorted(refined, key=self.posterior, reverse=True):
             if self.posterior(repair) < level + c.ODDS:
                 break
@@ -105,8 +106,10 @@ class Search:
         return bool(np.mean(change) > c.SIGNIFICANT * error)
 
     def _determined(self, number: Number) -> bool:
-        """Beyond what is usual, and its interval is closed: far to either side it explains less."""
-        values = [number.value + d * number.reach for d in (0.0, -1.0, 1.0)]
+        """Beyond what is usual, and its interval is closed: far to either side, half of it and as far as
+        the best value is looked for, it explains less."""
+        far = max(number.reach, 0.5 * abs(number.value))
+        values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
         here, *sides = self.log.scores([number.at(x) for x in values])
         if 0.5 * self.samples * (min(s.score for s in sides) - here.score) < 0.5 * c.SIGNIFICANT**2:
             return False
