@@ -74,17 +74,16 @@ class Search:
         value = {i: self.likelihood(scores[i], asked[i]) for i in near}
         order = sorted((i for i in near if value[i] > far), key=lambda i: -value[i])
         tied = [i for i in order if _same_fit(asked[i], now)]
-        # One of each kind and joint: their numbers are refined, and a coarse grid may have missed most.
-        kinds: dict[frozenset[object], int] = {}
-        for i in order:
-            kinds.setdefault(frozenset(e.name for e in self.elements(asked[i])), i)
-        return [asked[i] for i in dict.fromkeys([*kinds.values()][: c.MOST] + tied[: c.MOST])]
+        return [asked[i] for i in dict.fromkeys(order[: c.MOST] + tied[: c.MOST])]
 
     def added(self, now: Repair) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
         level = self.posterior(now)
-        likely = sorted(self.proposals(now), key=self.posterior, reverse=True)
-        refined = [self.refined(r, now) for r in likely[: c.MOST]]
+        # Rough numbers first: a coarse grid may miss most of what its best value explains.
+        best: dict[frozenset[object], Repair] = {}
+        for r in sorted(self.proposals(now), key=self.posterior, reverse=True):
+            best.setdefault(frozenset(e.name for e in self.elements(r)), r)
+        refined = [self.refined(r, now) for r in list(best.values())[: c.MOST]]
         for repair in sorted(refined, key=self.posterior, reverse=True):
             if self.posterior(repair) < level + c.ODDS:
                 break
