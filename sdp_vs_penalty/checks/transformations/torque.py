@@ -178,7 +178,8 @@ class Change(Transformation):
             how = f"drifts by {size:+.3g} {unit} from the first row to the last"
             remedy = "let the sensor warm up and set its zero before the run"
             if t is not None:
-                kind, many, place = "torque step", log.n * c.ROWS // 2, f"{name}, t = {t:.4g} s"
+                # Moments that a low-passed torque tells apart.
+                kind, many, place = "torque step", log.n * c.ROWS // c.PARTS, f"{name}, t = {t:.4g} s"
                 how = f"steps by {size:+.3g} {unit} at t = {t:.4g} s and stays there"
                 remedy = "cut the run there, or find out what touched the arm"
             yield Element(
