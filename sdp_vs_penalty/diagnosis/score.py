@@ -369,7 +369,7 @@ def orthonormal(columns: Array) -> Array:
 
 def _triangle(gram: Array) -> Array:
     """(p, p) Cholesky factor of a positive matrix, with a ridge against columns that others make."""
-    return np.linalg.cholesky(gram + np.diag(_DEPENDENT**2 * or_one(np.diagonal(gram))))
+    return np.asarray(np.linalg.cholesky(gram + np.diag(_DEPENDENT**2 * or_one(np.diagonal(gram)))))
 
 
 def _ridged(A: Array) -> Array:
