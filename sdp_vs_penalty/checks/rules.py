@@ -532,18 +532,21 @@ def dead(g: Glance) -> Iterator[Issue]:
 
 def magnitude(g: Glance) -> Iterator[Issue]:
     """Torques that are never negative because their sign is lost: they come down to zero and turn there,
-    without slowing down before."""
+    without slowing down before, or come within a usual step of it too often not to be below it once."""
     joints = []
     least, most = g.run.tau.min(axis=0), g.run.tau.max(axis=0)
     for j in np.flatnonzero(
         g.moving & (least >= 0.0) & (least <= 0.01 * most) & (most > least)
     ).tolist():
         x = g.run.tau[:, j]
+        steps = np.abs(np.diff(x))
+        visits = spans((x > 0.0) & (x < np.median(steps[steps > 0.0])))
         low = spans(x < 0.05 * x.max())
         low = low[(low[:, 0] > 3) & (low[:, 1] < len(x) - 4)]
         slope = np.abs(x[low[:, 0] - 3] - x[low[:, 0]]) / 3.0
-        way = np.array([np.abs(np.diff(x[a:b])).sum() / max(b - a, 1) for a, b in low])
-        joints += [j] * bool(len(low) >= 3 and np.mean(way > 0.5 * slope) > 0.5)
+        way = np.array([steps[a : b - 1].sum() / max(b - a, 1) for a, b in low])
+        turns = len(low) >= 3 and np.mean(way > 0.5 * slope) > 0.5
+        joints += [j] * bool(turns or len(visits) * np.log(2.0) > c.ODDS)
     if joints:
         where = ", ".join(f"tau{j + 1}" for j in joints)
         yield Issue(

@@ -105,8 +105,10 @@ class Search:
         return bool(np.mean(change) > c.SIGNIFICANT * error)
 
     def _determined(self, number: Number) -> bool:
-        """Beyond what is usual, and its interval is closed: far to either side it explains less."""
-        values = [number.value + d * number.reach for d in (0.0, -1.0, 1.0)]
+        """Beyond what is usual, and its interval is closed: far to either side, half of it and as far as
+        the best value is looked for, it explains less."""
+        far = max(number.reach, 0.5 * abs(number.value))
+        values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
         here, *sides = self.log.scores([number.at(x) for x in values])
         if 0.5 * self.samples * (min(s.score for s in sides) - here.score) < 0.5 * c.SIGNIFICANT**2:
             return False

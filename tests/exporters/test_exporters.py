@@ -366,6 +366,9 @@ def test_other_refusals(tmp_path):
     full = estimate_of(robots(tmp_path)["tree"], "rigid_body", 0)
     with pytest.raises(InputError, match="DOCTYPE"):
         export(full, tmp_path / "out.urdf", urdf=path)
+    path.write_text(TREE.replace("utf-8", "utf-16").replace("UTF-8", "UTF-16"), "utf-16")
+    with pytest.raises(InputError, match="save the file as UTF-8"):
+        export(full, tmp_path / "out.urdf", urdf=path)
 
 
 def test_check_urdf_names_the_link_and_mends_it(tmp_path, capsys):

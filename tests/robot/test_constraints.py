@@ -9,7 +9,7 @@ from random_robots import link_parameters
 from sdp_vs_penalty import Problem
 from sdp_vs_penalty.robot import Body, ConstraintSet, cone_margin, inertia, project
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.robot.constraint import smallest_eigenvalue
+from sdp_vs_penalty.robot.constraint import projection_curvature, smallest_eigenvalue
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=40, deadline=None, derandomize=True)
@@ -73,6 +73,24 @@ def test_projection_is_the_nearest_point_of_the_cone(cone, seed):
     np.testing.assert_allclose(inside - polar, x, atol=1e-12)
     assert float(np.sum(inside * polar)) == pytest.approx(0.0, abs=1e-10)
     np.testing.assert_allclose(project(cone, inside), inside, atol=1e-12)
+
+
+@pytest.mark.parametrize("cone", CONES)
+@quick
+@given(seed=seeds)
+def test_the_projections_curvature_is_the_hessian_of_half_its_square(cone, seed):
+    """Of f(x) = 1/2 sum |P(M + A x)|^2, whose gradient is sum A^T P(M + A x); by central differences."""
+    rng = np.random.default_rng(seed)
+    values = np.stack([random_value(rng, cone) for _ in range(3)])
+    A = np.stack([np.stack([random_value(rng, cone) for _ in range(2)], axis=-1) for _ in range(3)])
+
+    def gradient(x: np.ndarray) -> np.ndarray:
+        return np.tensordot(A, project(cone, values + A @ x), [range(values.ndim), range(values.ndim)])
+
+    h = 1e-6
+    numeric = np.stack([(gradient(h * e) - gradient(-h * e)) / (2.0 * h) for e in np.eye(2)])
+    exact = projection_curvature(cone, values, A.reshape(3, -1, 2))
+    np.testing.assert_allclose(exact, numeric, rtol=1e-4, atol=1e-5)
 
 
 def test_worst_violation_of_each_family_in_its_own_units():

@@ -116,7 +116,8 @@ class Saturation(Transformation):
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         for j in log.joints:
-            yield now.with_entries("bend", (j,), 1.0 - 0.5 * _STRAIGHT)
+            for x in (0.5 * _STRAIGHT, 0.1 * _STRAIGHT):
+                yield now.with_entries("bend", (j,), 1.0 - x)
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(repair.bend).tolist():
