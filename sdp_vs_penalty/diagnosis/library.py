@@ -7,7 +7,7 @@ like all others, and is never a finding.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Hashable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -48,6 +48,12 @@ class Form:
         if self.own:
             return 1
         return sum(self.effect.shapes[x].bounds is not None for x in self.effect.searched)
+
+    @property
+    def law(self) -> tuple[Hashable, ...]:
+        """Its candidate, and the constants that are choices among which nothing is refined."""
+        chosen = (v for x, v in self.effect.shape.items() if self.effect.shapes[x].bounds is None)
+        return (*self.key, *chosen)
 
     @property
     def nonnegative(self) -> list[bool]:

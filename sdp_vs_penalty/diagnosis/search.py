@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Hashable, Iterable, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -123,13 +123,17 @@ class Search:
         top = max((t.J for t in found if not t.form.own), default=0.0)
         # A width that is far from those on the grid says little there, and all where it is right.
         least = 0.5 * max(top, beyond) - 3.0 * APART
+        best = {t.key: t for t in sorted(found, key=lambda t: t.J)}
+        found = [t for t in found if _as_good(t, best[t.key])]
         likely = [t for t in found if (0.0 if t.form.own else least) < t.J]
-        return sorted((self.refined(fit, t, halvings=_COARSE) for t in likely), key=lambda t: -t.J)
+        ranked = sorted((self.refined(fit, t, halvings=_COARSE) for t in likely), key=lambda t: -t.J)
+        first = {t.key: t for t in reversed(ranked)}
+        return [t for t in ranked if first[t.key] is t]
 
     def _screened(self, fit: Fit, picked: Sequence[Form], on: frozenset[int] | None) -> list[Term]:
-        """The best form on the grids of so many candidates that take most, and of each of the model's
-        own shape constants."""
-        best: dict[Key, tuple[float, Form, dict[int, Array]]] = {}
+        """The best form of each law on the grids: of so many candidates that take most, and of each own
+        shape constant."""
+        best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
         for batch in (*self.library.batches, *self.library.own):
             if on is not None and not on & set(batch.joints):
                 continue
@@ -139,20 +143,21 @@ class Search:
                 form = batch.forms[f]
                 if values[f] <= 0.0:
                     break
-                if free[f] and values[f] > best.get(form.key, (0.0,))[0]:
-                    best[form.key] = float(values[f]), form, batch.columns(int(f))
+                if free[f] and values[f] > best.get(form.law, (0.0,))[0]:
+                    best[form.law] = float(values[f]), form, batch.columns(int(f))
         ranked = sorted(best.values(), key=lambda b: -b[0])
-        found = [b for b in ranked if not b[1].own][:CLOSELY] + [b for b in ranked if b[1].own]
-        for _, form, columns in found:
+        close = list(dict.fromkeys(form.key for _, form, _ in ranked if not form.own))[:CLOSELY]
+        found = [(form, z) for _, form, z in ranked if form.own or form.key in close]
+        for form, columns in found:
             self._kept.setdefault(form.effect.text, columns)
-        return [self.score.judged(fit, form, columns) for _, form, columns in found]
+        return [self.score.judged(fit, form, columns) for form, columns in found]
 
     @staticmethod
     def simplest(found: Sequence[Term]) -> Term | None:
         """Of terms, the best first, the simplest that is as good as the best."""
         if not found:
             return None
-        tied = [t for t in found if found[0].J - t.J < EQUIVALENT + FORM * found[0].J]
+        tied = [t for t in found if _as_good(t, found[0])]
         plain = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
         return min(plain, key=lambda t: (simplicity(t.form), -t.J))
 
@@ -279,6 +284,10 @@ class Search:
             )
             out.terms.append(replace(again, rivals=t.rivals))
         return out
+
+
+def _as_good(term: Term, best: Term) -> bool:
+    return bool(best.J - term.J < EQUIVALENT + FORM * best.J)
 
 
 def simplicity(form: Form) -> tuple[bool, int, int, int]:
