@@ -178,6 +178,10 @@ def _offered(search: Search, judge: _Judge) -> Found:
     order = held_out.offered(len(terms))
     final = beside.limited([terms[k] for k in order])
     left = what_is_left(final)
+    if left.odd.any():  # what happens once is no evidence of what repeats
+        final = final.carried(now, left.odd)
+        final = final.limited(final.terms)
+        left = what_is_left(final, left.odd)
     found = Found(first, now, tuple(shapes), final, left, held_out, tuple(order), before)
     parts = in_parts(final)
     if not left.matters and not parts:
