@@ -178,10 +178,12 @@ def _offered(search: Search, judge: _Judge) -> Found:
     order = held_out.offered(len(terms))
     final = beside.limited([terms[k] for k in order])
     left = what_is_left(final)
-    if left.odd.any():  # what happens once is no evidence of what repeats
-        final = final.carried(now, left.odd)
-        final = final.limited(final.terms)
-        left = what_is_left(final, left.odd)
+    if left.matters and left.odd.any():  # what happens once is no evidence, if it is that alone
+        beside = final.carried(now, left.odd)
+        beside = beside.limited(beside.terms)
+        rest = what_is_left(beside, left.odd)
+        if len(rest.matters) < len(left.matters):
+            final, left = beside, rest
     found = Found(first, now, tuple(shapes), final, left, held_out, tuple(order), before)
     parts = in_parts(final)
     if not left.matters and not parts:
