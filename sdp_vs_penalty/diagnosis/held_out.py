@@ -86,11 +86,15 @@ class HeldOut:
 
     def offered(self, count: int) -> list[int]:
         """Of effects, the likeliest first, those that raise no joint's error by more than RAISES beside
-        those before them."""
-        kept: list[int] = []
-        for k in range(count):
-            if not raises(self.errors(kept), self.errors([*kept, k])):
-                kept.append(k)
+        the others."""
+        kept = list(range(count))
+        while kept:
+            every = self.errors(kept)
+            rise = [harm(self.errors([i for i in kept if i != k]), every) for k in kept]
+            worst = int(np.argmax(rise))
+            if rise[worst] <= RAISES:
+                break
+            del kept[worst]
         return kept
 
 
