@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import Likelihood, Score, solve
 from sdp_vs_penalty.checks.repair import Event, Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Transformation, choices
 
@@ -140,12 +140,18 @@ class Change(Transformation):
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         motion = log.data.motion
         t, span = motion.t, float(np.ptp(motion.t))
-        steps = np.linspace(0.12, 0.88, c.ROWS // c.PARTS)
+        steps = np.linspace(0.12, 0.88, c.ROWS // 2)  # two rows each: the wrong moment explains nothing
         events = [None, *(float(t[0] + s * span) for s in steps)]
         shapes = np.column_stack([Event(0, at).shape(t) for at in events])
         x = score.rows.rest(log.heard(now)[:, :, None] * shapes)
         pull = np.einsum("jm,jmk->jk", score.residual, x) ** 2
-        found = np.log1p(pull / np.maximum(np.sum(x**2, axis=1) * score.left[:, None], 1e-280))
+        # What the arm's parameters take of a shape leaves nothing to see.
+        shared = np.einsum("jms,jmk->jsk", score.rows.rest(score.rows.raw), x)
+        normal = np.tensordot(score.weights, score.gram, 1)
+        taken = score.weights[:, None] * np.sum(shared * solve(normal, shared), axis=1)
+        whole = np.sum(x**2, axis=1)
+        seen = np.maximum(whole - taken, 1e-3 * whole) * score.left[:, None]
+        found = np.log1p(pull / np.maximum(seen, 1e-280))
         forth = (motion.dq[:, list(now.order)].T > 0.0) * 1.0
         for side in (shapes[:, 1:] > 0.0, shapes[:, 1:] <= 0.0):
             share = forth @ side / np.maximum(side.sum(axis=0), 1)
@@ -172,6 +178,7 @@ class Change(Transformation):
             how = f"drifts by {size:+.3g} {unit} from the first row to the last"
             remedy = "let the sensor warm up and set its zero before the run"
             if t is not None:
+                # Moments that a low-passed torque tells apart.
                 kind, many, place = "torque step", log.n * c.ROWS // c.PARTS, f"{name}, t = {t:.4g} s"
                 how = f"steps by {size:+.3g} {unit} at t = {t:.4g} s and stays there"
                 remedy = "cut the run there, or find out what touched the arm"
