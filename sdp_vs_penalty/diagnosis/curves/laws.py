@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import product
 
 import numpy as np
 
@@ -71,35 +70,15 @@ def _number(x: float) -> str:
     return f"{x:.4g}"
 
 
-#: How a function of one variable reads, and the function; and how one of a variable over its width does.
-_Named = tuple[str, Callable[[Array], Array]]
-_PLAIN: list[_Named] = [
-    ("{}", lambda v: v),
-    ("|{}|", np.abs),
-    ("sign({})", np.sign),
-    ("{}^2", np.square),
-    ("{}^3", lambda v: v**3),
-    ("{0} |{0}|", lambda v: v * np.abs(v)),
-    ("sign({0}) sqrt(|{0}|)", lambda v: np.sqrt(np.abs(v)) * np.sign(v)),
-]
-_SCALED: list[_Named] = [
-    ("tanh({} / {})", np.tanh),
-    ("sat({} / {})", lambda v: np.clip(v, -1.0, 1.0)),
-    ("exp(-|{} / {}|)", lambda v: np.exp(-np.abs(v))),
-    ("sign({0}) exp(-|{0} / {1}|)", lambda v: np.sign(v) * np.exp(-np.abs(v))),
-    ("exp({} / {})", np.exp),
-]
+def _terms(amplitudes: Array, names: Sequence[str]) -> str:
+    parts = [f"{_number(abs(a))} {name}" for a, name in zip(amplitudes, names, strict=True)]
+    signs = ["-" if a < 0.0 else "+" for a in amplitudes]
+    text = " ".join(f"{s} {p}" for s, p in zip(signs, parts, strict=True))
+    return text[2:] if text.startswith("+") else f"-{text[2:]}"
 
 
-def _sum(forms: Sequence[_Named], x: str) -> Law:
-    def text(amplitudes: Array, _: Array) -> str:
-        pairs = zip(amplitudes, forms, strict=True)
-        said = " ".join(
-            f"{'-' if a < 0.0 else '+'} {_number(abs(a))} {t.format(x)}" for a, (t, _) in pairs
-        )
-        return said[2:] if said.startswith("+") else f"-{said[2:]}"
-
-    return Law(lambda p, _: [g(p[0]) for _, g in forms], text)
+def _sum(functions: Sequence[Callable[[Array], Array]], names: Sequence[str]) -> Law:
+    return Law(lambda p, _: [g(p[0]) for g in functions], lambda a, _: _terms(a, names))
 
 
 def _fastest(axis: Axis) -> float:
@@ -107,11 +86,10 @@ def _fastest(axis: Axis) -> float:
     return 0.7 * np.pi * (axis.count - 3) / (axis.high - axis.low)
 
 
-def _waves(axis: Axis, count: int) -> list[tuple[float, ...]]:
+def _waves(axis: Axis, count: int) -> Array:
     """Waves that a scan begins with: from a tenth of one over the range."""
     slowest = 2.0 * np.pi / (axis.high - axis.low)
-    scan = np.linspace(0.5 * slowest, _fastest(axis), count).tolist()
-    return [(k,) for k in (0.1 * slowest, 0.25 * slowest, *scan)]
+    return np.append([0.1 * slowest, 0.25 * slowest], np.linspace(0.5 * slowest, _fastest(axis), count))
 
 
 def _wave(a: Array, phase: str, rest: str = "") -> str:
@@ -124,68 +102,93 @@ def _wave(a: Array, phase: str, rest: str = "") -> str:
 def _of_one(axis: Axis) -> list[Law]:
     x = _name(axis)
     if axis.is_sign:
-        return [_sum(_PLAIN[:1], x)]
+        return [_sum([lambda v: v], [x])]
     span, largest = axis.high - axis.low, max(abs(axis.low), abs(axis.high))
     widths = [(float(w),) for w in np.geomspace(0.01, 3.0, 20) * largest]
-    both = [(s * w,) for (w,) in widths if w > 0.05 * largest for s in (1.0, -1.0)]
-    powers = [_PLAIN[0], *_PLAIN[3:5]]
-    out = [_sum(forms, x) for forms in (*([form] for form in _PLAIN), powers[:2], powers)]
-    out += [
-        Law(
-            lambda p, b, g=g: [g(p[0] / b[0])],  # type: ignore[misc]
-            lambda a, b, t=t: f"{_number(a[0])} {t.format(x, _number(b[0]))}",  # type: ignore[misc]
-            both if g is np.exp else widths,
+    names = [x, f"{x}^2", f"{x}^3"]
+    functions: list[Callable[[Array], Array]] = [lambda v: v, np.square, lambda v: v**3]
+    plain: list[tuple[Callable[[Array], Array], str]] = [
+        *zip(functions, names, strict=True),
+        (np.abs, f"|{x}|"),
+        (np.sign, f"sign({x})"),
+        (lambda v: v * np.abs(v), f"{x} |{x}|"),
+        (lambda v: np.sqrt(np.abs(v)) * np.sign(v), f"sign({x}) sqrt(|{x}|)"),
+    ]
+    out = [_sum([g], [name]) for g, name in plain]
+    out += [_sum(functions[:2], names[:2]), _sum(functions, names)]
+
+    def scaled(g: Callable[[Array], Array], text: Callable[[str], str]) -> Law:
+        return Law(
+            lambda p, b: [g(p[0] / b[0])],
+            lambda a, b: f"{_number(a[0])} {text(f'{x} / {_number(b[0])}')}",
+            widths,
         )
-        for t, g in _SCALED
-    ]
-    bumps = [
-        (float(c), float(w))
-        for c in np.linspace(axis.low, axis.high, _SCAN // 2)
-        for w in np.geomspace(0.03, 0.5, 8) * span
-    ]
-    return [
-        *out,
+
+    out += [
+        scaled(np.tanh, lambda v: f"tanh({v})"),
+        scaled(lambda v: np.clip(v, -1.0, 1.0), lambda v: f"sat({v})"),
+        scaled(lambda v: np.exp(-np.abs(v)), lambda v: f"exp(-|{v}|)"),
+        scaled(lambda v: np.sign(v) * np.exp(-np.abs(v)), lambda v: f"sign({x}) exp(-|{v}|)"),
+        Law(
+            lambda p, b: [np.exp(p[0] / b[0])],
+            lambda a, b: f"{_number(a[0])} exp({x} / {_number(b[0])})",
+            [(s * w,) for (w,) in widths if w > 0.05 * largest for s in (1.0, -1.0)],
+        ),
         Law(
             lambda p, b: [np.sin(b[0] * p[0]), np.cos(b[0] * p[0])],
             lambda a, b: _wave(a, f"{_number(b[0])} {x}"),
-            _waves(axis, _SCAN),
+            [(float(k),) for k in _waves(axis, _SCAN)],
         ),
         Law(
             lambda p, b: [np.exp(-(((p[0] - b[0]) / b[1]) ** 2))],
             lambda a, b: f"{_number(a[0])} exp(-(({x} - {_number(b[0])}) / {_number(abs(b[1]))})^2)",
-            bumps,
+            [
+                (float(c), float(w))
+                for c in np.linspace(axis.low, axis.high, _SCAN // 2)
+                for w in np.geomspace(0.03, 0.5, 8) * span
+            ],
         ),
     ]
+    return out
 
 
 def _of_two(first: Axis, second: Axis) -> list[Law]:
-    axes, names = (first, second), (_name(first), _name(second))
-    simple = [_PLAIN[:1] if axis.is_sign else _PLAIN[:4] for axis in axes]
+    x, y = _name(first), _name(second)
+
+    def simple(name: str, sign: bool) -> list[tuple[Callable[[Array], Array], str]]:
+        if sign:
+            return [(lambda v: v, name)]
+        return [
+            (lambda v: v, name),
+            (np.abs, f"|{name}|"),
+            (np.sign, f"sign({name})"),
+            (np.square, f"{name}^2"),
+        ]
+
     out = [
         Law(
             lambda p, _, g=g, h=h: [g(p[0]) * h(p[1])],  # type: ignore[misc]
-            lambda a, _, u=u, v=v: " ".join(  # type: ignore[misc]
-                [_number(a[0]), u.format(names[0]), v.format(names[1])]
-            ),
+            lambda a, _, u=u, v=v: f"{_number(a[0])} {u} {v}",  # type: ignore[misc]
         )
-        for (u, g), (v, h) in product(*simple)
+        for g, u in simple(x, first.is_sign)
+        for h, v in simple(y, second.is_sign)
     ]
-    for k, axis in enumerate(axes):
-        if not axis.is_sign:
-            out += [
-                Law(
-                    lambda p, b, k=k, h=h: [  # type: ignore[misc]
-                        g(b[0] * p[k]) * h(p[1 - k]) for g in (np.sin, np.cos)
-                    ],
-                    lambda a, b, k=k, v=v: _wave(  # type: ignore[misc]
-                        a, f"{_number(b[0])} {names[k]}", f" {v.format(names[1 - k])}"
-                    ),
-                    _waves(axis, _SCAN // 2),
-                )
-                for v, h in simple[1 - k]
-            ]
+    for k, (axis, name, other, rest) in enumerate(((first, x, second, y), (second, y, first, x))):
+        if axis.is_sign:
+            continue
+        starts = [(float(w),) for w in _waves(axis, _SCAN // 2)]
+        out += [
+            Law(
+                lambda p, b, k=k, h=h: [  # type: ignore[misc]
+                    g(b[0] * p[k]) * h(p[1 - k]) for g in (np.sin, np.cos)
+                ],
+                lambda a, b, n=name, v=v: _wave(a, f"{_number(b[0])} {n}", f" {v}"),  # type: ignore[misc]
+                starts,
+            )
+            for h, v in simple(rest, other.is_sign)
+        ]
     if not (first.is_sign or second.is_sign):
-        out.append(_travelling(first, second, *names))
+        out.append(_travelling(first, second, x, y))
     return out
 
 
