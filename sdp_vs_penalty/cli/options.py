@@ -3,16 +3,17 @@ words of the command line to plain values."""
 
 from __future__ import annotations
 
+import argparse
 import inspect
 import json
 import re
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Sequence
 from enum import StrEnum
-from functools import wraps
-from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
-import typer
+from sdp_vs_penalty.errors import InputError, unknown
 
 #: Flags, or an argument's name; limits; an example of a value; then what it is, for --help and the page.
 SHARED = """
@@ -54,79 +55,97 @@ class Budget(StrEnum):
     paper = "paper"
 
 
-def declared(verb: Callable[..., None]) -> Callable[..., None]:
-    """The verb as typer takes it: parameters typed by its signature, told by its docstring."""
-    example = (verb.__doc__ or "").partition("Example: ")[2]
-    told = _told(SHARED) | _told(inspect.cleandoc(example.partition("\n")[2]))
-    kinds, given = get_type_hints(verb), inspect.signature(verb)
-
-    @wraps(verb)
-    def called(**values: Any) -> None:
-        verb(**values)
-
-    parameters = [
-        p.replace(annotation=Annotated[kinds[name], told[name.rstrip("_")]])
-        for name, p in given.parameters.items()
-    ]
-    called.__signature__ = given.replace(parameters=parameters)  # type: ignore[attr-defined]
-    return called
-
-
 def _told(lines: str) -> dict[str, Any]:
-    """By parameter, without the underscore that keeps it apart from a word of Python's."""
+    """By parameter, without the underscore that keeps it apart from a word of Python's: its flags, an
+    example of a value, what it is, its limits."""
     out = {}
     for line in re.sub(r"\n +", " ", lines).strip().splitlines():
         head, _, text = line.partition(": ")
         first, *rest = head.split()
         flags = [w.rstrip(",") for w in (first, *rest) if w.startswith("-") and first.startswith("-")]
         limits = {w[:2]: json.loads(w[2:]) for w in rest if w[:2] in (">=", "<=")}
-        words = [w for w in rest if w not in flags and w[:2] not in limits]
-        settings: Any = {"metavar": " ".join(words) or None, "help": text}
-        settings |= {"min": limits.get(">="), "max": limits.get("<=")}
+        words = " ".join(w for w in rest if w not in flags and w[:2] not in limits)
         name = first.rstrip(",").removeprefix("--").partition("/")[0].replace("-", "_")
-        out[name] = typer.Option(*flags, **settings) if flags else typer.Argument(**settings)
+        flags = [flag.partition("/")[0] for flag in flags]
+        out[name] = flags, words, text, (limits.get(">="), limits.get("<="))
     return out
 
 
-_NUMBERS: dict[type, str] = {int: "a whole number", float: "a number"}
-_PLAIN = (str, Path, *_NUMBERS)
+def _value(kind: type, low: float | None, high: float | None) -> Callable[[str], Any]:
+    """A word's value: a text, path, number within limits, or one of several words."""
 
-
-class Plain:
-    """What converts one parameter that Typer describes, without the validation library that Typer would
-    load: its import takes a tenth of a second, even for options that are not given. Texts, numbers and
-    paths need none of it; for all else Typer's own way is taken."""
-
-    def __init__(self, described: Any) -> None:
-        self.described, kind = described, described.annotation
-        self.several = get_origin(kind) is list
-        self.kind = get_args(kind)[0] if self.several else kind
-
-    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
-        """The value of a parameter from its words; raises typer.BadParameter."""
-        if value is None:
-            return () if param.multiple or param.nargs == -1 else None
-        if self.kind not in _PLAIN:
-            from typer._coercion import build_runtime_param
-
-            return build_runtime_param(self.described).coerce(value, param=param, ctx=ctx)
+    def made(word: str) -> Any:
+        if issubclass(kind, StrEnum) and word not in list(kind):
+            there = ", ".join(repr(str(x)) for x in kind)
+            raise argparse.ArgumentTypeError(f"{word!r} is not one of {there}")
         try:
-            made = [self.kind(x) for x in value] if self.several else self.kind(value)
+            value = kind(word)
         except ValueError:
-            raise typer.BadParameter(f"{_NUMBERS[self.kind]} is needed", ctx=ctx, param=param) from None
-        low, high = self.described.parameter_info.min, self.described.parameter_info.max
-        if low is not None and not made >= low:
-            raise typer.BadParameter(f"it must be at least {low:g}", ctx=ctx, param=param)
-        if high is not None and not made <= high:
-            raise typer.BadParameter(f"it must be at most {high:g}", ctx=ctx, param=param)
-        return made
+            needed = "a whole number" if kind is int else "a number"
+            raise argparse.ArgumentTypeError(f"{needed} is needed") from None
+        if low is not None and not value >= low:
+            raise argparse.ArgumentTypeError(f"it must be at least {low:g}")
+        if high is not None and not value <= high:
+            raise argparse.ArgumentTypeError(f"it must be at most {high:g}")
+        return value
+
+    return made
 
 
-def lightened(param: Any) -> Any:
-    """The parameter of a command, converted so where this Typer lets it be."""
-    described = getattr(param, "type_descriptor", None)
-    if described is None or getattr(param, "_runtime_param", described) is not None:
-        return param
-    if described.parameter_info.parser is None and not described.is_file:
-        param._runtime_param = Plain(described)
-    return param
+class Parser(argparse.ArgumentParser):
+    """Of one verb, typed by its signature, told by its docstring; options : by parameter, as argparse
+    holds them. Raises InputError for words that are none."""
+
+    def __init__(self, name: str, verb: Callable[..., None]) -> None:
+        text, _, rest = inspect.cleandoc(verb.__doc__ or "").partition("Example: ")
+        example, _, lines = rest.partition("\n")
+        super().__init__(
+            f"sdp-vs-penalty {name}",
+            description="\n\n".join(map(textwrap.fill, text.replace("%", "%%").split("\n\n"))),
+            epilog=f"Example:\n  {example}".replace("%", "%%"),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        told, kinds = _told(SHARED) | _told(inspect.cleandoc(lines)), get_type_hints(verb)
+        self.options = {
+            p.name: self._declared(p, kinds[p.name], *told[p.name.rstrip("_")])
+            for p in inspect.signature(verb).parameters.values()
+        }
+        some = [o for o in self.options.values() if not o.option_strings]
+        words = [f"{o.metavar}{' ...' * (o.nargs in ('+', '*'))}" for o in some]
+        self.usage = " ".join([self.prog, *words, "[OPTIONS]"]).replace("%", "%%")
+
+    def _declared(
+        self, p: inspect.Parameter, kind: Any, flags: Any, metavar: str, text: str, limits: Any
+    ) -> argparse.Action:
+        kind = get_args(kind)[0] if isinstance(kind, UnionType) else kind  # "... | None"
+        several = get_origin(kind) is list
+        kind = get_args(kind)[0] if several else kind
+        required, default, text = p.default is p.empty, p.default, text.replace("%", "%%")
+        if kind is bool:
+            yes_or_no: Any = argparse.BooleanOptionalAction if default else "store_true"
+            return self.add_argument(*flags, dest=p.name, action=yes_or_no, default=default, help=text)
+        if issubclass(kind, StrEnum):
+            metavar = "|".join(kind)
+        how: dict[str, Any] = {"type": _value(kind, *limits), "default": None if required else default}
+        how["metavar"] = metavar.removesuffix(" ...") or p.name.strip("_").upper()
+        if not flags:
+            how["nargs"] = "+*"[not required] if several else None if required else "?"
+            return self.add_argument(p.name, help=text, **how)
+        if several:  # of --data RUN.csv ... all words up to the next option
+            how |= {"action": "extend", "nargs": "+"} if "..." in metavar else {"action": "append"}
+        text += " (required)" if required else "" if default is None else f" (default: {default})"
+        return self.add_argument(*flags, dest=p.name, required=required, help=text, **how)
+
+    def given(self, words: Sequence[str]) -> dict[str, Any]:
+        """The parameters by name."""
+        known = [flag for option in self.options.values() for flag in option.option_strings]
+        for flag in (word.partition("=")[0] for word in words):
+            if flag.startswith("--") and flag not in (*known, "--help"):
+                raise unknown("option", flag, known, self.prog)
+        # What begins like a number is a value: --gravity -9.81,0,0.
+        joined = re.sub(r"(\0--[a-z-]+)\0(-[\d.])", r"\1=\2", "\0".join(["", *words]))
+        return vars(self.parse_intermixed_args(joined.split("\0")[1:]))
+
+    def error(self, message: str) -> Any:
+        raise InputError(message, f"see `{self.prog} --help`")

@@ -1,24 +1,31 @@
-"""From the end of a search to a diagnosis: verdict, findings, what is left and what happened once."""
+"""From the end of a search to a diagnosis: sizes, findings, verdict, what is left, what happened once.
+
+Sizes are least squares on white rows beside the model and all other findings. Their covariance is the
+sandwich A^-1 S A^-1 with a column for each shape constant
+(:mod:`~sdp_vs_penalty.estimation.shape_constants`) and S over the clusters of rows that make it largest,
+at least that of independent rows; the gains of the torque channels and a model that is held fixed are in
+doubt.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.constants import (
     ABSORBED,
     APART,
     FAR,
-    HARMONIC,
     MATTERS,
     UNCERTAIN,
 )
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
-from sdp_vs_penalty.diagnosis.events import events, outliers
 from sdp_vs_penalty.diagnosis.findings import (
     EFFECT_MISSING,
     NOTHING_MISSING,
@@ -26,25 +33,26 @@ from sdp_vs_penalty.diagnosis.findings import (
     Diagnosis,
     Finding,
     Invisible,
+    Retune,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
-from sdp_vs_penalty.diagnosis.remaining import Remainder, refitted, remainder
-from sdp_vs_penalty.diagnosis.retunes import retunes
-from sdp_vs_penalty.diagnosis.score import Term
+from sdp_vs_penalty.diagnosis.remaining import Remainder, events, outliers, refitted, remainder
+from sdp_vs_penalty.diagnosis.score import Fit, Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sentences import REASONS, repeatability_warning, sentence, size_of
-from sdp_vs_penalty.diagnosis.sizes import Size, size_of_term, torque_errors
 from sdp_vs_penalty.diagnosis.where_it_fails import carriers
-from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
+from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums, model_columns, spread_columns
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate
+from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, free_constants, prior_deviation
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM_KNOWN
 from sdp_vs_penalty.signals.standstill import STILL
-
-#: Held-out errors (n,) of some of the findings, by their places.
-Alone = Callable[[Sequence[int]], Array]
 
 
 @dataclass(frozen=True)
@@ -65,20 +73,18 @@ class Found:
     curves: tuple[Measured, ...] = ()
 
 
-def what_is_left(search: Search) -> Remainder:
-    """Of the rows beside all terms of a search."""
+def what_is_left(search: Search, odd: NDArray[np.bool_] | None = None) -> Remainder:
+    """Of the rows beside all terms of a search; odd (M, n) : its outliers, if they are known."""
     data, fit = search.data, search.fit
     residual = refitted(data, [t.form.effect for t in search.terms])[1]
-    odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
+    if odd is None:
+        odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
     return remainder(data, fit, residual, odd)
 
 
-def conclude(
-    found: Found, alone: Alone, gain_errors: Array, new_share: float | None, seed: int
-) -> Diagnosis:
-    """The diagnosis. alone : held-out errors of some of the findings added by themselves; gain_errors
-    (n, e) : a factor of the covariance of the torque channels' gains; new_share : of the test run's
-    motion; seed : of the draws of a curve's band."""
+def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: int) -> Diagnosis:
+    """The diagnosis. gain_errors (n, e) : a factor of the covariance of the torque channels' gains;
+    new_share : of the test run's motion; seed : of the draws of a curve's band."""
     search, data = found.search, found.search.data
     rows, noise = data.rows, data.noise
     left, residual = found.left, found.left.residual
@@ -90,16 +96,11 @@ def conclude(
     every = [_finding(found, k, term, errors, doubt) for k, term in enumerate(search.terms)]
     unsure = noise.source != REPETITION
     minor = [unsure and not lowers(errors[k], errors[k + 1]) for k in range(len(every))]
-    every = _judged_alone(found, every, alone)
+    every = _judged_alone(found, every)
     findings = tuple(f for f, m in zip(every, minor, strict=True) if not m)
     beside = tuple(replace(f, confidence="minor") for f, m in zip(every, minor, strict=True) if m)
     curves = _told(found, seed)
     nameless = {j: float(left.beyond[j]) for j in left.matters}
-    for term in search.terms:
-        if in_pieces(term, search):
-            (j,) = term.joints
-            own = spread_columns(rows, term.form.effect)[j] @ term.beta
-            nameless[j] = float(np.hypot(nameless.get(j, 0.0), own.std()))
     verdict = UNKNOWN if nameless or curves else EFFECT_MISSING if findings else NOTHING_MISSING
     return Diagnosis(
         verdict,
@@ -124,18 +125,6 @@ def conclude(
     )
 
 
-def in_pieces(term: Term, search: Search) -> bool:
-    """Whether a wave is one of several on its joint that are no harmonics of one, or was not travelled
-    once: a function of the position that no effect is."""
-    effect, terms = term.form.effect, [t for t in search.terms if t.key == term.key]
-    if not effect.waves:
-        return False
-    waves = np.array([t.form.effect.waves or 0.0 for t in terms])
-    orders = waves / waves.min()
-    once = effect.waves * search.data.rows.seen(effect.joints[0]).travel >= 2.0 * np.pi
-    return bool(not once or np.any(np.abs(orders - np.round(orders)) > HARMONIC * orders))
-
-
 def _told(found: Found, seed: int) -> tuple[Curve, ...]:
     out, noise = [], found.search.data.noise
     for k, o in enumerate(found.curves):
@@ -147,15 +136,16 @@ def _told(found: Found, seed: int) -> tuple[Curve, ...]:
     return tuple(out)
 
 
-def _judged_alone(found: Found, findings: Sequence[Finding], alone: Alone) -> list[Finding]:
-    """The findings; of the confident ones only those are that by themselves, as `add --confident` takes
+def _judged_alone(found: Found, findings: Sequence[Finding]) -> list[Finding]:
+    """The findings; of the confident ones only those that by themselves, as `add --confident` takes
     them, raise no joint's held-out error by what matters: the one without which they raise it least is
     weak."""
     out = list(findings)
 
     def most(chosen: Sequence[int]) -> float:
         """The largest rise of a joint's error by some of them."""
-        return float(np.max(alone(chosen) / np.maximum(found.held_out.errors(()), 1e-300)))
+        errors = found.held_out.errors([found.offered[k] for k in chosen])
+        return float(np.max(errors / np.maximum(found.held_out.errors(()), 1e-300)))
 
     sure = [k for k, f in enumerate(out) if f.confidence == "confident"]
     while sure and most(sure) > 1.0 + MATTERS:
@@ -215,7 +205,6 @@ def _reasons(
         "absorbed": absorbed > 1.0 - ABSORBED,
         "implausible": bool(np.any(torque > np.mean(rows.torque**2, axis=0)))
         or (plausible is not None and np.sqrt(np.mean((known.beta / plausible) ** 2)) > FAR),
-        "pieces": in_pieces(term, search),
         "looks_like": bool(looks_like),
         "curve": any(term in o.replaced for o in found.curves),
     }
@@ -233,7 +222,7 @@ def _rival_name(own: Effect, other: Effect) -> str:
 def _shares(search: Search, term: Term) -> tuple[float, float]:
     """Of a term's energy what the model's columns make, and what other terms make besides."""
     alone, beside = (
-        search.score.fit(others, search.fit.level).energy(term)
+        search.score.fit(others, search.fit).energy(term)
         for others in ([], [t for t in search.terms if t != term])
     )
     scaled = search.fit.scaled(term.columns)
@@ -313,3 +302,129 @@ def _turning(left: Remainder, floor: Array) -> str:
         f"At low speed of {formatting.joints((slow + 1).tolist())}, {errors} N m or N RMS are left "
         "beyond the noise: near reversals friction models are least accurate."
     )
+
+
+@dataclass(frozen=True)
+class Size:
+    """beta (k,) with covariance (k, k) of an effect's parameters; constants : standard deviation of each
+    free shape constant, in its own scale (of its logarithm, or of the value)."""
+
+    beta: Array
+    covariance: Array
+    constants: dict[str, float]
+
+
+def size_of_term(search: Search, term: Term, errors: Array) -> Size:
+    """errors (n, M, e) : a factor of the covariance of white rows' torque, from
+    :func:`torque_errors`."""
+    data, k = search.data, term.form.k
+    others = [t for t in search.terms if t != term]
+    fit = search.score.fit(others, search.fit)
+    if term.form.own:
+        fit = fit.without_own(term.form) or fit
+    apart, known = search.score.apart(fit, term.form, term.columns)
+    columns = [apart]
+    own = free_constants(term.form.effect)
+    for t in [term, *others]:
+        if free_constants(t.form.effect):
+            moved = data.columns(ShapeSensitivity(t.form.effect, t.beta))
+            if moved:
+                columns.append(fit.beside(fit.scaled(moved)))
+    T = np.concatenate(columns, axis=2)
+    prior = np.concatenate([known**-2.0, np.ones(T.shape[2] - k)])
+    A = np.tensordot(T, T, axes=((0, 1), (0, 1))) + np.diag(prior)
+    inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
+    beta = term.beta
+    left = fit.residual - T[:, :, :k] @ beta
+    inside = _factor(search, fit, T, left)
+    through = inverse @ np.hstack([inside, _torque(T, fit, errors)])
+    covariance = through @ through.T
+    least = inverse @ (A - np.diag(prior)) @ inverse
+    variances = np.diagonal(covariance)
+    grown = np.maximum(variances, np.diagonal(least)) / np.maximum(variances, 1e-300)
+    covariance = covariance * np.sqrt(grown[:, None] * grown)
+    deviations = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))[k : k + len(own)]
+    constants = {
+        name: float(d * prior_deviation(term.form.effect, name))
+        for name, d in zip(own, deviations, strict=False)
+    }
+    return Size(beta, covariance[:k, :k], constants)
+
+
+def _factor(search: Search, fit: Fit, T: Array, left: Array) -> Array:
+    """(K, C) a factor of S, of the clusters that make it largest."""
+    sums = cluster_sums(search.data.clusters, np.sum(T * left[:, :, None], axis=0))
+    # As many degrees of freedom as there are clusters, less those that the fit has taken.
+    every = (u.T * np.sqrt(len(u) / max(len(u) - T.shape[2], 1.0)) for u in sums)
+    return max(every, key=lambda u: float(np.sum(u**2)))
+
+
+def _torque(T: Array, fit: Fit, errors: Array) -> Array:
+    """(K, e) what errors of the torque (n, M, e) do to the normal equations."""
+    if not errors.shape[2]:
+        return np.zeros((T.shape[2], 0))
+    weighted = fit.beside({j: e for j, e in enumerate(errors / fit.level[:, None, None])})
+    return np.tensordot(T, weighted, axes=((0, 1), (0, 1)))
+
+
+def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Array:
+    """(n, M, e) white rows of the torque that is in doubt before anything is searched.
+
+    gain_errors (n, e) : a factor of the covariance of the channels' gains. A model that is held fixed
+    brings its parameters' spread along, and what the same gains have made of them.
+    """
+    known, rows = estimate.uncertainty, data.rows
+    n, M = rows.n, len(rows.t)
+    if not data.frozen and not gain_errors.any():
+        return np.zeros((n, M, 0))
+    columns = model_columns(rows, estimate)
+    parts = []
+    for j in range(n):
+        gains = -columns[j] @ known.gains
+        gains[:, j] += rows.torque[:, j]
+        part = gains @ gain_errors
+        if data.frozen:
+            part = np.hstack([part, -columns[j] @ known.spread])
+        parts.append(data.white(part, j))
+    return np.stack(parts)
+
+
+def shape_estimate(term: Term, estimate: Estimate, size: Size) -> ShapeEstimate:
+    """A nuisance of the search as an estimate of the model's shape constant."""
+    effect, name, (joint,) = term.form.effect, term.form.moves, term.form.effect.joints
+    now = next(e for e in estimate.model.effects if e.name == effect.name and joint in e.joints)
+    after = float(f"{effect.shape[name]:.6g}")
+    shape = effect.shapes[name].on(estimate.robot.joints[joint].kind)
+    bounds = shape.bounds or (1e-9, 1e9)
+    ends = at_end(*map(math.log, (after, bounds[0], shape.earned or bounds[1])))
+    std = after * size.constants.get(name, np.inf)
+    return ShapeEstimate(effect.name, joint, name, now.shape[name], after, std, term.J, ends)
+
+
+def told(s: ShapeEstimate, before: Array, after: Array) -> bool:
+    """Whether the data tell a constant from the model's, and its joint's held-out error falls."""
+    spread = s.std / s.after if np.isfinite(s.std) else 0.0
+    moves = abs(np.log(s.after / s.before)) >= max(FAR * spread, CHANGES)
+    return bool(moves and s.gain > APART and after[s.joint] < before[s.joint])
+
+
+def retunes(
+    found: Sequence[ShapeEstimate], robot: Robot, before: Array, after: Array
+) -> tuple[Retune, ...]:
+    """before, after (n,) : held-out errors with the model's own constants, and with the new ones."""
+    out = []
+    for s in (s for s in found if told(s, before, after)):
+        shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
+        values = [shape.said(v, kind) for v in (s.after, s.before)]
+        unit = plain_unit(robot.torque_units[s.joint])
+        verb = effect_types()[s.effect].turns or f"{s.effect} has {s.shape} ="
+        errors = float(before[s.joint]), float(after[s.joint])
+        said = f"joint {s.joint + 1}: {verb} {values[0]}, not {values[1]}"
+        said += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
+        remarks = []
+        if s.at_end:
+            remarks.append("it lies at the end of the range in which it was looked for")
+        if s.gain <= 2.0 * APART:
+            remarks.append("its gain is small")
+        out.append(Retune(s, "weak" if remarks else "confident", *errors, said, tuple(remarks)))
+    return tuple(out)

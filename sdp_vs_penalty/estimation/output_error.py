@@ -48,25 +48,31 @@ class Course:
 
 
 def courses_of(run: Measurements, estimate: Estimate, plant: Plant, shortest: float) -> list[Course]:
-    """The stretches of a run that last ``shortest`` [s] or more behind the state filter.
+    """The stretches of a run that last ``shortest`` [s] or more behind the state filter, a row a step of
+    the simulation: a sample, or as many as STEP holds, whose torques are averaged (triangular weights).
 
     Raises InputError where there is none, or an effect needs temperatures that were not logged.
     """
     filters = RunFilter(run, estimate.preprocessing.resolve(run), every_sample=True)
     half, out = filters.state.half, []
+    stride = max(1, int(STEP / filters.dt + 1e-9))
+    every, weights = slice(None, None, stride), np.convolve(np.ones(stride), np.ones(stride)) / stride**2
     for part in stretches(run):
         first, last = half, part.count - half - 1
         if (last - first) * filters.dt <= shortest:
             continue
         motion = filters.motion(part, first, last)
         torque = plant.true_torque(motion.t, part.resampled(part.tau, first, last + 1))
+        edges = np.pad(torque, ((stride - 1, stride - 1), (0, 0)), "edge")
+        torque = sum(w * edges[m : m + len(torque)] for m, w in enumerate(weights))
         z, moving = plant.remembered(motion), filters.movement.at(motion.t)
         warm = unknown = np.full_like(motion.q, np.nan)
         if any(effect.needs_temperature for effect in estimate.model.effects):
             warm = motion.joint_temperature
         path = unknown if motion.sum is None else motion.sum
         states = State(motion.t, motion.q, motion.dq, motion.ddq, z, warm, path)
-        out.append(Course(run.names[0], states, torque, moving, motion.command))
+        rows = states.rows(every), np.asarray(torque)[every], moving[every]
+        out.append(Course(run.names[0], *rows, motion.command))
     if not out:
         raise no_rows(run, 2.0 * half * filters.dt + shortest)
     return out
@@ -136,20 +142,15 @@ def _chosen(plant: Plant, courses: Sequence[Course], size: Array) -> tuple[list[
 
 
 def _cut(course: Course, seconds: float) -> list[_Window]:
-    """A course in windows; a step's torque is the mean of its samples (trapezoidal rule)."""
-    stride = max(1, int(STEP / course.dt + 1e-9))
-    steps = (len(course.torque) - 1) // stride
-    weights = np.ones(stride + 1) / stride
-    weights[[0, -1]] /= 2.0
-    ends = stride * np.arange(1, steps + 1)
-    torque = sum(w * course.torque[ends - stride + m] for m, w in enumerate(weights))
-    count = int(min(steps, max(1, round(seconds / (stride * course.dt)) if seconds < np.inf else steps)))
+    """A course in windows."""
+    steps, torque = len(course.torque) - 1, 0.5 * (course.torque[:-1] + course.torque[1:])
+    count = int(min(steps, max(1, round(seconds / course.dt) if seconds < np.inf else steps)))
     return [
         _Window(
-            course.states.rows(np.array([stride * first])),
-            stride * course.dt,
-            np.asarray(torque)[first : first + count],
-            course.states.q[ends[first : first + count]],
+            course.states.rows(np.array([first])),
+            course.dt,
+            torque[first : first + count],
+            course.states.q[first + 1 : first + 1 + count],
         )
         for first in range(0, steps - count + 1, count)
     ]

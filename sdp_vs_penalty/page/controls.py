@@ -5,13 +5,12 @@ Options of the command line are fields made from its verbs, not listed again.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from html import escape
-from typing import Any, get_args
+from typing import Any
 
 from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
@@ -32,17 +31,13 @@ class FormField:
     tick: bool
 
 
-def fields_of(verb: Callable[..., Any], *names: str) -> tuple[FormField, ...]:
-    """Options of a verb by the names of its parameters, as typer reads them from its signature."""
-    parameters = inspect.signature(verb).parameters
-    out = []
-    for name in names:
-        kind, option = get_args(parameters[name].annotation)[:2]
-        default, tick = parameters[name].default, kind is bool
-        told = option.metavar or ("" if default is None or tick else str(default))
-        flag, said = f"--{name.replace('_', '-')}", option.help.replace("`", "")
-        out.append(FormField(name, flag, said, told, tick))
-    return tuple(out)
+def fields_of(options: Mapping[str, Any], *names: str) -> tuple[FormField, ...]:
+    """Options of a verb, as cli/options.py has them, by the names of its parameters."""
+    found = ((name, options[name]) for name in names)
+    return tuple(
+        FormField(name, o.option_strings[0], o.help.replace("`", ""), o.metavar or "", o.nargs == 0)
+        for name, o in found
+    )
 
 
 def words(fields: tuple[FormField, ...], values: Mapping[str, str]) -> list[str]:

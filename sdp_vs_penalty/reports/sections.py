@@ -162,7 +162,7 @@ def history(material: Material) -> str:
 
 
 def forward(material: Material) -> str:
-    """The last model run forward: after one sample, 0.1 s ahead, and freely from the first state."""
+    """The last model run forward: after one step, 0.1 s ahead, and freely from the first state."""
     made = material.forward
     if isinstance(made, str):
         return text(f"{material.last_name} cannot be simulated: {made}")

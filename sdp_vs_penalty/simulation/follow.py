@@ -1,7 +1,7 @@
 """A model run forward along measured runs: how far ahead it says where the arm will be.
 
 Windows of a tenth of a second are started from the measured state and driven by the measured torque,
-each sample as it was logged; the free run is started once. With ``drive="servo"`` the command drives it,
+a sample or 2 ms a step; the free run is started once. With ``drive="servo"`` the command drives it,
 through the identified law of its servos. With ``drive="pd"`` a proportional and
 derivative loop on the measured motion acts beside the measured torque, so that the arm stays with it:
 what the loop has to add is then the model's error as a torque.
@@ -80,7 +80,7 @@ class FreeRun:
 
 @dataclass(frozen=True, repr=False)
 class Following(Shown):
-    """What a model run forward makes of measured runs. one_step : velocity after one sample of the log;
+    """What a model run forward makes of measured runs. one_step : velocity after one step;
     ahead : position after a tenth of a second; left_out : effects that have no forward meaning here."""
 
     drive: Drive
@@ -129,7 +129,7 @@ class Following(Shown):
         return self.table()
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Headings, and one row a joint, in thousandths of its unit: velocity after one sample, position
+        """Headings, and one row a joint, in thousandths of its unit: velocity after one step, position
         0.1 s ahead with 5 and 95 % and what a constant velocity gives, the free run and its spread."""
         free, a = self.free[0], self.ahead
         columns = {"step/s": self.one_step.rms, "0.1 s": a.rms, "5 %": a.band[0], "95 %": a.band[1]}
@@ -151,7 +151,7 @@ class Following(Shown):
         """What the columns of :meth:`table` are."""
         free = self.free[0]
         said = (
-            "RMS errors in thousandths of the unit: of the velocity after one sample (step/s), of the "
+            "RMS errors in thousandths of the unit: of the velocity after one step (step/s), of the "
             f"position {self.ahead.seconds:.3g} s ahead (5 %, 95 %: of the errors' sizes; const.: what "
             f"constant velocity gives), and of the free run of {free.seconds:.3g} s"
         )
@@ -289,7 +289,7 @@ class _Ride:
 
 
 def _windows(ride: _Ride, horizon: float, most: int) -> tuple[Array, Array, Array, Array]:
-    """Errors (W, n) of windows all over the course: of velocity after one sample, of position at the
+    """Errors (W, n) of windows all over the course: of velocity after one step, of position at the
     horizon; and both at constant velocity."""
     course, seen, dt = ride.course, ride.course.states, ride.course.dt
     steps = max(1, round(horizon / dt))

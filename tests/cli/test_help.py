@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer.main
 from commands import run_cli
 from small_runs import small_run, write_bag, write_run
 
 import sdp_vs_penalty
-from sdp_vs_penalty.cli.main import app, expand_many, main
+from sdp_vs_penalty.cli.main import VERBS, main, named
+from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.data.formats import formats
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
-COMMANDS = typer.main.get_command(app).commands
-EXAMPLES = {verb: re.findall(r"Example:\n  (.*)", command.epilog) for verb, command in COMMANDS.items()}
+PARSERS = {verb: Parser(verb, named(verb)) for verbs in VERBS.values() for verb in verbs}
+EXAMPLES = {verb: re.findall(r"Example:\n  (.*)", parser.epilog) for verb, parser in PARSERS.items()}
 #: In the order in which one example makes what the next one reads.
 RUN = (
     *("identify", "compare", "check", "list", "export", "check-urdf", "convert", "add", "report"),
@@ -41,7 +41,7 @@ def test_every_format_is_named_where_a_file_is_asked_for():
     """By its first suffix: the help is by hand, so that showing it imports no reader."""
 
     def told(verb: str, name: str) -> str:
-        (option,) = (p for p in COMMANDS[verb].params if p.name == name)
+        option = PARSERS[verb].options[name]
         return f"{option.metavar} {option.help}"
 
     for home in formats():
@@ -56,9 +56,9 @@ def test_every_format_is_named_where_a_file_is_asked_for():
 def test_there_is_one_example_and_it_parses(verb):
     assert len(EXAMPLES[verb]) == 1, f"{verb}: one line 'Example: sdp-vs-penalty ...' in the docstring"
     (example,) = EXAMPLES[verb]
-    program, called, *words = expand_many(shlex.split(example))
+    program, called, *words = shlex.split(example)
     assert (program, called) == ("sdp-vs-penalty", verb)
-    COMMANDS[verb].make_context(verb, list(words))
+    PARSERS[verb].given(words)
 
 
 def test_every_verb_is_run_here_or_said_not_to_be():

@@ -121,7 +121,7 @@ def test_the_figures_are_those_of_the_models(made):
         assert f"{comparison.rmse[1]:.4g}" in html
     text = re.sub(r"<[^>]+>", " ", html)
     assert "coulomb_friction" in text
-    ahead = follow(list(models.values())[-1], run, steps=200)  # as many as the report takes
+    ahead = follow(list(models.values())[-1], run, steps=100)  # as many as the report takes
     assert ahead.verdict in text
     cut = [f.seconds for f in ahead.free if not f.left]
     assert all(seconds <= 483 * 2e-3 for seconds in cut)

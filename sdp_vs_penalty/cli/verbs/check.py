@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.runs import as_told
 from sdp_vs_penalty.errors import InputError
@@ -75,7 +73,7 @@ def verb(
         console.next_step(["identify", problem, "--data", *train, *mounting, "--out", "model.json"])
     console.save_json(json_, {"problem": robot.name, "runs": [r.to_dict() for r in reports]})
     if meaningless:
-        raise typer.Exit(1)
+        raise SystemExit(1)
 
 
 def _beside(data: Sequence[Path]) -> Path:

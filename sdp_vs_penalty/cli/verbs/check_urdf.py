@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 
 def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None:
     """Check the inertials of a URDF: which bodies are impossible, by how much, the nearest possible.
@@ -42,4 +40,4 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
         inertials.write_nearest(urdf, checks, fix)
         console.written(fix)
     if not all(check.consistent for check in checks):
-        raise typer.Exit(1)
+        raise SystemExit(1)

@@ -32,7 +32,7 @@ def verb(
         from sdp_vs_penalty.page.server import Address, serve
     except ImportError as error:
         raise missing_extra("The page needs", "page") from error
-    from sdp_vs_penalty.cli.options import declared
+    from sdp_vs_penalty.cli.options import Parser
     from sdp_vs_penalty.cli.verbs import convert, excite, identify
 
     offered = {
@@ -41,5 +41,7 @@ def verb(
         "read": (convert, "rename motors motor_side rate topic joints"),
         "separate": (excite, "duration level iterations"),
     }
-    forms = {k: fields_of(declared(v.verb), *names.split()) for k, (v, names) in offered.items()}
+    forms = {
+        k: fields_of(Parser("", v.verb).options, *names.split()) for k, (v, names) in offered.items()
+    }
     serve(folder, port, browser, Address(host, certificate, key), forms)

@@ -20,7 +20,7 @@ def verb(
 ) -> None:
     """Simulate runs in which an effect is hidden, or run a model forward along measured runs.
 
-    With --follow a model is started from measured states and driven by the measured torque: one sample,
+    With --follow a model is started from measured states and driven by the measured torque: one step,
     0.1 s, and as long as it stays with the measured motion. Otherwise truth.json says what is hidden.
     Example: sdp-vs-penalty simulate panda --hide stribeck_friction:3 --seed 7 --out DIR
 

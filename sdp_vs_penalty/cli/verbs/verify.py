@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 from sdp_vs_penalty.errors import InputError
 
 
@@ -44,4 +42,4 @@ def verb(
         console.say(text)
     console.warn(f"checker: {verify_proof.__file__}")
     if refused:
-        raise typer.Exit(1)
+        raise SystemExit(1)

@@ -11,10 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
-from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables, pairs_of
+from sdp_vs_penalty.diagnosis.curves.bases import (
+    Basis,
+    Columns,
+    SplineFit,
+    Variables,
+    band,
+    pairs_of,
+    smoothed,
+)
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
 from sdp_vs_penalty.diagnosis.curves.laws import LawFit, law_of, recognised, written
-from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit, band, smoothed
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.effects.effect import follows_alone
@@ -116,7 +123,7 @@ def _instead(worth: float, own: Sequence[Term], alone: _Rated, beside: _Rated | 
 
 def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variables) -> _Rated | None:
     """The curve of a joint that scores most beside some terms, with its law."""
-    fit, data, score = search.score.fit(terms, search.fit.level), search.data, search.score
+    fit, data, score = search.score.fit(terms, search.fit), search.data, search.score
     # What is a curve already is no second one of the same variables.
     have = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
     curves = [e for e in have if isinstance(e, MeasuredCurve) and joint in e.joints]

@@ -79,7 +79,7 @@ def forward(view: View) -> None:
     if made is None:
         draw.note(
             "The model is started from measured states and driven by the torque of the runs that it is "
-            "judged on: one sample, 0.1 s, and as long as it stays with the measured motion. Simulators "
+            "judged on: one step, 0.1 s, and as long as it stays with the measured motion. Simulators "
             "and predictive controllers need this; a model of torques can be good without it."
         )
         return
