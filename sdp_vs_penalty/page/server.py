@@ -26,17 +26,23 @@ from nicegui import app as nicegui_app
 from nicegui import ui
 from starlette.requests import ClientDisconnect
 
+from sdp_vs_penalty.data.datasets import DATASETS
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.auth_middleware import KEY, LOOPBACK, guarded
+from sdp_vs_penalty.page.run_jobs import real_files
 from sdp_vs_penalty.page.session import Session, internal_error
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
-from sdp_vs_penalty.page.worker import Cancelled, WorkerPool, Working
+from sdp_vs_penalty.page.worker import WorkerPool
 from sdp_vs_penalty.reports.pictures import LOOK as PICTURES
+from sdp_vs_penalty.simulation.hidden_runs import MAKERS
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 #: Tried first, so that the page can be bookmarked.
 PORT = 8137
@@ -51,34 +57,34 @@ class Page:
         self.folder, self.forms = folder, forms
         self.pool = WorkerPool()
         self.sessions = Sessions(self.pool)
-        self._loading = Working("Loading")
-        #: What there is to choose from: the robots at once, the rest when a worker has loaded it.
-        self.catalogue: dict[str, Any] = {"problems": _problems()}
-
-    def start(self) -> None:
-        """Ask a first worker what there is to choose from."""
-        self._asking = asyncio.get_running_loop().create_task(self._ask())
-
-    async def _ask(self) -> None:
-        try:
-            request = {"job": "catalogue"}
-            self.catalogue |= await self.pool.run(self._loading, request, lambda _: None)
-            self.sessions.changed()
-        except InputError as error:
-            self.sessions.say(str(error))
-        except Cancelled:  # the server ends
-            return
+        self.catalogue = _catalogue()
 
     def close(self) -> None:
-        self._loading.cancel()
         self.sessions.close()
         self.pool.close()
 
 
-def _problems() -> list[dict[str, str]]:
-    """Names and titles of the built-in robots, read without what computes with them."""
+def _catalogue() -> dict[str, Any]:
+    """Everything that the page offers to choose from."""
+    kinds, methods = effect_types(), estimator_types()
     files = sorted(problems_folder().glob("*/problem.toml"))
-    return [{"name": f.parent.name, "title": tomllib.loads(f.read_text())["title"]} for f in files]
+    robots = [{"name": f.parent.name, "title": tomllib.loads(f.read_text())["title"]} for f in files]
+    return {
+        "problems": robots,
+        "effects": [
+            {"name": name, "explanation": kind.explanation, "frozen_only": kind.frozen_only}
+            for name, kind in kinds.items()
+        ],
+        "methods": [
+            {"name": name, "description": kind.description}
+            for name, kind in methods.items()
+            if not kind.needs_black_box
+        ],
+        "hideable": [name for name in MAKERS if not kinds[name].frozen_only],
+        "whole_robot": [name for name, kind in kinds.items() if kind.whole_robot],
+        "levels": list(LEVELS),
+        "real": {d.problem: d.title for d in DATASETS.values() if real_files(d.name)},
+    }
 
 
 @dataclass(frozen=True)
@@ -137,7 +143,7 @@ def serve(
     name = f"[{at.host}]" if ":" in at.host else at.host
     address = f"http{'s' * at.tls}://{name}:{chosen}/?{KEY}={key}"
     print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
-    nicegui_app.on_startup(page.start)
+    nicegui_app.on_startup(page.pool.prepare)
     nicegui_app.on_shutdown(page.close)  # also where a signal ends the server
     # The server ends in order and then raises the signal again: leave by exit, so that what Python
     # itself keeps for processes is taken away too.

@@ -166,14 +166,11 @@ def forward(material: Material) -> str:
     made = material.forward
     if isinstance(made, str):
         return text(f"{material.last_name} cannot be simulated: {made}")
-    runs = [Curves(f.simulated.t, f.measured, {material.last_name: f.simulated.q}) for f in made.free]
     body = text(made.verdict) + table(*made.table(), numbers_from=2) + text(made.explained)
-    body += text(
-        "Left: measured and simulated position of the free run, until the arm leaves the measured "
-        "motion. Right: its error."
-        + " `report --forward` goes on to the run's end."
-        * any(f.cut for f in made.free)
-    )
+    if any(f.cut for f in made.free):
+        return body + text("`report --forward` goes on to the run's end, and shows the positions.")
+    body += text("Left: measured and simulated position of the free run. Right: its error.")
+    runs = [Curves(f.simulated.t, f.measured, {material.last_name: f.simulated.q}) for f in made.free]
     for j, unit in enumerate(made.units):
         body += figure(torque_figure(runs, j, unit), group="forward")
     return body
