@@ -122,22 +122,21 @@ def serve(
     folder: Path | None,
     port: int | None,
     browser: bool,
-    at: Address | None = None,
-    forms: Forms | None = None,
+    at: Address,
+    forms: Forms,
 ) -> None:
     """Serve the page until it is interrupted, to whoever has the printed address.
 
     folder : whose runs and URDFs the page offers; port : None for the usual one, or any other that
-    is free where that is taken; at : None for 127.0.0.1; forms : by what they are for, options of the
+    is free where that is taken; forms : by what they are for, options of the
     command line that the page offers. Raises InputError for a folder that is none, a
     port that is taken, or files that TLS cannot use.
     """
-    at = at or Address()
     if folder is not None and not folder.is_dir():
         raise InputError("not a folder", "name the folder with your runs, or leave it out", folder)
     listener = _listen(at.host, port)
     chosen = listener.getsockname()[1]
-    page = Page(folder, forms or {})
+    page = Page(folder, forms)
     atexit.register(page.close)
     key = secrets.token_urlsafe(24)
     name = f"[{at.host}]" if ":" in at.host else at.host

@@ -20,7 +20,6 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.page import uploads
-from sdp_vs_penalty.page.controls import FormField, words
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.worker import Cancelled, WorkerPool, Working
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL
@@ -83,9 +82,8 @@ class Session:
     method: str = DEFAULT_METHOD
     seed: int = 0
     frozen: bool = False
-    #: What is written in the fields that are the command line's options, and these fields.
+    #: What is written in the fields that are the command line's options.
     options: dict[str, str] = field(default_factory=dict)
-    asked: tuple[FormField, ...] = ()
     reading: dict[str, str] = field(default_factory=dict)
     #: Identify even from runs that the check calls meaningless.
     anyway: bool = False
@@ -203,7 +201,8 @@ class Session:
             how += ["--no-check"] if self.meaningless else []
             if gravity := self.robot["gravity"]:
                 how += ["--gravity", ",".join(f"{g:g}" for g in gravity)]
-            out.append(["identify", robot, *data, *how, *words(self.asked, self.options), "--out", name])
+            how += [w for k, v in self.options.items() for w in (f"--{k.replace('_', '-')}", v)]
+            out.append(["identify", robot, *data, *how, "--out", name])
         for k, model in enumerate(self.history[1:], start=2):
             before, name = name, f"model{k}.json"
             what = [",".join(model.added), *data, *seed, *["--frozen"] * model.frozen]
