@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import Any
 
-from sdp_vs_penalty.checks import Report
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -30,9 +30,9 @@ class Material:
     models : by name, in the order in which effects were added; the last one is looked at closely;
     plant : that one without its drives, whose torque a log without torque is given; judged : of each
     model the filtered rows of each run, and their modelled torque (M, n); failures : of the first model
-    and of the last;
-    commands : that made this report; forward : the last model run forward, or the sentence why it
-    cannot; diagnosis : of one of the models, where there is one.
+    and of the last; checks : of each run, what Issue.to_dict() says; commands : that made this report;
+    forward : the last model run forward, or the sentence why it cannot; diagnosis : of one of the
+    models, where there is one.
     """
 
     models: Mapping[str, Estimate]
@@ -41,7 +41,7 @@ class Material:
     comparisons: Sequence[Comparison]
     judged: Mapping[str, Sequence[tuple[Rows, Array]]]
     failures: Mapping[str, Sequence[JointFailure]]
-    checks: Sequence[Report]
+    checks: Mapping[str, Sequence[Mapping[str, Any]]]
     commands: Sequence[str]
     forward: Following | str
     diagnosis: Diagnosis | None = None
