@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.constants import (
     ABSORBED,
     APART,
     FAR,
-    HARMONIC,
     MATTERS,
     UNCERTAIN,
 )
@@ -43,9 +43,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM_KNOWN
 from sdp_vs_penalty.signals.standstill import STILL
 
-#: Held-out errors (n,) of some of the findings, by their places.
-Alone = Callable[[Sequence[int]], Array]
-
 
 @dataclass(frozen=True)
 class Found:
@@ -65,20 +62,18 @@ class Found:
     curves: tuple[Measured, ...] = ()
 
 
-def what_is_left(search: Search) -> Remainder:
-    """Of the rows beside all terms of a search."""
+def what_is_left(search: Search, odd: NDArray[np.bool_] | None = None) -> Remainder:
+    """Of the rows beside all terms of a search; odd (M, n) : its outliers, if they are known."""
     data, fit = search.data, search.fit
     residual = refitted(data, [t.form.effect for t in search.terms])[1]
-    odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
+    if odd is None:
+        odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
     return remainder(data, fit, residual, odd)
 
 
-def conclude(
-    found: Found, alone: Alone, gain_errors: Array, new_share: float | None, seed: int
-) -> Diagnosis:
-    """The diagnosis. alone : held-out errors of some of the findings added by themselves; gain_errors
-    (n, e) : a factor of the covariance of the torque channels' gains; new_share : of the test run's
-    motion; seed : of the draws of a curve's band."""
+def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: int) -> Diagnosis:
+    """The diagnosis. gain_errors (n, e) : a factor of the covariance of the torque channels' gains;
+    new_share : of the test run's motion; seed : of the draws of a curve's band."""
     search, data = found.search, found.search.data
     rows, noise = data.rows, data.noise
     left, residual = found.left, found.left.residual
@@ -90,16 +85,11 @@ def conclude(
     every = [_finding(found, k, term, errors, doubt) for k, term in enumerate(search.terms)]
     unsure = noise.source != REPETITION
     minor = [unsure and not lowers(errors[k], errors[k + 1]) for k in range(len(every))]
-    every = _judged_alone(found, every, alone)
+    every = _judged_alone(found, every)
     findings = tuple(f for f, m in zip(every, minor, strict=True) if not m)
     beside = tuple(replace(f, confidence="minor") for f, m in zip(every, minor, strict=True) if m)
     curves = _told(found, seed)
     nameless = {j: float(left.beyond[j]) for j in left.matters}
-    for term in search.terms:
-        if in_pieces(term, search):
-            (j,) = term.joints
-            own = spread_columns(rows, term.form.effect)[j] @ term.beta
-            nameless[j] = float(np.hypot(nameless.get(j, 0.0), own.std()))
     verdict = UNKNOWN if nameless or curves else EFFECT_MISSING if findings else NOTHING_MISSING
     return Diagnosis(
         verdict,
@@ -124,18 +114,6 @@ def conclude(
     )
 
 
-def in_pieces(term: Term, search: Search) -> bool:
-    """Whether a wave is one of several on its joint that are no harmonics of one, or was not travelled
-    once: a function of the position that no effect is."""
-    effect, terms = term.form.effect, [t for t in search.terms if t.key == term.key]
-    if not effect.waves:
-        return False
-    waves = np.array([t.form.effect.waves or 0.0 for t in terms])
-    orders = waves / waves.min()
-    once = effect.waves * search.data.rows.seen(effect.joints[0]).travel >= 2.0 * np.pi
-    return bool(not once or np.any(np.abs(orders - np.round(orders)) > HARMONIC * orders))
-
-
 def _told(found: Found, seed: int) -> tuple[Curve, ...]:
     out, noise = [], found.search.data.noise
     for k, o in enumerate(found.curves):
@@ -147,15 +125,16 @@ def _told(found: Found, seed: int) -> tuple[Curve, ...]:
     return tuple(out)
 
 
-def _judged_alone(found: Found, findings: Sequence[Finding], alone: Alone) -> list[Finding]:
-    """The findings; of the confident ones only those are that by themselves, as `add --confident` takes
+def _judged_alone(found: Found, findings: Sequence[Finding]) -> list[Finding]:
+    """The findings; of the confident ones only those that by themselves, as `add --confident` takes
     them, raise no joint's held-out error by what matters: the one without which they raise it least is
     weak."""
     out = list(findings)
 
     def most(chosen: Sequence[int]) -> float:
         """The largest rise of a joint's error by some of them."""
-        return float(np.max(alone(chosen) / np.maximum(found.held_out.errors(()), 1e-300)))
+        errors = found.held_out.errors([found.offered[k] for k in chosen])
+        return float(np.max(errors / np.maximum(found.held_out.errors(()), 1e-300)))
 
     sure = [k for k, f in enumerate(out) if f.confidence == "confident"]
     while sure and most(sure) > 1.0 + MATTERS:
@@ -215,7 +194,6 @@ def _reasons(
         "absorbed": absorbed > 1.0 - ABSORBED,
         "implausible": bool(np.any(torque > np.mean(rows.torque**2, axis=0)))
         or (plausible is not None and np.sqrt(np.mean((known.beta / plausible) ** 2)) > FAR),
-        "pieces": in_pieces(term, search),
         "looks_like": bool(looks_like),
         "curve": any(term in o.replaced for o in found.curves),
     }
@@ -233,7 +211,7 @@ def _rival_name(own: Effect, other: Effect) -> str:
 def _shares(search: Search, term: Term) -> tuple[float, float]:
     """Of a term's energy what the model's columns make, and what other terms make besides."""
     alone, beside = (
-        search.score.fit(others, search.fit.level).energy(term)
+        search.score.fit(others, search.fit).energy(term)
         for others in ([], [t for t in search.terms if t != term])
     )
     scaled = search.fit.scaled(term.columns)

@@ -29,13 +29,10 @@ APART = 10.0
 EQUIVALENT = 6.0
 #: A law is right to this share of what it explains: so much of it looks like something else.
 FORM = 0.04
-#: Candidates that are looked at closely; and of a candidate's laws those that take at least this share
-#: of what its best one takes on the grids: refined, another may be best (a Stribeck friction's exponent,
-#: and with it its size by three quarters).
-CLOSELY, LIKELY = 4, 0.9
-#: Steps at most until nothing changes; and those in which a model and what refers to it are made to
-#: agree.
-STEPS, TURNS = 30, 2
+#: Candidates that are looked at closely.
+CLOSELY = 4
+#: Steps at most until nothing changes.
+STEPS = 30
 #: Share of a joint's rows at standstill from which the law of what holds it is looked for.
 STANDS = 0.02
 
@@ -67,9 +64,6 @@ WITHIN = 2.0
 #: are confident may raise a held-out one without the weak ones (UR10's filter: 20 %, on unseen motion
 #: 100 %).
 MATTERS = 0.1
-#: Share by which the order of a wave differs at most from a multiple of the slowest one's, of which it
-#: is a harmonic: what a refined order is uncertain by.
-HARMONIC = 0.02
 
 # Confidence.
 

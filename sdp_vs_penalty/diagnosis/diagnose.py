@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.conclude import Found, conclude, what_is_left
-from sdp_vs_penalty.diagnosis.constants import OUTSIDE, RAISES, TURNS
+from sdp_vs_penalty.diagnosis.constants import APART, OUTSIDE, RAISES
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers, on_folds, on_test, raises
@@ -29,7 +28,6 @@ from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
 from sdp_vs_penalty.regression.regression import compress
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
@@ -97,7 +95,7 @@ def diagnose(
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
     share = None if test is None else _new_motion(estimate, measurements, test, settings, frozen)
-    done = conclude(found, partial(_alone, found, judge), gain_errors, share, seed)
+    done = conclude(found, gain_errors, share, seed)
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
 
@@ -173,12 +171,19 @@ def _offered(search: Search, judge: _Judge) -> Found:
     now, beside = referred(beside, now)
     named = [t for t in beside.terms if not t.form.own]
     terms = sorted(beside.limited(named).terms, key=lambda t: -t.J)
+    terms = [t for t in terms if t.J > APART]
     held_out = judge.of(beside, [t.form.effect for t in terms], now)
     if not shapes:
         before = held_out.errors(())
     order = held_out.offered(len(terms))
     final = beside.limited([terms[k] for k in order])
     left = what_is_left(final)
+    if left.matters and left.odd.any():  # what happens once is no evidence, if it is that alone
+        beside = final.carried(now, left.odd)
+        beside = beside.limited(beside.terms)
+        rest = what_is_left(beside, left.odd)
+        if len(rest.matters) < len(left.matters):
+            final, left = beside, rest
     found = Found(first, now, tuple(shapes), final, left, held_out, tuple(order), before)
     parts = in_parts(final)
     if not left.matters and not parts:
@@ -187,35 +192,23 @@ def _offered(search: Search, judge: _Judge) -> Found:
     return _with_curves(found, curves, judge)
 
 
-def _alone(found: Found, judge: _Judge, chosen: Sequence[int]) -> Array:
-    """(n,) held-out errors of some of the findings in the columns that they make without the others."""
-    terms = [found.search.terms[k] for k in chosen]
-    estimate, search = referred(found.search.limited(terms), found.estimate)
-    return judge.of(search, [t.form.effect for t in terms], estimate).errors(range(len(terms)))
-
-
 def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Found:
     """Those curves that lower their joint's held-out error by more than what is minor, raise no other's,
     and whose tables the test run does not leave; each with what it does to the errors."""
     named, out = [t.form.effect for t in found.search.terms], list[Measured]()
-    for curve in curves:
+    places = range(len(named), len(named) + len(curves))
+    effects = [*named, *(c.table for c in curves)]
+    by_fold = {k: c.by_fold for k, c in zip(places, curves, strict=True)}
+    held = judge.of(found.search, effects, found.estimate, by_fold)
+    before, taken = held.errors(range(len(named))), list[int]()
+    for k, curve in zip(places, curves, strict=True):
         gone = {t for c in (*out, curve) for t in c.replaced}
-        terms = [k for k, t in enumerate(found.search.terms) if t not in gone]
-        every = [*out, curve]
-        effects = [*named, *(c.table for c in every)]
-        held = judge.of(
-            found.search,
-            effects,
-            found.estimate,
-            {len(named) + k: c.by_fold for k, c in enumerate(every)},
-        )
-        names = list(range(len(named)))
-        before = held.errors(names) if not out else out[-1].errors
-        after = held.errors([*terms, *range(len(named), len(effects))])
-        on = [curve.joint]
+        terms = [i for i, t in enumerate(found.search.terms) if t not in gone]
+        after, on = held.errors([*terms, *taken, k]), [curve.joint]
         helps = lowers(before[on], after[on]) and not raises(before, after)
         if helps and judge.outside(curve.table) <= OUTSIDE:
             out.append(replace(curve, before=float(before[curve.joint]), errors=after))
+            before, taken = after, [*taken, k]
     return replace(found, curves=tuple(out))
 
 
@@ -229,12 +222,10 @@ def adopted(estimate: Estimate, shapes: Sequence[ShapeEstimate], measurements: M
 
 def referred(search: Search, estimate: Estimate) -> tuple[Estimate, Search]:
     """Where columns refer to the model: that with the parameters that it has beside the findings, and
-    these carried on (steps of Gauss and Newton). Fitted without them it has taken a part of their
+    these carried on (a step of Gauss and Newton). Fitted without them it has taken a part of their
     torque; of play in a gear 14 % of the size were left out."""
-    for _ in range(TURNS):
-        effects = [t.form.effect for t in search.terms]
-        if search.data.frozen or not any(e.needs_torque or e.needs_links for e in effects):
-            break
+    effects = [t.form.effect for t in search.terms]
+    if not search.data.frozen and any(e.needs_torque or e.needs_links for e in effects):
         theta = refitted(search.data, effects)[0][: len(estimate.theta)]
         estimate = replace(estimate, theta=theta)
         search = search.carried(estimate)

@@ -60,6 +60,12 @@ class Form:
         """(k,) which parameters may not be negative."""
         return [p.lower == 0.0 for p in self.effect.parameters]
 
+    @property
+    def plausible(self) -> Array:
+        """(k,) standard deviations of its parameters that its effect says, NaN where it says none."""
+        known = self.effect.plausible
+        return np.full(self.k, np.nan) if known is None else known
+
     def refines(self, other: Form) -> bool:
         """Whether its effect says that it is a finer form of the other's, on the same joint."""
         return self.key[1] == other.key[1] and other.key[0] in self.effect.refines
@@ -68,7 +74,7 @@ class Form:
         return Form(self.key, self.effect.with_shape(**shape), self.own, self.moves)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Batch:
     """Forms with k columns each that change the torque of the same joints: white (len(joints), M, F
     k)."""
@@ -86,6 +92,11 @@ class Batch:
     def signed(self) -> NDArray[np.bool_]:
         """(F,) whether the first parameter may not be negative."""
         return np.array([f.nonnegative[0] for f in self.forms])
+
+    @cached_property
+    def plausible(self) -> Array:
+        """(F, k)."""
+        return np.array([f.plausible for f in self.forms])
 
     @cached_property
     def grams(self) -> Array:

@@ -44,7 +44,7 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
     white = (fit.residual * fit.level[:, None]).T
     keep = rows.keep & (white != 0.0) & (noise.worth > 0.5) & (rows.still <= STILL) & ~odd
     slides = keep & (rows.slow <= SLOW)
-    leverage = np.sum(fit.Q**2, axis=2).T
+    leverage = np.sum(fit.basis**2, axis=2).T
 
     def mean(squares: Array, which: NDArray[np.bool_]) -> Array:
         degrees = np.maximum((which * (1.0 - leverage)).sum(axis=0), 1.0)

@@ -20,8 +20,9 @@ what ALPHA rows of a joint tell, however many there are.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -54,29 +55,74 @@ class Term:
         return self.form.key
 
     @property
+    def text(self) -> str:
+        return self.form.effect.text
+
+    @property
     def joints(self) -> frozenset[int]:
         return frozenset(self.columns)
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """White columns A (n, M, p) of the model, in a basis of r, and of terms, of unit length; y (n, M)
+    the torque; gram (n, p, p), pull (n, p) : A'A, A'y; duals (P, r) : of each of the model's own columns
+    what is orthogonal to its others, zero where they make it; dropped : those that terms stand for; at :
+    each term's columns of A, by text.
+    """
+
+    A: Array
+    y: Array
+    gram: Array
+    pull: Array
+    duals: Array
+    dropped: tuple[int, ...]
+    at: dict[str, list[int]]
+    fits: dict[tuple[int, ...], Fit] = field(default_factory=dict)
+    products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
+
+    def holds(self, terms: Sequence[Term]) -> bool:
+        return _dropped(terms) == self.dropped and all(t.text in self.at for t in terms)
+
+    def of(self, batch: Batch) -> list[tuple[Array, Array]]:
+        """By joint, A'Z (p, F k) and Z'y (F k,) of a batch's columns Z."""
+        if batch not in self.products:
+            pairs = zip(batch.joints, batch.white, strict=True)
+            self.products[batch] = [(self.A[j].T @ Z, Z.T @ self.y[j]) for j, Z in pairs]
+        return self.products[batch]
+
+
+def _dropped(terms: Sequence[Term]) -> tuple[int, ...]:
+    return tuple(sorted({i for t in terms for i in t.form.own}))
 
 
 @dataclass(frozen=True)
 class Fit:
     """The model and some terms fitted to white rows, each joint's divided by its ``level`` (n,).
 
-    Q (n, M, r) : Q Q' projects onto their columns; residual (n, M) : what they leave; rss, degrees (n,)
-    : squared error in units of the noise, and rows less the joint's share of the rank; target (n, M);
-    beside_model (r, K) : the terms' columns in the basis Q; dropped : places in theta of the model's
-    columns that terms stand for.
+    W (p, r) : the columns A W, divided by the levels, are orthonormal; theta (p,) : coefficients;
+    residual (n, M) : what they leave; rss, degrees (n,) : squared error in units of the noise, and rows
+    less the joint's share of the rank.
     """
 
-    Q: Array
-    residual: Array
-    target: Array
+    design: Design
+    W: Array
+    theta: Array
     level: Array
+    residual: Array
     rss: Array
     degrees: Array
     floor: float
-    beside_model: Array
-    dropped: tuple[int, ...] = ()
+
+    @property
+    def target(self) -> Array:
+        """(n, M) weighted torque."""
+        return np.asarray(self.design.y / self.level[:, None])
+
+    @cached_property
+    def basis(self) -> Array:
+        """(n, M, r) an orthonormal one of the columns."""
+        return np.asarray(self.design.A @ self.W / self.level[:, None, None])
 
     def deviance(self, rss: Array) -> float:
         """-2 log L of the joints' squared errors (n,)."""
@@ -88,8 +134,9 @@ class Fit:
 
     def beside(self, scaled: dict[int, Array]) -> Array:
         """(n, M, k) what the fit leaves of columns, all of them weighted."""
-        along = sum(np.tensordot(self.Q[j], z, axes=(0, 0)) for j, z in scaled.items())
-        left = -(self.Q @ along)
+        A = self.design.A
+        along = sum(A[j].T @ (z / self.level[j]) for j, z in scaled.items())
+        left = -(A @ (self.W @ (self.W.T @ along)) / self.level[:, None, None])
         for j, z in scaled.items():
             left[j] += z
         return np.asarray(left)
@@ -98,93 +145,97 @@ class Fit:
         """Weighted squares of what the fit leaves of a term."""
         return float(np.sum((self.beside(self.scaled(term.columns)) @ term.beta) ** 2))
 
-    def without(self, direction: Array) -> Fit:
-        """Without one direction Q w of the columns, w (r,) of unit length."""
-        u = self.Q @ direction
-        own = np.vdot(u, self.target)
-        Q, residual = self.Q - u[:, :, None] * direction, self.residual + own * u
+    def without_own(self, form: Form) -> Fit | None:
+        """The fit without the model's own column that a form stands for; None where others make it."""
+        design, (place,) = self.design, form.own
+        direction = design.duals[place] @ self.W[: design.duals.shape[1]]
+        if not direction.any():
+            return None
+        u = direction / np.linalg.norm(direction)
+        W = self.W - np.outer(self.W @ u, u)
+        theta = W @ (W.T @ (self.level**-2.0 @ design.pull))
+        residual = self.target - design.A @ theta / self.level[:, None]
         rss = np.sum(residual**2, axis=1) * self.level**2
-        return replace(self, Q=Q, residual=residual, rss=rss)
+        return replace(self, W=W, theta=theta, residual=residual, rss=rss)
 
 
 class Score:
     """The score of forms on some rows; looked : candidates that there are."""
 
-    def __init__(self, data: WhiteData, looked: int, owned: Iterable[tuple[int, ...]] = ()) -> None:
+    def __init__(self, data: WhiteData, looked: int) -> None:
         self.data, self.looked = data, max(looked, 1)
         self.floor = 1.0 if data.known else 1e-12
-        self.owned = tuple(owned)
-        self._bases: dict[tuple[int, ...], tuple[Array, Array]] = {}
-        self._own: dict[tuple[tuple[int, ...], str], NDArray[np.intp]] = {}
-        self._last: tuple[Fit, dict[tuple[int, ...], Array]] | None = None
+        self._bases: dict[tuple[int, ...], tuple[Array, Array, Array]] = {}
 
-    def _basis(self, dropped: tuple[int, ...]) -> tuple[Array, Array]:
-        """(n, M, r) a basis of the model's columns without some, and its products (n, r, r)."""
+    def _basis(self, dropped: tuple[int, ...]) -> tuple[Array, Array, Array]:
+        """(n, M, r) a basis of the model's columns without some, its products (n, r, r), and (p, r) the
+        dual of each column in it, zero of what others make."""
         if dropped not in self._bases:
-            X = self.data.X
-            n, M, _ = X.shape
-            kept = np.delete(X, list(dropped), axis=2).reshape(n * M, -1)
-            B = orthonormal(kept).reshape(n, M, -1)
-            self._bases[dropped] = B, B.transpose(0, 2, 1) @ B
+            n, M, p = self.data.X.shape
+            X = self.data.X.reshape(n * M, p)
+            norms = np.linalg.norm(X, axis=0)
+            norms[list(dropped)] = 0.0
+            seen = norms > 1e-12 * norms.max(initial=0.0)  # others are rounding
+            unit = X[:, seen] / norms[seen]
+            B = orthonormal(unit)
+            T = B.T @ unit
+            inverse = np.linalg.pinv(T, rcond=1e-9)
+            told = np.max(np.abs(inverse @ T - np.eye(len(inverse))), axis=1, initial=0.0) < 1e-6
+            duals = np.zeros((p, B.shape[1]))
+            duals[np.flatnonzero(seen)[told]] = inverse[told]
+            B = B.reshape(n, M, B.shape[1])
+            self._bases[dropped] = B, B.transpose(0, 2, 1) @ B, duals
         return self._bases[dropped]
 
-    def _told(self, term: Term, dropped: tuple[int, ...]) -> NDArray[np.intp]:
-        """Which of a term's columns neither the model nor its others make: of those with many (a robot's
-        geometry) half are the links' as well, and a matrix of all would be singular."""
-        k = term.form.k
-        if k == 1:
-            return np.arange(1)
-        key = dropped, term.form.effect.text
-        if key not in self._own:
-            B, _ = self._basis(dropped)
-            Z = np.zeros((*B.shape[:2], k))
-            for j, z in term.columns.items():
-                Z[j] = z
-            Z = Z.reshape(-1, k) / or_one(np.sqrt(np.sum(Z**2, axis=(0, 1))))
-            B = B.reshape(len(Z), -1)
-            R = np.linalg.qr(Z - B @ (B.T @ Z), mode="r")
-            R, order = scipy.linalg.qr(R, mode="r", pivoting=True)
-            self._own[key] = np.sort(order[np.abs(np.diagonal(R)) > _DEPENDENT])
-        return self._own[key]
+    def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
+        """The model with the terms, each joint's rows weighted by what is left of them; near : a fit
+        whose columns serve where they hold the terms', and at whose levels it begins."""
+        design = near.design if near is not None and near.design.holds(terms) else self._design(terms)
+        basis = range(design.duals.shape[1])
+        kept = (*basis, *sorted(i for t in terms for i in design.at[t.text]))
+        if kept not in design.fits:
+            level = np.ones(len(design.y)) if near is None else near.level
+            design.fits[kept] = self._fitted(design, np.array(kept, int), level)
+        return design.fits[kept]
 
-    def fit(self, terms: Sequence[Term], level: Array | None = None) -> Fit:
-        """The model with the terms, each joint's rows weighted by what is left of them."""
-        data = self.data
-        dropped = tuple(sorted({i for t in terms for i in t.form.own}))
-        B, gram = self._basis(dropped)
+    def _design(self, terms: Sequence[Term]) -> Design:
+        dropped = _dropped(terms)
+        B, gram, own = self._basis(dropped)
         n, M, r = B.shape
-        told = [self._told(t, dropped) for t in terms]
-        at = r + sum(map(len, told))
-        A = np.zeros((n, M, at))
+        ends = np.cumsum([r, *(t.form.k for t in terms)]).tolist()
+        A = np.zeros((n, M, ends[-1]))
         A[:, :, :r] = B
-        ends = np.cumsum([r, *map(len, told)])
-        for t, kept, first, stop in zip(terms, told, ends, ends[1:], strict=False):
+        at = dict[str, list[int]]()
+        for t, first, stop in zip(terms, ends, ends[1:], strict=False):
+            at[t.text] = list(range(first, stop))
             for j, z in t.columns.items():
-                A[j][:, first:stop] = z[:, kept]
-        norms = np.sqrt(np.sum(A[:, :, r:] ** 2, axis=(0, 1)))
-        A[:, :, r:] /= or_one(norms)
-        G = np.zeros((n, at, at))
+                A[j][:, first:stop] = z
+        A[:, :, r:] /= or_one(np.sqrt(np.sum(A[:, :, r:] ** 2, axis=(0, 1))))
+        G = np.zeros((n, ends[-1], ends[-1]))
         G[:, :r, :r] = gram
         cross = A.transpose(0, 2, 1) @ A[:, :, r:]
         G[:, :, r:], G[:, r:, :r] = cross, cross[:, :r].transpose(0, 2, 1)
-        pull = (A.transpose(0, 2, 1) @ data.y[:, :, None])[:, :, 0]
-        square = np.sum(data.y**2, axis=1)
-        level = np.ones(n) if level is None else level
+        y = self.data.y
+        return Design(A, y, G, (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0], own, dropped, at)
+
+    def _fitted(self, design: Design, kept: NDArray[np.intp], level: Array) -> Fit:
+        G, pull = design.gram[:, kept[:, None], kept], design.pull[:, kept]
+        square, degrees = np.sum(design.y**2, axis=1), self.data.count
         for _ in range(STEPS):
-            root = _whitener(np.tensordot(level**-2.0, G, axes=1))
-            P = root @ root.T
-            theta = P @ (level**-2.0 @ pull)
+            L = _triangle(np.tensordot(level**-2.0, G, axes=1))
+            theta = scipy.linalg.cho_solve((L, True), level**-2.0 @ pull, check_finite=False)
             rss = np.maximum(square - 2.0 * pull @ theta + (G @ theta) @ theta, 0.0)
-            degrees = np.maximum(data.count - np.sum(G * P, axis=(1, 2)) / level**2, 1.0)
             last, level = level, np.sqrt(np.maximum(rss / degrees, self.floor))
             if np.allclose(last, level, rtol=1e-2):
                 break
-        A /= level[:, None, None]
-        Q, target = A @ _whitener(np.tensordot(level**-2.0, G, axes=1)), data.y / level[:, None]
-        residual = target - Q @ np.tensordot(Q, target, axes=((0, 1), (0, 1)))
-        rss = np.sum(residual**2, axis=1) * level**2
-        others = np.tensordot(Q, A[:, :, r:], axes=((0, 1), (0, 1)))
-        return Fit(Q, residual, target, level, rss, degrees, self.floor, others, dropped)
+        root = scipy.linalg.solve_triangular(L, np.eye(len(L)), lower=True, check_finite=False).T
+        p = design.A.shape[2]
+        W, every = np.zeros((p, len(kept))), np.zeros(p)
+        W[kept], every[kept] = root, theta
+        residual = (design.y - design.A @ every) / last[:, None]
+        rss = np.sum(residual**2, axis=1) * last**2
+        degrees = np.maximum(degrees - np.sum(G * (root @ root.T), axis=(1, 2)) / last**2, 1.0)
+        return Fit(design, W, every, last, residual, rss, degrees, self.floor)
 
     def judged(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
         """A form beside a fit."""
@@ -223,7 +274,7 @@ class Score:
         energy = np.sum([np.sum(z**2, axis=0) for z in scaled.values()], axis=0)
         T = fit.beside(scaled)
         T = T * (np.sum(T**2, axis=(0, 1)) > ABSORBED * energy)
-        return T, self.prior(fit, form, tuple(columns), energy)
+        return T, self.prior(fit, form.plausible, list(columns), energy)
 
     def worth_of_one(self, T: Array, left: Array, inverse: Array, freedom: float) -> float:
         """How many rows are worth one: by how much the sandwich's middle, of the clusters that make most
@@ -232,50 +283,22 @@ class Score:
         sums = cluster_sums(self.data.clusters, scores)
         return max(1.0, *(float(np.sum((u @ inverse) * u)) / freedom for u in sums))
 
-    def prior(self, fit: Fit, form: Form, joints: Sequence[int], energy: Array) -> Array:
-        """(k,) standard deviations of a form's coefficients about zero before anything is measured: what
-        its effect says; else that it makes no more torque than its joints have in all.
+    @staticmethod
+    def prior(fit: Fit, plausible: Array, joints: Sequence[int], energy: Array) -> Array:
+        """(..., k) standard deviations of coefficients about zero before anything is measured: what
+        their effects say; else (NaN) that they make no more torque than their joints have in all.
 
-        energy (k,) : of the form's weighted columns.
+        energy (..., k) : of the weighted columns.
         """
-        known = form.effect.plausible
-        if known is not None:
-            return known
-        whole = float(np.sum(fit.target[list(joints)] ** 2))
-        return np.asarray(np.sqrt(whole / np.maximum(energy, 1e-200)))
+        whole = float(np.sum(fit.target[joints] ** 2))
+        return np.where(np.isnan(plausible), np.sqrt(whole / np.maximum(energy, 1e-200)), plausible)
 
     def _retuned(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
         """A form in the place of the model's own column, of which the fit has one."""
-        bare = self.without_own(fit, form)
+        bare = fit.without_own(form)
         if bare is None:
             return Term(form, columns, beta=np.zeros(form.k))
         return self._judged(bare, fit.deviance(fit.rss), form, columns, float(form.k))
-
-    def without_own(self, fit: Fit, form: Form) -> Fit | None:
-        """A fit without the model's own column that a form stands for; None where others make it."""
-        direction = self._directions(fit).get(form.own)
-        return None if direction is None else fit.without(direction)
-
-    def _directions(self, fit: Fit) -> dict[tuple[int, ...], Array]:
-        """By place in theta, the direction (r,) of a fit's columns that one of the model's own makes
-        alone: w with B'w = e, B the columns in the basis of the fit."""
-        if self._last is None or self._last[0] is not fit:
-            X = self.data.X / fit.level[:, None, None]
-            B = np.tensordot(fit.Q, X, axes=((0, 1), (0, 1)))
-            B[:, list(fit.dropped)] = 0.0
-            norms = np.linalg.norm(B, axis=0)
-            seen = norms > 1e-12 * norms.max(initial=0.0)  # others are rounding
-            B = np.hstack([B * (seen / np.where(seen, norms, 1.0)), fit.beside_model])
-            W = np.linalg.pinv(B.T, rcond=1e-9)
-            found = dict[tuple[int, ...], Array]()
-            for own in self.owned:
-                (place,) = own
-                apart = B.T @ W[:, place]
-                apart[place] -= 1.0
-                if seen[place] and np.max(np.abs(apart)) < 1e-6:
-                    found[own] = W[:, place] / np.linalg.norm(W[:, place])
-            self._last = fit, found
-        return self._last[1]
 
     def absorbed(self, fit: Fit, batch: Batch) -> Array:
         """(F,) share of each form's energy that the fit's columns make; 1 where it has none."""
@@ -287,14 +310,12 @@ class Score:
     def _products(fit: Fit, batch: Batch) -> tuple[Array, Array, Array]:
         """Of a batch's weighted columns: with a fit's (r, F, k), with what it leaves (F, k), and of each
         form's with each other (F, k, k)."""
-        F, k, weight = len(batch.forms), batch.forms[0].k, 1.0 / fit.level[list(batch.joints)]
-        of = list(zip(weight, batch.joints, batch.white, strict=True))
-        G, pull = (
-            sum(w * (fit.Q[j].T @ Z) for w, j, Z in of),
-            sum(w * (fit.residual[j] @ Z) for w, j, Z in of),
-        )
-        raw = np.tensordot(weight**2, batch.grams, axes=1)
-        return np.reshape(G, (-1, F, k)), np.reshape(pull, (F, k)), raw
+        F, k, squares = len(batch.forms), batch.forms[0].k, fit.level[list(batch.joints)] ** -2.0
+        of = list(zip(squares, fit.design.of(batch), strict=True))
+        cross = sum(w * AZ for w, (AZ, _) in of)
+        pull = sum(w * Zy for w, (_, Zy) in of) - fit.theta @ cross
+        raw = np.tensordot(squares, batch.grams, axes=1)
+        return np.reshape(fit.W.T @ cross, (-1, F, k)), np.reshape(pull, (F, k)), raw
 
     def screened(self, fit: Fit, batch: Batch) -> Array:
         """(F,) drop of the weighted squared error less k log N, of a batch's forms; of those that
@@ -302,7 +323,7 @@ class Score:
         k, F, on = batch.forms[0].k, len(batch.forms), list(batch.joints)
         lost, price = 0.0, np.log(max(float(fit.degrees[on].sum()), 3.0))
         if batch.own:
-            bare = self.without_own(fit, batch.forms[0])
+            bare = fit.without_own(batch.forms[0])
             if bare is None:
                 return np.full(F, -np.inf)
             lost, fit = float(np.sum((bare.rss - fit.rss) / fit.level**2)), bare
@@ -317,7 +338,7 @@ class Score:
         energy = np.diagonal(raw, axis1=1, axis2=2)
         seen = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
         D, pull = D * seen[:, :, None] * seen[:, None, :], pull * seen
-        known = np.array([self.prior(fit, f, on, e) for f, e in zip(batch.forms, energy, strict=True)])
+        known = self.prior(fit, batch.plausible, on, energy)
         A = _ridged(D + np.eye(k) * known[:, :, None] ** -2.0)
         inverse = np.linalg.inv(A)
         beta = (inverse @ pull[:, :, None])[:, :, 0]
@@ -346,16 +367,9 @@ def orthonormal(columns: Array) -> Array:
     return np.ascontiguousarray(basis)
 
 
-def _whitener(gram: Array) -> Array:
-    """(p, r) W with W'G W = 1, of a positive matrix G (p, p) of rank r, of columns near unit length."""
-    size = 1.0 / np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
-    unit = gram * size * size[:, None]
-    L, info = scipy.linalg.lapack.dpotrf(unit, lower=1, clean=1)
-    if info == 0 and np.min(np.diagonal(L), initial=1.0) > _DEPENDENT:
-        return np.asarray(scipy.linalg.solve_triangular(L, np.diag(size), lower=True).T)
-    values, vectors = np.linalg.eigh(unit)
-    kept = values > _DEPENDENT**2
-    return np.asarray(size[:, None] * vectors[:, kept] / np.sqrt(values[kept]))
+def _triangle(gram: Array) -> Array:
+    """(p, p) Cholesky factor of a positive matrix, with a ridge against columns that others make."""
+    return np.asarray(np.linalg.cholesky(gram + np.diag(_DEPENDENT**2 * or_one(np.diagonal(gram)))))
 
 
 def _ridged(A: Array) -> Array:

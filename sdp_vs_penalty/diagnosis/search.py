@@ -6,15 +6,14 @@ from collections.abc import Hashable, Iterable, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import (
     APART,
     CLOSELY,
     EQUIVALENT,
     FORM,
-    LIKELY,
     STEPS,
-    TURNS,
 )
 from sdp_vs_penalty.diagnosis.library import Form, Key, Library, eligible
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
@@ -33,7 +32,7 @@ class Search:
 
     def __init__(self, data: WhiteData, library: Library) -> None:
         self.data, self.library = data, library
-        self.score = Score(data, library.candidates, {b.own for b in library.own})
+        self.score = Score(data, library.candidates)
         self._kept: dict[str, dict[int, Array]] = {}
         self.terms: list[Term] = []
         self.fit = self.score.fit(())
@@ -61,12 +60,11 @@ class Search:
                 best = self._along(fit, best, name, halvings)
         sized = best.form.effect.sized_shape
         # A constant that is as large as its effect, such as a delay's, is made so.
-        for _ in range(TURNS if sized and sized not in fixed and len(best.beta) else 0):
+        if sized and sized not in fixed and len(best.beta):
             effect = best.form.effect
             value = float(f"{effect.as_sized(float(best.beta[0])):.6g}")
-            if effect.shapes[sized].complaint(value):
-                break
-            best = self.judged(fit, best.form.with_shape(**{sized: value}))
+            if not effect.shapes[sized].complaint(value):
+                best = self.judged(fit, best.form.with_shape(**{sized: value}))
         return best
 
     def _along(self, fit: Fit, start: Term, name: str, halvings: int) -> Term:
@@ -126,14 +124,16 @@ class Search:
         top = max((t.J for t in found if not t.form.own), default=0.0)
         # A width that is far from those on the grid says little there, and all where it is right.
         least = 0.5 * max(top, beyond) - 3.0 * APART
+        best = {t.key: t for t in sorted(found, key=lambda t: t.J)}
+        found = [t for t in found if _as_good(t, best[t.key])]
         likely = [t for t in found if (0.0 if t.form.own else least) < t.J]
         ranked = sorted((self.refined(fit, t, halvings=_COARSE) for t in likely), key=lambda t: -t.J)
         first = {t.key: t for t in reversed(ranked)}
         return [t for t in ranked if first[t.key] is t]
 
     def _screened(self, fit: Fit, picked: Sequence[Form], on: frozenset[int] | None) -> list[Term]:
-        """Of so many candidates that take most the likely laws, and the best value of each of the
-        model's own shape constants, as they are on the grids."""
+        """The best form of each law on the grids: of so many candidates that take most, and of each own
+        shape constant."""
         best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
         for batch in (*self.library.batches, *self.library.own):
             if on is not None and not on & set(batch.joints):
@@ -146,21 +146,19 @@ class Search:
                     break
                 if free[f] and values[f] > best.get(form.law, (0.0,))[0]:
                     best[form.law] = float(values[f]), form, batch.columns(int(f))
-        found, tops = [], dict[Key, float]()
-        for value, form, columns in sorted(best.values(), key=lambda b: -b[0]):
-            if not form.own and len(tops) == CLOSELY and form.key not in tops:
-                continue
-            if form.own or value >= LIKELY * tops.setdefault(form.key, value):
-                found.append(self.score.judged(fit, form, columns))
-                self._kept.setdefault(form.effect.text, columns)
-        return found
+        ranked = sorted(best.values(), key=lambda b: -b[0])
+        close = list(dict.fromkeys(form.key for _, form, _ in ranked if not form.own))[:CLOSELY]
+        found = [(form, z) for _, form, z in ranked if form.own or form.key in close]
+        for form, columns in found:
+            self._kept.setdefault(form.effect.text, columns)
+        return [self.score.judged(fit, form, columns) for form, columns in found]
 
     @staticmethod
     def simplest(found: Sequence[Term]) -> Term | None:
         """Of terms, the best first, the simplest that is as good as the best."""
         if not found:
             return None
-        tied = [t for t in found if found[0].J - t.J < EQUIVALENT + FORM * found[0].J]
+        tied = [t for t in found if _as_good(t, found[0])]
         plain = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
         return min(plain, key=lambda t: (simplicity(t.form), -t.J))
 
@@ -171,30 +169,32 @@ class Search:
         not enough left goes."""
         terms = list(terms)
         newest = terms[-1].joints if terms else frozenset()
-        alone = self.score.fit([t for t in terms if t.form.own], self.fit.level)
+        full = self.score.fit(terms, self.fit)
         for _ in range(2):
             moved = False
+            alone = self.score.fit([t for t in terms if t.form.own], full)
             for term in list(terms):
-                if term not in terms:
-                    continue
                 others = [t for t in terms if t != term]
-                fit = self.score.fit(others, self.fit.level)
+                fit = self.score.fit(others, full)
                 again = self.score.judged(fit, term.form, term.columns)
                 if term.joints & newest:
                     again = self.refined(fit, again)
                 if self.margin(again.joints, others) >= again.J:
                     terms, moved = others, True
                     continue
-                moved |= again.form.effect.shape != term.form.effect.shape
+                if again.text != term.text:
+                    moved = True
                 times = max(alone.energy(again) / max(fit.energy(again), 1e-300), 1.0)
                 terms[terms.index(term)] = replace(again, rivals=term.rivals, times=times)
+                if again.text != term.text:
+                    full = self.score.fit(terms, full)
             if not moved:
                 break
         return terms
 
     def worth(self, group: Sequence[Term], rest: Sequence[Term]) -> float:
         """The score of terms together: of each beside the rest and those before it."""
-        fits = [self.score.fit([*rest, *group[:i]], self.fit.level) for i in range(len(group))]
+        fits = [self.score.fit([*rest, *group[:i]], self.fit) for i in range(len(group))]
         pairs = zip(fits, group, strict=True)
         return sum(self.score.judged(fit, g.form, g.columns).J for fit, g in pairs)
 
@@ -205,7 +205,7 @@ class Search:
         told = []
         for group in [*([t] for t in terms), *pairs]:
             rest = [t for t in terms if t not in group]
-            fit, total = self.score.fit(rest, self.fit.level), self.worth(group, rest)
+            fit, total = self.score.fit(rest, self.fit), self.worth(group, rest)
             joints = frozenset[int]().union(*(g.joints for g in group))
             found = self.top_candidates(fit, rest, joints, total)
             if len(group) == 1:
@@ -240,7 +240,7 @@ class Search:
         """Add, exchange, drop until nothing changes."""
         seen, refused = set[tuple[str, ...]](), set[Key]()
         for _ in range(STEPS):
-            self.fit = self.score.fit(self.terms)
+            self.fit = self.score.fit(self.terms, self.fit)
             found = self.top_candidates(self.fit, self.terms)
             enough = (t for t in found if self.margin(t.joints, self.terms) < t.J)
             best = self.simplest([t for t in enough if t.key not in refused])
@@ -264,10 +264,13 @@ class Search:
 
     # The same search beside something else.
 
-    def carried(self, estimate: Estimate) -> Search:
-        """The same findings beside another model, in the columns that this one makes."""
+    def carried(self, estimate: Estimate, without: NDArray[np.bool_] | None = None) -> Search:
+        """The same findings beside another model, in the columns that this one makes; without : rows
+        (M, n) that are no evidence."""
         data = self.data
         rows = with_estimate(data.rows, estimate)
+        if without is not None:
+            rows = rows.with_masked(rows.masked | without if rows.masked.size else without)
         data = whitened(rows, data.noise, estimate, data.frozen)
         named = [t for t in self.terms if not t.form.own]
         out = Search(data, replace(self.library, own=()))
@@ -277,13 +280,18 @@ class Search:
 
     def limited(self, terms: Sequence[Term]) -> Search:
         """The search with some of its terms only, each judged beside those."""
-        out, fit = Search(self.data, self.library), self.score.fit(terms)
+        out = Search(self.data, self.library)
+        out.fit = out.score.fit(terms)
         for t in terms:
-            others = out.score.fit([x for x in terms if x != t], fit.level)
-            again = out.score.judged(others, t.form, t.columns)
+            again = out.score.judged(
+                out.score.fit([x for x in terms if x != t], out.fit), t.form, t.columns
+            )
             out.terms.append(replace(again, rivals=t.rivals))
-        out.fit = fit
         return out
+
+
+def _as_good(term: Term, best: Term) -> bool:
+    return bool(best.J - term.J < EQUIVALENT + FORM * best.J)
 
 
 def simplicity(form: Form) -> tuple[bool, int, int, int]:

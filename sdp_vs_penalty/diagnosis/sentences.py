@@ -25,7 +25,6 @@ REASONS: Mapping[str, str] = {
     "absorbed": "the model's own parameters make nearly all of its torque",
     "implausible": "its size is not plausible",
     "looks_like": "something else looks so",
-    "pieces": "it is a part of a function of the position that has no name",
     "curve": "a measured curve explains the joint better",
     "not_alone": "beside the confident findings alone it raises a joint's held-out error by 10 %",
 }

@@ -36,9 +36,9 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
     :func:`torque_errors`."""
     data, k = search.data, term.form.k
     others = [t for t in search.terms if t != term]
-    fit = search.score.fit(others, search.fit.level)
+    fit = search.score.fit(others, search.fit)
     if term.form.own:
-        fit = search.score.without_own(fit, term.form) or fit
+        fit = fit.without_own(term.form) or fit
     apart, known = search.score.apart(fit, term.form, term.columns)
     columns = [apart]
     own = free_constants(term.form.effect)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.linalg import solve_banded
 
 from sdp_vs_penalty.effects.effect import Array, Effect, Motion, Seen
 from sdp_vs_penalty.effects.shape import Shape
@@ -69,8 +70,6 @@ class TorqueFilter(Effect):
 
 def lagging(x: Array, t: Array, T: float) -> Array:
     """(N, n) y with T dy/dt + y = x, at rest at the start; exact where x is linear between samples."""
-    from scipy.signal import lfilter
-
     if len(t) < 2:
         return x
     step = (t[-1] - t[0]) / (len(t) - 1)
@@ -79,4 +78,5 @@ def lagging(x: Array, t: Array, T: float) -> Array:
     driven = (1.0 - mean) * x
     driven[1:] += (mean - decay) * x[:-1]
     driven[0] += mean * x[0]
-    return np.asarray(lfilter([1.0], [1.0, -decay], driven, axis=0))
+    bands = np.repeat([[1.0], [-decay]], len(t), axis=1)
+    return np.asarray(solve_banded((1, 0), bands, driven, overwrite_b=True, check_finite=False))

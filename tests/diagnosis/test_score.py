@@ -20,7 +20,7 @@ n, M, p = 2, 300, 5
 
 def form(k: int = 1, lower: float = -np.inf, own: tuple[int, ...] = (), name: str = "made") -> Form:
     effect: Any = SimpleNamespace(
-        parameters=[SimpleNamespace(lower=lower)] * k, plausible=None, searched=(), shapes={}
+        parameters=[SimpleNamespace(lower=lower)] * k, plausible=None, searched=(), shapes={}, text=name
     )
     return Form((name, 0), effect, own)
 
@@ -107,7 +107,7 @@ def test_an_own_constant_is_judged_in_the_place_of_the_models_column():
     theta = np.where(np.arange(p) == 1, 0.0, 1.0)
     data.y = data.X @ theta + np.random.default_rng(3).normal(size=(n, M))
     data.y[0] += 2.0 * z[:, 0]  # what should be in the place of the model's second column
-    score = Score(data, 10, owned=[(1,)])
+    score = Score(data, 10)
     fit = score.fit(())
     term = score.judged(fit, form(own=(1,)), {0: z})
     left = plain(data, fit, z, drop=(1,))

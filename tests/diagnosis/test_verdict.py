@@ -21,7 +21,7 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
     white[:, 0] += size * np.sin(0.1 * np.arange(M))
     level = np.array([0.7, 1.4])
     Q = np.linalg.qr(rng.normal(size=(2 * M, 7)))[0].reshape(2, M, 7)
-    fit = SimpleNamespace(residual=(white / level).T, level=level, Q=Q)
+    fit = SimpleNamespace(residual=(white / level).T, level=level, basis=Q)
     keep, none = np.ones((M, 2), bool), np.zeros((M, 2))
     rows = SimpleNamespace(keep=keep, still=none.copy(), slow=none.copy(), torque=10.0 * FLOOR * white)
     noise = SimpleNamespace(

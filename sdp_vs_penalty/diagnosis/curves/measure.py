@@ -116,7 +116,7 @@ def _instead(worth: float, own: Sequence[Term], alone: _Rated, beside: _Rated | 
 
 def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variables) -> _Rated | None:
     """The curve of a joint that scores most beside some terms, with its law."""
-    fit, data, score = search.score.fit(terms, search.fit.level), search.data, search.score
+    fit, data, score = search.score.fit(terms, search.fit), search.data, search.score
     # What is a curve already is no second one of the same variables.
     have = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
     curves = [e for e in have if isinstance(e, MeasuredCurve) and joint in e.joints]

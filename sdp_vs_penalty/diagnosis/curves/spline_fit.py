@@ -44,7 +44,7 @@ class Columns:
     @classmethod
     def of(cls, score: Score, fit: Fit, white: Array, joint: int, robust: bool = True) -> Columns:
         z = white / fit.level[joint]
-        C, raw = fit.Q[joint].T @ z, z.T @ z
+        C, raw = fit.basis[joint].T @ z, z.T @ z
         D, s = raw - C.T @ C, z.T @ fit.residual[joint]
         count = float(fit.degrees[joint])
         v = 1.0
@@ -67,7 +67,7 @@ class Columns:
     def without_fold(self, fold: NDArray[np.intp], P: Array) -> Array:
         """(F, k) coefficients from the rows outside of each fold (M,), the fit's columns refitted
         there."""
-        Q, y, r = self.fit.Q, self.fit.target, self.fit.Q.shape[2]
+        Q, y, r = self.fit.basis, self.fit.target, self.fit.basis.shape[2]
         out = []
         for f in np.unique(fold):
             train = fold != f
