@@ -89,19 +89,14 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[object]], *, numbers_
     return f'<div class="wide" tabindex="0"><table>{head}<tbody>{body}</tbody></table></div>'
 
 
-#: Height [px] that a figure may have on a sheet of paper beside its caption; higher ones are shrunk.
-_SHEET = 820
-
-
 def figure(plot: Figure, caption: str = "", height: int = 215, group: str = "") -> str:
     """A figure as data, which the page's script draws when it is about to be seen; those of a
     group are zoomed in time together, and a name that is hidden in one is hidden in all."""
     if group:
         plot.update_layout(meta={"group": group})
     data = packed(styled(plot, height).to_json())
-    shrunk = f"--on-paper:{min(1.0, _SHEET / height):.3f}"
     return (
-        f'<figure style="{shrunk}"><div class="plot" style="height:{height}px"></div>'
+        f'<figure><div class="plot" style="height:{height}px"></div>'
         f'<script type="application/gzip">{data}</script>'
         + (f"<figcaption>{escape(caption)}</figcaption>" if caption else "")
         + "</figure>"
