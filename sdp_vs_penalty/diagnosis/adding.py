@@ -12,14 +12,13 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import FAR
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.diagnosis.held_out import (
     estimator_beside,
     model_beside,
     task_beside,
 )
 from sdp_vs_penalty.diagnosis.library import Form, Library
-from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
 from sdp_vs_penalty.effects import parse_effects

@@ -1,7 +1,15 @@
-"""From the end of a search to a diagnosis: verdict, findings, what is left and what happened once."""
+"""From the end of a search to a diagnosis: sizes, findings, verdict, what is left, what happened once.
+
+Sizes are least squares on white rows beside the model and all other findings. Their covariance is the
+sandwich A^-1 S A^-1 with a column for each shape constant
+(:mod:`~sdp_vs_penalty.estimation.shape_constants`) and S over the clusters of rows that make it largest,
+at least that of independent rows; the gains of the torque channels and a model that is held fixed are in
+doubt.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +26,6 @@ from sdp_vs_penalty.diagnosis.constants import (
 )
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
-from sdp_vs_penalty.diagnosis.events import events, outliers
 from sdp_vs_penalty.diagnosis.findings import (
     EFFECT_MISSING,
     NOTHING_MISSING,
@@ -26,20 +33,24 @@ from sdp_vs_penalty.diagnosis.findings import (
     Diagnosis,
     Finding,
     Invisible,
+    Retune,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
-from sdp_vs_penalty.diagnosis.remaining import Remainder, refitted, remainder
-from sdp_vs_penalty.diagnosis.retunes import retunes
-from sdp_vs_penalty.diagnosis.score import Term
+from sdp_vs_penalty.diagnosis.remaining import Remainder, events, outliers, refitted, remainder
+from sdp_vs_penalty.diagnosis.score import Fit, Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sentences import REASONS, repeatability_warning, sentence, size_of
-from sdp_vs_penalty.diagnosis.sizes import Size, size_of_term, torque_errors
 from sdp_vs_penalty.diagnosis.where_it_fails import carriers
-from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
+from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums, model_columns, spread_columns
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate
+from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, free_constants, prior_deviation
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM_KNOWN
 from sdp_vs_penalty.signals.standstill import STILL
 
@@ -291,3 +302,129 @@ def _turning(left: Remainder, floor: Array) -> str:
         f"At low speed of {formatting.joints((slow + 1).tolist())}, {errors} N m or N RMS are left "
         "beyond the noise: near reversals friction models are least accurate."
     )
+
+
+@dataclass(frozen=True)
+class Size:
+    """beta (k,) with covariance (k, k) of an effect's parameters; constants : standard deviation of each
+    free shape constant, in its own scale (of its logarithm, or of the value)."""
+
+    beta: Array
+    covariance: Array
+    constants: dict[str, float]
+
+
+def size_of_term(search: Search, term: Term, errors: Array) -> Size:
+    """errors (n, M, e) : a factor of the covariance of white rows' torque, from
+    :func:`torque_errors`."""
+    data, k = search.data, term.form.k
+    others = [t for t in search.terms if t != term]
+    fit = search.score.fit(others, search.fit)
+    if term.form.own:
+        fit = fit.without_own(term.form) or fit
+    apart, known = search.score.apart(fit, term.form, term.columns)
+    columns = [apart]
+    own = free_constants(term.form.effect)
+    for t in [term, *others]:
+        if free_constants(t.form.effect):
+            moved = data.columns(ShapeSensitivity(t.form.effect, t.beta))
+            if moved:
+                columns.append(fit.beside(fit.scaled(moved)))
+    T = np.concatenate(columns, axis=2)
+    prior = np.concatenate([known**-2.0, np.ones(T.shape[2] - k)])
+    A = np.tensordot(T, T, axes=((0, 1), (0, 1))) + np.diag(prior)
+    inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
+    beta = term.beta
+    left = fit.residual - T[:, :, :k] @ beta
+    inside = _factor(search, fit, T, left)
+    through = inverse @ np.hstack([inside, _torque(T, fit, errors)])
+    covariance = through @ through.T
+    least = inverse @ (A - np.diag(prior)) @ inverse
+    variances = np.diagonal(covariance)
+    grown = np.maximum(variances, np.diagonal(least)) / np.maximum(variances, 1e-300)
+    covariance = covariance * np.sqrt(grown[:, None] * grown)
+    deviations = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))[k : k + len(own)]
+    constants = {
+        name: float(d * prior_deviation(term.form.effect, name))
+        for name, d in zip(own, deviations, strict=False)
+    }
+    return Size(beta, covariance[:k, :k], constants)
+
+
+def _factor(search: Search, fit: Fit, T: Array, left: Array) -> Array:
+    """(K, C) a factor of S, of the clusters that make it largest."""
+    sums = cluster_sums(search.data.clusters, np.sum(T * left[:, :, None], axis=0))
+    # As many degrees of freedom as there are clusters, less those that the fit has taken.
+    every = (u.T * np.sqrt(len(u) / max(len(u) - T.shape[2], 1.0)) for u in sums)
+    return max(every, key=lambda u: float(np.sum(u**2)))
+
+
+def _torque(T: Array, fit: Fit, errors: Array) -> Array:
+    """(K, e) what errors of the torque (n, M, e) do to the normal equations."""
+    if not errors.shape[2]:
+        return np.zeros((T.shape[2], 0))
+    weighted = fit.beside({j: e for j, e in enumerate(errors / fit.level[:, None, None])})
+    return np.tensordot(T, weighted, axes=((0, 1), (0, 1)))
+
+
+def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Array:
+    """(n, M, e) white rows of the torque that is in doubt before anything is searched.
+
+    gain_errors (n, e) : a factor of the covariance of the channels' gains. A model that is held fixed
+    brings its parameters' spread along, and what the same gains have made of them.
+    """
+    known, rows = estimate.uncertainty, data.rows
+    n, M = rows.n, len(rows.t)
+    if not data.frozen and not gain_errors.any():
+        return np.zeros((n, M, 0))
+    columns = model_columns(rows, estimate)
+    parts = []
+    for j in range(n):
+        gains = -columns[j] @ known.gains
+        gains[:, j] += rows.torque[:, j]
+        part = gains @ gain_errors
+        if data.frozen:
+            part = np.hstack([part, -columns[j] @ known.spread])
+        parts.append(data.white(part, j))
+    return np.stack(parts)
+
+
+def shape_estimate(term: Term, estimate: Estimate, size: Size) -> ShapeEstimate:
+    """A nuisance of the search as an estimate of the model's shape constant."""
+    effect, name, (joint,) = term.form.effect, term.form.moves, term.form.effect.joints
+    now = next(e for e in estimate.model.effects if e.name == effect.name and joint in e.joints)
+    after = float(f"{effect.shape[name]:.6g}")
+    shape = effect.shapes[name].on(estimate.robot.joints[joint].kind)
+    bounds = shape.bounds or (1e-9, 1e9)
+    ends = at_end(*map(math.log, (after, bounds[0], shape.earned or bounds[1])))
+    std = after * size.constants.get(name, np.inf)
+    return ShapeEstimate(effect.name, joint, name, now.shape[name], after, std, term.J, ends)
+
+
+def told(s: ShapeEstimate, before: Array, after: Array) -> bool:
+    """Whether the data tell a constant from the model's, and its joint's held-out error falls."""
+    spread = s.std / s.after if np.isfinite(s.std) else 0.0
+    moves = abs(np.log(s.after / s.before)) >= max(FAR * spread, CHANGES)
+    return bool(moves and s.gain > APART and after[s.joint] < before[s.joint])
+
+
+def retunes(
+    found: Sequence[ShapeEstimate], robot: Robot, before: Array, after: Array
+) -> tuple[Retune, ...]:
+    """before, after (n,) : held-out errors with the model's own constants, and with the new ones."""
+    out = []
+    for s in (s for s in found if told(s, before, after)):
+        shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
+        values = [shape.said(v, kind) for v in (s.after, s.before)]
+        unit = plain_unit(robot.torque_units[s.joint])
+        verb = effect_types()[s.effect].turns or f"{s.effect} has {s.shape} ="
+        errors = float(before[s.joint]), float(after[s.joint])
+        said = f"joint {s.joint + 1}: {verb} {values[0]}, not {values[1]}"
+        said += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
+        remarks = []
+        if s.at_end:
+            remarks.append("it lies at the end of the range in which it was looked for")
+        if s.gain <= 2.0 * APART:
+            remarks.append("its gain is small")
+        out.append(Retune(s, "weak" if remarks else "confident", *errors, said, tuple(remarks)))
+    return tuple(out)

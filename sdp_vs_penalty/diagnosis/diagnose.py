@@ -10,16 +10,21 @@ import numpy as np
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.conclude import Found, conclude, what_is_left
+from sdp_vs_penalty.diagnosis.conclude import (
+    Found,
+    conclude,
+    shape_estimate,
+    size_of_term,
+    told,
+    what_is_left,
+)
 from sdp_vs_penalty.diagnosis.constants import APART, OUTSIDE, RAISES
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers, on_folds, on_test, raises
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.remaining import refitted
-from sdp_vs_penalty.diagnosis.retunes import shape_estimate, told
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.sizes import size_of_term
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.drive_torque import driven

@@ -12,11 +12,11 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
-from sdp_vs_penalty.diagnosis.events import Event
-from sdp_vs_penalty.diagnosis.retunes import Retune
+from sdp_vs_penalty.diagnosis.remaining import Event
 from sdp_vs_penalty.diagnosis.sentences import NOISE_UNKNOWN
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.files import read_json
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.formatting import Shown, Summary, Table
@@ -315,3 +315,50 @@ def load_diagnosis(path: str | Path) -> Diagnosis:
     Raises InputError for a file that is not one or lacks a field.
     """
     return read_json(path, "findings.json", "verdict", Diagnosis.from_dict)
+
+
+@dataclass(frozen=True)
+class Retune(Plain):
+    """A shape constant of the model's own effect on one joint, as it explains most beside the findings.
+
+    rmse_before, rmse_after : held-out error of the joint, with the model's constants and with the new
+    ones; remarks : why it is weak, if it is.
+    """
+
+    estimate: ShapeEstimate
+    confidence: str
+    rmse_before: float
+    rmse_after: float
+    explanation: str
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def effect(self) -> str:
+        """The name of the effect."""
+        return self.estimate.effect
+
+    @property
+    def joint(self) -> int:
+        """From 1."""
+        return self.estimate.joint + 1
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Its one joint, as a finding has them."""
+        return (self.joint,)
+
+    @property
+    def text(self) -> str:
+        """How :func:`~sdp_vs_penalty.diagnosis.add` takes it."""
+        s = self.estimate
+        return f"{s.effect}:{self.joint}@{s.shape}={s.after:.6g}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """std is null where the data bound the constant on one side only."""
+        own = super().to_dict()
+        return {**own.pop("estimate"), **own, "kind": "retune", "text": self.text}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What :meth:`to_dict` wrote."""
+        return super().from_dict({**data, "estimate": {"at_end": False, **data}})

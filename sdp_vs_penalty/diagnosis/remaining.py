@@ -1,8 +1,14 @@
-"""What is left beyond the noise after the best explanation: nothing, or something without a name.
+"""What is left beyond the noise after the best explanation: nothing, or something without a name; and
+what happens once, of which no function of the motion is the cause: a contact, a knock, a hum.
 
 The error of each joint in N m, on rows that are evidence, against the noise floor. Rows of standstill
 are none: dry friction holds any torque up to its own there. Nor are those of a slow joint: where
 friction turns round any law of it is only nearly right.
+
+Events are rows of which the final model's residual is an outlier: windows of whitened residual with too
+much energy (:mod:`~sdp_vs_penalty.signals.outliers`), in one repetition of the motion only where it
+repeats. A hum is a line in the spectrum: at the frequencies of a periodogram the power of whitened noise
+is exponential.
 """
 
 from __future__ import annotations
@@ -14,12 +20,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, WITHIN
+from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, MINOR, WITHIN
 from sdp_vs_penalty.diagnosis.score import Fit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import REPETITION
+from sdp_vs_penalty.signals.noise import REPETITION, SAME_PHASE, differences
+from sdp_vs_penalty.signals.outliers import (
+    FALSE_EVENT,
+    RARE,
+    local_excess,
+    lone_windows,
+    robust_scale,
+)
+from sdp_vs_penalty.signals.repetition import consecutive, later_rows
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.standstill import SLOW, STILL
 
 
@@ -93,3 +109,155 @@ def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:
         left = np.sum((data.y - white @ theta) ** 2, axis=1) / np.maximum(data.count, 1.0)
         level = np.sqrt(np.maximum(left, 1.0 if data.known else 1e-12))
     return theta, np.asarray(torque - (everything @ theta).T)
+
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Event(Plain):
+    """joint from 1; t_start, t_end [s] on the clock of the measurements; what : "local" or "hum"."""
+
+    joint: int
+    t_start: float
+    t_end: float
+    what: str = "local"
+    frequency: float | None = None
+
+
+def events(data: WhiteData, odd: Mask, residual: Array, named: Sequence[int]) -> list[Event]:
+    """The events of a final model. residual (M, n) [N m or N] : what it leaves; odd (M, n) : its
+    outliers; named : the joints (from 0) on which something without a name is left, whose peaks are no
+    events."""
+    rows, mask = data.rows, odd.copy()
+    mask[:, list(named)] = False
+    whole = rows.with_masked(np.zeros((0, 0), bool))
+    found = []
+    for j in range(rows.n):
+        for piece in whole.pieces(j):
+            own = piece[mask[piece, j]]
+            apart = np.flatnonzero(np.diff(rows.t[own]) > 2.0 * SAME_PHASE) + 1
+            for group in np.split(own, apart) if len(own) else ():
+                group = _loudest(group, residual[:, j])
+                found.append(Event(j + 1, float(rows.t[group[0]]), float(rows.t[group[-1]])))
+    return sorted(found + _hums(data, residual), key=lambda e: (e.t_start, e.joint))
+
+
+def _loudest(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
+    """From the first to the last row of those that hold nearly all of a window's energy: windows are
+    longer than what happens in them."""
+    squares = residual[group] ** 2
+    order = np.argsort(-squares)
+    count = int(np.searchsorted(np.cumsum(squares[order]), (1.0 - MINOR) * squares.sum())) + 1
+    kept = np.sort(order[:count])
+    return group[kept[0] : kept[-1] + 1]
+
+
+def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
+    """(M, n) rows of which the residual, white (M, n), is an outlier beside what repeats."""
+    rows, noise = data.rows, data.noise
+    out = np.zeros(white.shape, bool)
+    for j in range(rows.n):
+        # The noise may be larger than was thought; its median does not see an event.
+        steady = white[:, j] / max(robust_scale(white[white[:, j] != 0.0, j]), 1.0)
+        # Friction that turns round lets go a little elsewhere each time.
+        slow = rows.slow[:, j] > SLOW
+        steady[slow] /= max(np.sqrt(np.mean(steady[slow] ** 2)), 1.0) if slow.any() else 1.0
+        degrees = float(noise.degrees[j])
+        found = local_excess(steady, rows.pieces(j), rows.n, degrees)
+        if found.any() and noise.source != REPETITION:
+            found &= _lone(white[:, j], rows, j)
+        if found.sum() < RARE * rows.keep[:, j].sum():
+            out[:, j] = found
+    return out | _odd_ones(data, residual)
+
+
+def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
+    """(M,) windows that stand out of a joint's own error, where no repetition tells it from noise."""
+    slow = (rows.slow[:, joint] > SLOW) | (rows.still[:, joint] > 0.0)
+    jerk = np.concatenate(
+        [s.low_pass @ np.gradient(s.motion.ddq[:, joint], s.motion.t) for s in rows.segments]
+    )
+    return lone_windows(white, rows.pieces(joint), slow, jerk, rows.rate, rows.n)
+
+
+def _odd_ones(data: WhiteData, residual: Array) -> Mask:
+    """(M, n) where the repetitions of a motion differ: an event, in the one that leaves more error."""
+    rows, repeats, suspect = data.rows, data.noise.repeats, data.noise.suspect
+    if not suspect.any():
+        return suspect
+    pairs = [(r.rows, later_rows(rows.segments, r)) for r in repeats]
+    # Within so many rows two windows are at the same phase.
+    width = np.ones(2 * max(1, round(SAME_PHASE * rows.rate)) + 1)
+    near, energy = (
+        np.array([np.convolve(x, width, mode="same") for x in y.T]).T for y in (suspect, residual**2)
+    )
+    out, near = suspect.copy(), near > 0.5
+    for one, other in pairs:
+        first_less = energy[one] <= energy[other]
+        out[one] &= ~(near[other] & first_less)
+        lost = np.zeros_like(out)
+        np.logical_or.at(lost, other, near[one] & ~first_less)
+        out &= ~lost
+    return out
+
+
+def _hums(data: WhiteData, residual: Array) -> list[Event]:
+    """One event a run for each joint in whose residual a spectral line stands.
+
+    Where the motion repeats it is looked for in what does not: a model's error is a comb of lines. The
+    residual is not whitened for it: an autoregression takes a sine for its own colour.
+    """
+    rows, repeats = data.rows, data.noise.repeats
+    slow = rows.slow > SLOW  # reversals are harmonics of the motion
+    if repeats:
+        left, found = differences(rows, rows.residual, repeats), consecutive(repeats)
+        slow = np.concatenate([slow[r.rows] for r in repeats])
+    else:
+        left = residual
+    left = np.where(slow, 0.0, left)
+    out = []
+    for j in range(rows.n):
+        every = found if repeats else rows.pieces(j)
+        longest = max((len(p) for p in every), default=0)
+        series = [left[p, j] for p in every if 2 * len(p) > longest]
+        # What the low-pass folds has no flat surroundings.
+        lines = [f for f in spectral_lines(series, rows.rate, rows.n) if f < rows.cutoff]
+        for segment in rows.segments if lines else ():
+            out.append(Event(j + 1, float(segment.t[0]), float(segment.t[-1]), "hum", lines[0]))
+    return out
+
+
+def spectral_lines(
+    series: Sequence[Array], rate: float, tests: int, lowest: float = 0.8, smooth: float = 1.0
+) -> list[float]:
+    """Frequencies [Hz] at which the pooled periodogram of the series stands out of its surroundings.
+
+    series : records of the same channel, each at least 2 s long; lowest [Hz] : below, lines are the
+    motion's own harmonics; smooth [Hz] : the width over which the noise's spectrum is taken as flat.
+    """
+    from scipy.ndimage import median_filter
+
+    length = min((len(s) for s in series), default=0)
+    if length < 2.0 * rate:
+        return []
+    window = np.hanning(length)
+    power = np.zeros(length // 2 + 1)
+    pooled = 0
+    for s in series:
+        for first in range(0, len(s) - length + 1, length):
+            piece = s[first : first + length]
+            power += np.abs(np.fft.rfft(window * (piece - piece.mean()))) ** 2
+            pooled += 1
+    frequency = np.fft.rfftfreq(length, 1.0 / rate)
+    half = max(8, min(int(smooth / frequency[1]), length))  # a clock may say anything
+    level = median_filter(power, size=2 * half + 1, mode="nearest")
+    level = level / float(special.gammaincinv(pooled, 0.5)) * pooled
+    with np.errstate(divide="ignore", invalid="ignore"):
+        excess = np.where(level > 0.0, power / level, 0.0) * 2 * pooled
+    limit = float(special.chdtri(2 * pooled, FALSE_EVENT / (len(power) * tests)))
+    # The median of 2 half + 1 values is itself uncertain by about 1 / sqrt(half).
+    limit *= 1.0 + 4.0 / np.sqrt(2.0 * half * pooled)
+    found = (excess > limit) & (frequency > lowest)
+    peaks = [k for k in np.flatnonzero(found) if excess[k] >= excess[max(k - 3, 0) : k + 4].max()]
+    return [float(frequency[k]) for k in peaks]

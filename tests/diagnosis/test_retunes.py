@@ -9,7 +9,7 @@ from random_arms import SCARA_FRICTION, run_of, scara
 
 from sdp_vs_penalty import Estimate, InputError, Measurements, add, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.retunes import retunes
+from sdp_vs_penalty.diagnosis.conclude import retunes
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.problem import as_problem
 

@@ -9,8 +9,8 @@ from challenge.judge import wilson
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ALPHA
-from sdp_vs_penalty.diagnosis.events import spectral_lines
 from sdp_vs_penalty.diagnosis.library import Batch, Form
+from sdp_vs_penalty.diagnosis.remaining import spectral_lines
 from sdp_vs_penalty.diagnosis.score import Fit, Score
 from sdp_vs_penalty.signals.autoregression import autoregression
 from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_profile

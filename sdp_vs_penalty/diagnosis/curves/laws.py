@@ -14,8 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import CLOSELY, EQUIVALENT, FORM
-from sdp_vs_penalty.diagnosis.curves.bases import Axis, Basis
-from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit
+from sdp_vs_penalty.diagnosis.curves.bases import Axis, Basis, Columns, SplineFit
 from sdp_vs_penalty.diagnosis.score import Score
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.formatting import plain_unit

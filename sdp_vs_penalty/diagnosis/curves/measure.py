@@ -11,10 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
-from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables, pairs_of
+from sdp_vs_penalty.diagnosis.curves.bases import (
+    Basis,
+    Columns,
+    SplineFit,
+    Variables,
+    band,
+    pairs_of,
+    smoothed,
+)
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
 from sdp_vs_penalty.diagnosis.curves.laws import LawFit, law_of, recognised, written
-from sdp_vs_penalty.diagnosis.curves.spline_fit import Columns, SplineFit, band, smoothed
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.effects.effect import follows_alone
