@@ -166,14 +166,11 @@ def forward(material: Material) -> str:
     made = material.forward
     if isinstance(made, str):
         return text(f"{material.last_name} cannot be simulated: {made}")
-    runs = [Curves(f.simulated.t, f.measured, {material.last_name: f.simulated.q}) for f in made.free]
     body = text(made.verdict) + table(*made.table(), numbers_from=2) + text(made.explained)
-    body += text(
-        "Left: measured and simulated position of the free run, until the arm leaves the measured "
-        "motion. Right: its error."
-        + " `report --forward` goes on to the run's end."
-        * any(f.cut for f in made.free)
-    )
+    if any(f.cut for f in made.free):
+        return body + text("`report --forward` goes on to the run's end, and shows the positions.")
+    body += text("Left: measured and simulated position of the free run. Right: its error.")
+    runs = [Curves(f.simulated.t, f.measured, {material.last_name: f.simulated.q}) for f in made.free]
     for j, unit in enumerate(made.units):
         body += figure(torque_figure(runs, j, unit), group="forward")
     return body
@@ -309,15 +306,14 @@ def _violation(value: float | None) -> str:
 def data(material: Material) -> str:
     """What `sdp-vs-penalty check` says of the runs."""
     parts = []
-    for report in material.checks:
-        parts.append(f"<h3>{escape(report.run)}</h3>")
-        if not report.problems:
+    for run, found in material.checks.items():
+        parts.append(f"<h3>{escape(run)}</h3>")
+        if all(f["severity"] == "note" for f in found):
             parts.append(text("No problems found."))
-        for f in report.issues:
+        for f in ({name: escape(str(x)) for name, x in f.items()} for f in found):
             parts.append(
-                f'<div class="finding {escape(f.severity)}"><b>{escape(f.kind)}</b> '
-                f"({escape(f.where)}): {escape(f.what)} <span>How sure: {escape(f.certainty)}. "
-                f"What to do: {escape(f.remedy)}.</span></div>"
+                f'<div class="finding {f["severity"]}"><b>{f["kind"]}</b> ({f["where"]}): {f["what"]} '
+                f"<span>How sure: {f['certainty']}. What to do: {f['remedy']}.</span></div>"
             )
     return "".join(parts)
 

@@ -28,7 +28,7 @@ _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset",
 
 def _model_depends(session: Session) -> Any:
     chosen = session.arm["source"], session.method, session.seed, session.effects, session.anyway
-    return *chosen, session.meaningless, session.options.get("bounds"), session.model is None
+    return *chosen, session.meaningless, session.model is None
 
 
 def _draw_model(view: View) -> None:
@@ -43,7 +43,6 @@ def _draw_model(view: View) -> None:
 
 def _form(view: View) -> None:
     session = view.session
-    session.asked = view.forms.get("identify", ())
     effects = {e["name"]: e for e in view.catalogue["effects"] if not e["frozen_only"]}
 
     def tick(name: str, on: bool) -> None:
@@ -86,35 +85,33 @@ def _form(view: View) -> None:
 
 
 def _bounds(view: View) -> None:
-    """What is known of the links before anything is measured: a row a link, a column a parameter; what
-    is changed has a star."""
-    words = view.session.options.get("bounds", "").split(",")
-    own = {name.strip(): ends for name, equals, ends in (w.partition("=") for w in words) if equals}
-    known = view.session.arm["bounds"]
+    """What is known of the links before anything is measured: a row a link, a column a parameter."""
+    (option,) = [o for o in view.forms["identify"] if o.dest == "bounds"]
+    known, options = view.session.arm["bounds"], view.session.options
 
-    def cell(name: str, low: str, high: str) -> str:
-        if name in own:
-            low, _, high = own[name].partition(":")
-        span = f"{low} to {high}" if low and high else f"from {low}" if low else f"to {high}"
-        return (span if low or high else "-") + " *" * (name in own)
+    def cell(low: str, high: str) -> str:
+        return (
+            f"{low} to {high}"
+            if low and high
+            else f"from {low}"
+            if low
+            else f"to {high}"
+            if high
+            else "-"
+        )
 
-    with draw.details(f"Bounds of links{f' ({len(own)} changed)' * bool(own)}", "bounds", bool(own)):
-        draw.note("c is the centre of mass, I the inertia about it; * is yours, by the field below.")
+    def put(text: str) -> None:
+        options.pop("bounds", None)
+        options.update({"bounds": text.strip()} if text.strip() else {})
+
+    with draw.details("Bounds of links", "bounds", "bounds" in options):
+        draw.note("c is the centre of mass, I the inertia about it; the field below changes them.")
         links = [known[k : k + 10] for k in range(0, len(known), 10)]
-        rows = [(f"{k}", *(cell(*x[:3]) for x in link)) for k, link in enumerate(links, start=1)]
+        rows = [(f"{k}", *(cell(*x[1:3]) for x in link)) for k, link in enumerate(links, start=1)]
         heads = [f"{name.replace('1', '')} [{unit}]" for name, _, _, unit in links[0]]
         draw.table(("link", *heads), rows, "Bounds of the links")
-        if "total" in own:
-            draw.note(f"Total mass: {cell('total', '', '')} kg")
-        (field,) = [f for f in view.session.asked if f.name == "bounds"]
-
-        def put(text: str) -> None:
-            view.session.options.pop("bounds", None)
-            view.session.options |= {"bounds": text.strip()} if text.strip() else {}
-            view.session.changed()
-
-        now = ",".join(f"{k}={v}" for k, v in own.items())
-        draw.text_field(field.help, now, put, "bounds-text", field.example)
+        now = options.get("bounds", "")
+        draw.text_field(draw.told(option), now, put, "bounds-text", str(option.metavar))
 
 
 def _options(view: View) -> None:
@@ -130,7 +127,7 @@ def _options(view: View) -> None:
         said = "Effects as text: name[:joints][@shape=value], such as coulomb_friction@v_s=0.01"
         draw.text_field(said, ",".join(session.effects), write, "effects-text", wide=True)
         with draw.tag("div", style="fields"):
-            draw.draw_form([f for f in session.asked if f.name != "bounds"], session.options)
+            draw.draw_form([o for o in view.forms["identify"] if o.dest != "bounds"], session.options)
 
 
 def _name(effect: str) -> str:
