@@ -25,19 +25,22 @@ def keep(page: driver.Page, name: str) -> None:
     Image.open(out).convert("RGB").quantize(64).save(out, optimize=True)
 
 
-with driver.serving(Path(tempfile.mkdtemp())) as server, driver.browsing() as browser:
-    with driver.a_context(browser) as context:
-        page = driver.open_page(context, server)
-        page.click(driver.key("show-me"))
-        page.wait_for_selector("table.history", state="attached")
-        driver.idle(page)
-        for stage in ("check", "identify", "diagnose"):
-            driver.go(page, stage)
-            keep(page, stage)
-        driver.go(page, "use")
-        with page.expect_download() as waiting:
-            page.click(driver.key("take-report.html"))
-        report = context.new_page()
-        report.goto(waiting.value.path().as_uri())
-        report.wait_for_selector("body[data-ready]")
-        keep(report, "report")
+with (
+    driver.serving(Path(tempfile.mkdtemp())) as server,
+    driver.browsing() as browser,
+    driver.a_context(browser) as context,
+):
+    page = driver.open_page(context, server)
+    page.click(driver.key("show-me"))
+    page.wait_for_selector("table.history", state="attached")
+    driver.idle(page)
+    for stage in ("check", "identify", "diagnose"):
+        driver.go(page, stage)
+        keep(page, stage)
+    driver.go(page, "use")
+    with page.expect_download() as waiting:
+        page.click(driver.key("take-report.html"))
+    report = context.new_page()
+    report.goto(waiting.value.path().as_uri())
+    report.wait_for_selector("body[data-ready]")
+    keep(report, "report")
