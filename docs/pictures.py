@@ -3,6 +3,7 @@
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 
@@ -15,7 +16,7 @@ import page_driver as driver  # noqa: E402  (of the tests)
 SIZES = {"check": (1100, 760), "identify": (1100, 1150), "diagnose": (1100, 900), "report": (862, 766)}
 
 
-def keep(page: driver.Page, name: str) -> None:
+def keep(page: Any, name: str) -> None:
     """The top of what is shown, in 64 colours."""
     width, height = SIZES[name]
     page.set_viewport_size({"width": width, "height": height})
