@@ -11,10 +11,8 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.comparison import still_missing
-from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.sentences import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
-from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -238,19 +236,13 @@ def findings(material: Material) -> str:
         body += bars(list(first), list(last), floor, units)
         body += table(heads, rows, numbers_from=5)
     body += "".join(text(remark) for remark in (found.beside, *found.remarks) if remark)
-    for curve in found.curves:
-        said = curve.sentence(units)
-        plot = missing_figure(curve, units, _along(curve, material))
-        body += figure(plot, f"{said[0].upper()}{said[1:]}", 360)
-    return body
-
-
-def _along(curve: Curve, material: Material) -> list[Array]:
-    """Each variable of a curve along the judged runs."""
     judged = material.judged[material.last_name]
     motions = [replace(rows.motion, torque=modelled) for rows, modelled in judged]
-    parts = [[Variable.parse(v).along(motion) for v in curve.of] for motion in motions]
-    return [np.concatenate(values) for values in zip(*parts, strict=True)]
+    for curve in found.curves:
+        said = curve.sentence(units)
+        plot = missing_figure(curve, units, motions)
+        body += figure(plot, f"{said[0].upper()}{said[1:]}", 360)
+    return body
 
 
 def certificate_rows(estimates: Sequence[Estimate]) -> list[list[str]]:

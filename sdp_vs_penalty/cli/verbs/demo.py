@@ -6,9 +6,6 @@ from pathlib import Path
 
 from sdp_vs_penalty.cli import console
 
-#: Letters of the longest bar.
-_WIDTH = 40
-
 
 def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     """Show the main job on a simulated 7-joint arm in which one effect is hidden.
@@ -37,10 +34,10 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     said = changes(before.rmse, after.rmse, after.noise_floor)
     console.explain(said or "No joint's error changed.")
     if after.noise_floor is not None:
-        largest = before.rmse[j] / after.noise_floor[j]
+        largest, wide = before.rmse[j] / after.noise_floor[j], console.out.width // 2
         for name, result in (("before", before), ("after", after)):
             ratio = result.rmse[j] / after.noise_floor[j]
-            bar = "#" * max(1, round(_WIDTH * ratio / largest))
+            bar = "#" * max(1, round(wide * ratio / largest))
             console.say(f"  joint {j + 1} {name:7}{bar} {ratio:.3g} x noise")
     printing.verdict(after.verdict)
     console.say(f"Hidden was: {made.truth}.")

@@ -158,10 +158,10 @@ def fit(view: View) -> None:
     first = session.history[0].comparison
     floor = None if None in comparison["noise_floor"] else comparison["noise_floor"]
     after = comparison["rmse"] if len(session.history) > 1 else None
-    ui.html(bars(first["rmse"], after, floor, units), sanitize=False)
-    _figures(model)
-    chips = _chips(view, model, units)
     parts: dict[str, Any] = {}
+    parts["bars"] = ui.html("", sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
+    draw.note("Click a joint to see it below.")
+    _figures(model)
     with draw.tag("div", style="pick"):
         names = [(name, name) for name in model.runs]
         draw.choice("Run", names, view.run, lambda name: view.look(run=name), "shown-run")
@@ -184,9 +184,7 @@ def fit(view: View) -> None:
 
     def follow() -> None:
         j = view.joint or 0
-        for k, chip in enumerate(chips):
-            chip.classes(add="on" if k == j else "", remove="" if k == j else "on")
-            chip.props["aria-pressed"] = "true" if k == j else "false"
+        parts["bars"].content = bars(first["rmse"], after, floor, units, chosen=j)
         parts["chart"].update_figure(torques())
         parts["against"].update_figure(against())
         causes = {cause for *_, cause in _stretches(view, model)}
@@ -240,22 +238,6 @@ def _figures(model: ModelStep) -> None:
         draw.tag("p", f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}", "line")
 
 
-def _chips(view: View, model: ModelStep, units: list[str]) -> list[Any]:
-    """A button a joint with its error and noise, by which it is chosen."""
-    comparison = model.comparison
-    chips: list[Any] = []
-    with draw.tag("div", style="chips", role="group", aria_label="Joint to show"):
-        for j, error in enumerate(comparison["rmse"]):
-            look = partial(view.look, joint=j)
-            with draw.button("", look, f"joint-{j + 1}", "chip", aria_pressed="false") as chip:
-                draw.tag("strong", f"Joint {j + 1}")
-                draw.tag("span", _with_unit(error, units[j]), "rmse")
-                floor = comparison["noise_floor"][j]
-                draw.tag("span", "noise unknown" if floor is None else f"noise {figure(floor)}", "soft")
-            chips.append(chip)
-    return chips
-
-
 def _with_unit(value: float | None, unit: str) -> str:
     return f"{figure(value)} {formatting.plain_unit(unit)}".strip()
 
@@ -298,17 +280,18 @@ def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -
     )
     rows = heat_rows(failures, found_shares(found, len(failures)))
     title = "Share of the error explained by each cause, by joint"
-
-    def show(event: Any) -> None:
-        joint, signal = event.args
-        at = {"joint": min(max(int(joint), 1), len(failures)) - 1}
-        view.look(**at, **({"signal": signal} if signal in SIGNALS else {}))
-
     drawn = heat_map(title, rows, len(failures), _SHOWN_BY)
-    draw.framed(title, drawn).on("click", show, js_handler=_CELL)
+    draw.framed(title, drawn).on("click", partial(_show, view), js_handler=_CELL)
 
 
-#: What a click on a cell sends.
+def _show(view: View, event: Any) -> None:
+    """The joint that was clicked, and the signal that shows the cause."""
+    joint, signal = event.args
+    at = {"joint": min(max(int(joint), 1), view.session.arm["n"]) - 1}
+    view.look(**at, **({"signal": signal} if signal in SIGNALS else {}))
+
+
+#: What a click on a button of a joint sends.
 _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
   if (cell) emit([cell.dataset.joint, cell.dataset.signal]); }"""
 
