@@ -132,20 +132,18 @@ def _bands(material: Material, shifts: Sequence[float]) -> list[tuple[Array, Arr
 
 def history(material: Material) -> str:
     """The error of every joint, model by model, above the noise."""
-    heads = ["joint"]
-    for c in material.comparisons:
-        heads += [f"RMSE {c.name}", "R2"]
-    floor = material.comparisons[-1].noise_floor
-    rows = []
-    for j, unit in enumerate(material.last.robot.torque_units):
-        cells: list[object] = [f"{j + 1} [{formatting.plain_unit(unit)}]"]
-        for c in material.comparisons:
-            cells += [number(c.rmse[j], 4), number(c.r2[j], 4)]
-        rows.append([*cells, "-" if floor is None else number(floor[j], 4)])
-    totals: list[object] = ["all, relative error"]
-    for c in material.comparisons:
-        totals += [f"{c.relative_error_percent:.3f} %", ""]
-    rows.append([*totals, ""])
+    compared, floor = material.comparisons, material.comparisons[-1].noise_floor
+    heads = ["joint", *(head for c in compared for head in (f"RMSE {c.name}", "R2"))]
+    rows = [
+        [
+            f"{j + 1} [{formatting.plain_unit(unit)}]",
+            *(number(x[j], 4) for c in compared for x in (c.rmse, c.r2)),
+            "-" if floor is None else number(floor[j], 4),
+        ]
+        for j, unit in enumerate(material.last.robot.torque_units)
+    ]
+    whole = (cell for c in compared for cell in (f"{c.relative_error_percent:.3f} %", ""))
+    rows.append(["all, relative error", *whole, ""])
     made = []
     known: set[str] = set()
     for name, estimate in material.models.items():
