@@ -24,6 +24,7 @@ REASONS: Mapping[str, str] = {
     "shared": "other findings share most of its torque: only their sum is known",
     "absorbed": "the model's own parameters make nearly all of its torque",
     "implausible": "its size is not plausible",
+    "pieces": "it is a part of a function of the position that has no name",
     "looks_like": "something else looks so",
     "curve": "a measured curve explains the joint better",
     "not_alone": "beside the confident findings alone it raises a joint's held-out error by 10 %",
