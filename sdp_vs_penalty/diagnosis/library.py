@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import STANDS
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, filled
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
@@ -205,7 +204,7 @@ def _at_rest(kind: type[Effect], rows: SegmentedRuns, joint: int | None) -> bool
     if kind.at_rest == "turns":
         return not rows.holds[joint]
     # A joint that stood may have been held by friction that never turned round meanwhile.
-    return bool(rows.holds[joint] or np.mean(rows.still[:, joint] > 0.5) > STANDS)
+    return bool(rows.holds[joint] or np.any(rows.still[:, joint] > 0.5))
 
 
 def eligible(forms: Sequence[Form], picked: Sequence[Form], model: Model) -> list[bool]:
