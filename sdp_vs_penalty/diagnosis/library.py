@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, filled
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.effect import STANDS, Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import alone
@@ -204,7 +204,7 @@ def _at_rest(kind: type[Effect], rows: SegmentedRuns, joint: int | None) -> bool
     if kind.at_rest == "turns":
         return not rows.holds[joint]
     # A joint that stood may have been held by friction that never turned round meanwhile.
-    return bool(rows.holds[joint] or np.any(rows.still[:, joint] > 0.5))
+    return bool(rows.holds[joint] or np.mean(rows.still[:, joint] > 0.5) > STANDS)
 
 
 def eligible(forms: Sequence[Form], picked: Sequence[Form], model: Model) -> list[bool]:

@@ -22,8 +22,8 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 
-#: How often the lattice is halved on which shape constants are refined, from that of their grid on.
-_HALVINGS = 5
+#: Steps of the lattice on which shape constants are refined, in those of the grid that they begin with.
+_STEPS = 0.5, 0.25, 0.125
 
 
 class Search:
@@ -88,10 +88,14 @@ class Search:
                     seen[x] = replace(start, J=-np.inf)
             return seen[x]
 
-        x = 0.0
-        for step in 0.5 ** np.arange(1, _HALVINGS):
+        x = step = 0.0
+        for step in _STEPS:
             while (best := max((x, x - step, x + step), key=lambda y: at(y).J)) != x:
                 x = best
+        less, most, more = (at(x + d).J for d in (-step, 0.0, step))
+        if less - 2.0 * most + more < 0.0 and np.isfinite(less + more):  # the top of a parabola
+            top = 0.5 * (less - more) / (less - 2.0 * most + more)
+            x = max((x, x + step * round(16.0 * top) / 16.0), key=lambda y: at(y).J)
         return at(x)
 
     # Which forms there are beside a fit.
