@@ -37,7 +37,7 @@ from sdp_vs_penalty.diagnosis.findings import (
     Retune,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
-from sdp_vs_penalty.diagnosis.remaining import Remainder, events, outliers, remainder
+from sdp_vs_penalty.diagnosis.remaining import Remainder, events, outliers, refitted, remainder
 from sdp_vs_penalty.diagnosis.score import Fit, Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sentences import REASONS, repeatability_warning, sentence, size_of
@@ -77,7 +77,7 @@ class Found:
 def what_is_left(search: Search, odd: NDArray[np.bool_] | None = None) -> Remainder:
     """Of the rows beside all terms of a search; odd (M, n) : its outliers, if they are known."""
     data, fit = search.data, search.fit
-    residual = search.refitted()[1]
+    residual = refitted(data, [t.form.effect for t in search.terms])[1]
     if odd is None:
         odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
     return remainder(data, fit, residual, odd)

@@ -23,6 +23,7 @@ from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers, on_folds, on_test, raises
 from sdp_vs_penalty.diagnosis.library import library
+from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
@@ -230,6 +231,7 @@ def referred(search: Search, estimate: Estimate) -> tuple[Estimate, Search]:
     torque; of play in a gear 14 % of the size were left out."""
     effects = [t.form.effect for t in search.terms]
     if not search.data.frozen and any(e.needs_torque or e.needs_links for e in effects):
-        estimate = replace(estimate, theta=search.refitted()[0])
+        theta = refitted(search.data, effects)[0][: len(estimate.theta)]
+        estimate = replace(estimate, theta=theta)
         search = search.carried(estimate)
     return estimate, search

@@ -65,21 +65,17 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """White columns A (n, M, p) of the model, in a basis of r, and of terms, of length ``norms`` before;
-    y (n, M) the torque; gram (n, p, p), pull (n, p) : A'A, A'y; prior (p,) : one over the variances that
-    are known of the coefficients; inverse (P, r) : the model's parameters from those in the basis, told
-    (P,) : which of them the rows determine; dropped : those that terms stand for; at : each term's
-    columns of A, by text.
+    """White columns A (n, M, p) of the model, in a basis of r, and of terms, of unit length; y (n, M)
+    the torque; gram (n, p, p), pull (n, p) : A'A, A'y; duals (P, r) : of each of the model's own columns
+    what is orthogonal to its others, zero where they make it; dropped : those that terms stand for; at :
+    each term's columns of A, by text.
     """
 
     A: Array
     y: Array
     gram: Array
     pull: Array
-    norms: Array
-    prior: Array
-    inverse: Array
-    told: NDArray[np.bool_]
+    duals: Array
     dropped: tuple[int, ...]
     at: dict[str, list[int]]
     fits: dict[tuple[int, ...], Fit] = field(default_factory=dict)
@@ -118,18 +114,6 @@ class Fit:
     degrees: Array
     floor: float
 
-    def moved(self, model: Array) -> Array:
-        """(P,) by how much the model's parameters differ from those that make the torque ``model`` (n,
-        M), as little as the rows tell."""
-        design, r = self.design, self.design.inverse.shape[1]
-        own = np.tensordot(design.A[:, :, :r], model, axes=((0, 1), (0, 1)))
-        return np.asarray(design.inverse @ (self.theta[:r] - own))
-
-    def coefficients(self, term: Term) -> Array:
-        """(k,) of one of the terms."""
-        design, at = self.design, self.design.at[term.text]
-        return np.asarray(self.theta[at] / design.norms[np.array(at) - design.inverse.shape[1]])
-
     @property
     def target(self) -> Array:
         """(n, M) weighted torque."""
@@ -164,9 +148,9 @@ class Fit:
     def without_own(self, form: Form) -> Fit | None:
         """The fit without the model's own column that a form stands for; None where others make it."""
         design, (place,) = self.design, form.own
-        if not design.told[place]:
+        direction = design.duals[place] @ self.W[: design.duals.shape[1]]
+        if not direction.any():
             return None
-        direction = design.inverse[place] @ self.W[: design.inverse.shape[1]]
         u = direction / np.linalg.norm(direction)
         W = self.W - np.outer(self.W @ u, u)
         theta = W @ (W.T @ (self.level**-2.0 @ design.pull))
@@ -181,11 +165,11 @@ class Score:
     def __init__(self, data: WhiteData, looked: int) -> None:
         self.data, self.looked = data, max(looked, 1)
         self.floor = 1.0 if data.known else 1e-12
-        self._bases: dict[tuple[int, ...], tuple[Array, Array, Array, NDArray[np.bool_]]] = {}
+        self._bases: dict[tuple[int, ...], tuple[Array, Array, Array]] = {}
 
-    def _basis(self, dropped: tuple[int, ...]) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-        """(n, M, r) a basis of the model's columns without some, its products (n, r, r), (p, r) the
-        parameters that make it, and (p,) which of them the rows determine."""
+    def _basis(self, dropped: tuple[int, ...]) -> tuple[Array, Array, Array]:
+        """(n, M, r) a basis of the model's columns without some, its products (n, r, r), and (p, r) the
+        dual of each column in it, zero of what others make."""
         if dropped not in self._bases:
             n, M, p = self.data.X.shape
             X = self.data.X.reshape(n * M, p)
@@ -195,19 +179,19 @@ class Score:
             unit = X[:, seen] / norms[seen]
             B = orthonormal(unit)
             T = B.T @ unit
-            made = np.linalg.pinv(T, rcond=1e-9)
-            apart = np.max(np.abs(made @ T - np.eye(len(made))), axis=1, initial=0.0) < 1e-6
-            inverse, told = np.zeros((p, B.shape[1])), np.zeros(p, bool)
-            inverse[seen], told[seen] = made / norms[seen, None], apart
+            inverse = np.linalg.pinv(T, rcond=1e-9)
+            told = np.max(np.abs(inverse @ T - np.eye(len(inverse))), axis=1, initial=0.0) < 1e-6
+            duals = np.zeros((p, B.shape[1]))
+            duals[np.flatnonzero(seen)[told]] = inverse[told]
             B = B.reshape(n, M, B.shape[1])
-            self._bases[dropped] = B, B.transpose(0, 2, 1) @ B, inverse, told
+            self._bases[dropped] = B, B.transpose(0, 2, 1) @ B, duals
         return self._bases[dropped]
 
     def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
         """The model with the terms, each joint's rows weighted by what is left of them; near : a fit
         whose columns serve where they hold the terms', and at whose levels it begins."""
         design = near.design if near is not None and near.design.holds(terms) else self._design(terms)
-        basis = range(design.inverse.shape[1])
+        basis = range(design.duals.shape[1])
         kept = (*basis, *sorted(i for t in terms for i in design.at[t.text]))
         if kept not in design.fits:
             level = np.ones(len(design.y)) if near is None else near.level
@@ -216,7 +200,7 @@ class Score:
 
     def _design(self, terms: Sequence[Term]) -> Design:
         dropped = _dropped(terms)
-        B, gram, inverse, told = self._basis(dropped)
+        B, gram, own = self._basis(dropped)
         n, M, r = B.shape
         ends = np.cumsum([r, *(t.form.k for t in terms)]).tolist()
         A = np.zeros((n, M, ends[-1]))
@@ -226,24 +210,19 @@ class Score:
             at[t.text] = list(range(first, stop))
             for j, z in t.columns.items():
                 A[j][:, first:stop] = z
-        norms = or_one(np.sqrt(np.sum(A[:, :, r:] ** 2, axis=(0, 1))))
-        A[:, :, r:] /= norms
-        known = [np.full(r, np.inf), *(np.nan_to_num(t.form.plausible, nan=np.inf) for t in terms)]
-        prior = np.concatenate(known) ** -2.0
-        prior[r:] /= norms**2
+        A[:, :, r:] /= or_one(np.sqrt(np.sum(A[:, :, r:] ** 2, axis=(0, 1))))
         G = np.zeros((n, ends[-1], ends[-1]))
         G[:, :r, :r] = gram
         cross = A.transpose(0, 2, 1) @ A[:, :, r:]
         G[:, :, r:], G[:, r:, :r] = cross, cross[:, :r].transpose(0, 2, 1)
         y = self.data.y
-        pull = (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0]
-        return Design(A, y, G, pull, norms, prior, inverse, told, dropped, at)
+        return Design(A, y, G, (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0], own, dropped, at)
 
     def _fitted(self, design: Design, kept: NDArray[np.intp], level: Array) -> Fit:
         G, pull = design.gram[:, kept[:, None], kept], design.pull[:, kept]
         square, degrees = np.sum(design.y**2, axis=1), self.data.count
         for _ in range(STEPS):
-            L = _triangle(np.tensordot(level**-2.0, G, axes=1) + np.diag(design.prior[kept]))
+            L = _triangle(np.tensordot(level**-2.0, G, axes=1))
             theta = scipy.linalg.cho_solve((L, True), level**-2.0 @ pull, check_finite=False)
             rss = np.maximum(square - 2.0 * pull @ theta + (G @ theta) @ theta, 0.0)
             last, level = level, np.sqrt(np.maximum(rss / degrees, self.floor))

@@ -17,7 +17,7 @@ from sdp_vs_penalty.diagnosis.constants import (
 )
 from sdp_vs_penalty.diagnosis.library import Form, Key, Library, eligible
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
-from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns, whitened, with_estimate
+from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
@@ -257,19 +257,6 @@ class Search:
             seen.add(state)
         self.fit = self.score.fit(self.terms)
         return self.terms
-
-    def refitted(self) -> tuple[Array, Array]:
-        """(p,) parameters of the model beside the terms, where the rows do not tell them as they were;
-        and (M, n) [N m or N] what these leave."""
-        data, rows = self.data, self.data.rows
-        change, left = np.zeros(data.raw.shape[2]), rows.residual
-        theta = data.estimate.theta[: len(change)]
-        if len(theta):
-            change = self.fit.moved(data.X @ theta)
-            left = left - (data.raw @ change).T
-        for t in self.terms:
-            left = left - (spread_columns(rows, t.form.effect) @ self.fit.coefficients(t)).T
-        return theta + change, left
 
     # The same search beside something else.
 
