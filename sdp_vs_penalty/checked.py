@@ -34,8 +34,9 @@ def refuse_meaningless(
     verb: str = "identify",
     otherwise: str = "pass check=False to",
     gains: bool = False,
-) -> list[str]:
-    """The warnings of the fast part of the check, a sentence each.
+) -> tuple[list[str], dict[str, list[dict[str, Any]]]]:
+    """The warnings of the fast part of the check, a sentence each; all that it says of each run, by the
+    run's hash, as a model keeps it for a report.
 
     otherwise : how to do ``verb`` all the same, in words; gains : whether its work determines the
     torque channels' gains, so that the check need not.
@@ -54,7 +55,12 @@ def refuse_meaningless(
             f"fix the data (`check --fix`), or {otherwise} {verb} anyway",
             run,
         )
-    return [f"{f.severity}: {run}: {f.what} (details: `check`)" for run, f in found]
+    runs = list(measurements.runs())
+    said = {
+        run.data_hash: [f.to_dict() for f in r.issues] for run, r in zip(runs, reports, strict=False)
+    }
+    texts = [f"{f.severity}: {run}: {f.what} (details: `check`)" for run, f in found]
+    return texts, said if len(runs) == len(reports) else {}
 
 
 def consented(estimate: Estimate, measurements: Measurements) -> bool:
@@ -83,13 +89,15 @@ def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
             measurements = as_measurements(measurements, names=names, what="diagnose(measurements=...)")
             first.require_joints(measurements, "measurements")
             ask = check and not consented(first, measurements)
+        said: dict[str, Any] = {}
         if ask:
             gains = bool(settings.get("known_loads"))
-            for text in refuse_meaningless(problem, measurements, name, gains=gains):
+            texts, said = refuse_meaningless(problem, measurements, name, gains=gains)
+            for text in texts:
                 warnings.warn(text, stacklevel=3)  # past with_suggestions
         made = verb(first, measurements, *more, **settings)
         if name == "identify":
-            made.provenance["checked"] = check
+            made.provenance.update(checked=check, checks=said)
         return made
 
     given = inspect.signature(verb)

@@ -196,7 +196,7 @@ class Likelihood:
         """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others."""
         data = self.data
         own = np.arange(data.n)[:, None]
-        shapes = [(e.shape(data.motion.t) * (own == e.joint))[:, :, None] for e in events]
+        shapes = [(e.shape(data.motion, order[e.joint]) * (own == e.joint))[:, :, None] for e in events]
         columns = np.concatenate([data.own[list(order)], *shapes], axis=2)
         columns = columns * data.heard.T[list(order)][:, :, None]
         columns = columns / or_one(np.linalg.norm(columns, axis=1, keepdims=True))

@@ -11,30 +11,42 @@ where a channel that bends is straightened first: s artanh(tau_raw / s), s = max
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array
 
 Order = tuple[int, ...]
 Numbers = tuple[float, ...]
 
 
+#: Laws of a joint that arms have and models lack, by their state: as strong as they may be, they are no
+#: fault of the log.
+LAWS: dict[str, Callable[[Array, Array], Array]] = {
+    "a spring": lambda q, dq: q,
+    "drag": lambda q, dq: dq * np.abs(dq),
+}
+
+
 @dataclass(frozen=True)
 class Event:
-    """A change of one joint's torque: a drift over the whole log, or a step at a time ``at`` [s]."""
+    """What one joint's torque has beside the arm's: a drift over the whole log, a step at a time ``at``
+    [s], or a law of its own motion, by name."""
 
     joint: int
-    at: float | None = None
+    at: float | str | None = None
 
-    def shape(self, t: Array) -> Array:
-        """(N,) of which the change is a multiple: a ramp, or a step."""
-        ramp = (t - t[0]) / max(t[-1] - t[0], 1e-300)
-        return np.asarray(ramp if self.at is None else (t > self.at) * 1.0)
+    def shape(self, motion: Motion, column: int) -> Array:
+        """(N,) of which it is a multiple, where the joint's states are a column of the motion's."""
+        if isinstance(self.at, str):
+            return LAWS[self.at](motion.q[:, column], motion.dq[:, column])
+        ramp = (motion.t - motion.t[0]) / max(motion.t[-1] - motion.t[0], 1e-300)
+        return np.asarray(ramp if self.at is None else (motion.t > self.at) * 1.0)
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def _event(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
         k = int(np.argmax(error))
         elsewhere = error[np.abs(t - t[k]) > _WIDTH]
         # At its ends the arm starts or comes to rest: stiction; a step has been told.
-        known = [e.at for e in repair.events if e.at is not None]
+        known = [e.at for e in repair.events if isinstance(e.at, float)]
         inside = (
             min(t[k] - t[0], t[-1] - t[k]) > 3.0 * _WIDTH < np.min(np.abs(t[k] - known), initial=9e9)
         )

@@ -20,8 +20,8 @@ from sdp_vs_penalty.checks.transformations import motion, torque
 #: What is tried, in the order of the words.
 TRANSFORMATIONS: tuple[Transformation, ...] = (
     motion.Degrees(), motion.Clock(), motion.Sign(), motion.Exchange(), motion.Mounting(),
-    torque.Weight(), torque.Gain(), torque.Delay(), torque.Change(), motion.Zero(), motion.Length(),
-    torque.Saturation(),
+    torque.Weight(), torque.Law(), torque.Gain(), torque.Delay(), torque.Change(), motion.Zero(),
+    motion.Length(), torque.Saturation(),
 )  # fmt: skip
 
 

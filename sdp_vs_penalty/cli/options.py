@@ -142,7 +142,7 @@ class Parser(argparse.ArgumentParser):
         known = [flag for option in self.options.values() for flag in option.option_strings]
         for flag in (word.partition("=")[0] for word in words):
             if flag.startswith("--") and flag not in (*known, "--help"):
-                raise unknown("option", flag, known, self.prog)
+                raise unknown("option", flag, known, self.prog.partition(" ")[2])
         # What begins like a number is a value: --gravity -9.81,0,0.
         joined = re.sub(r"(\0--[a-z-]+)\0(-[\d.])", r"\1=\2", "\0".join(["", *words]))
         return vars(self.parse_intermixed_args(joined.split("\0")[1:]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.cli_parsing import numbers, time_windows
@@ -89,9 +89,13 @@ def runs_for(
     return Runs(windowed(measured, train), held_out, whole)
 
 
-def warn_or_refuse(problem: Problem, measurements: Measurements, verb: str, gains: bool = False) -> None:
+def warn_or_refuse(
+    problem: Problem, measurements: Measurements, verb: str, gains: bool = False
+) -> dict[str, Any]:
     """:func:`~sdp_vs_penalty.checked.refuse_meaningless`; warnings go to stderr, a line each."""
     from sdp_vs_penalty.checked import refuse_meaningless
 
-    for text in refuse_meaningless(problem, measurements, verb, "pass --no-check to", gains):
+    texts, said = refuse_meaningless(problem, measurements, verb, "pass --no-check to", gains)
+    for text in texts:
         console.warn(text)
+    return said

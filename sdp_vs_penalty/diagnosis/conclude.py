@@ -204,7 +204,6 @@ def _reasons(
     search, effect, on = found.search, term.form.effect, sorted(term.joints)
     rows, left, plausible = search.data.rows, found.left, effect.plausible
     torque = np.mean((spread_columns(rows, effect) @ known.beta) ** 2, axis=1)
-    absorbed, shared = _shares(search, term)
     looks_like = effect.looks_like(size, rows.seen(effect.joints[0]))
     explained = np.sum(np.maximum(errors[0, on] ** 2 - errors[1, on] ** 2, 0.0))
     beyond = np.sum(left.beyond[on] ** 2) if search.data.known else 0.0
@@ -214,8 +213,7 @@ def _reasons(
         "small": not term.J > 2.0 * APART,
         "not_held_out": not lowers(errors[0, on], errors[1, on]),
         "more_left": explained < beyond,
-        "shared": shared > 1.0 - UNCERTAIN,
-        "absorbed": absorbed > 1.0 - ABSORBED,
+        "shared": _shared(search, term) > 1.0 - UNCERTAIN,
         "implausible": bool(np.any(torque > np.mean(rows.torque**2, axis=0)))
         or (plausible is not None and np.sqrt(np.mean((known.beta / plausible) ** 2)) > FAR),
         "pieces": in_pieces(term, search),
@@ -233,19 +231,18 @@ def _rival_name(own: Effect, other: Effect) -> str:
     return other.name
 
 
-def _shares(search: Search, term: Term) -> tuple[float, float]:
-    """Of a term's energy what the model's columns make, and what other terms make besides."""
+def _shared(search: Search, term: Term) -> float:
+    """Of a term's energy beside the model's columns what other terms make."""
     alone, beside = (
         search.score.fit(others, search.fit).energy(term)
         for others in ([], [t for t in search.terms if t != term])
     )
-    scaled = search.fit.scaled(term.columns)
-    whole = sum(float(np.sum((z @ term.beta) ** 2)) for z in scaled.values())
-    return 1.0 - alone / max(whole, 1e-300), 1.0 - beside / max(alone, 1e-300)
+    return 1.0 - beside / max(alone, 1e-300)
 
 
 def invisible_effects(search: Search) -> tuple[Invisible, ...]:
-    """Candidates whose energy the model's own columns absorb, whatever their shape."""
+    """Candidates whose energy the model's own columns absorb, whatever their shape; what was found all
+    the same has shown itself, and its standard deviation says how well."""
     if search.data.frozen:
         return ()
     fit, shares = search.score.fit(()), dict[tuple[str, int | None], float]()
@@ -256,7 +253,7 @@ def invisible_effects(search: Search) -> tuple[Invisible, ...]:
     return tuple(
         Invisible(name, () if joint is None else (joint + 1,), share)
         for (name, joint), share in shares.items()
-        if share > 1.0 - ABSORBED
+        if share > 1.0 - ABSORBED and (name, joint) not in {t.key for t in search.terms}
     )
 
 

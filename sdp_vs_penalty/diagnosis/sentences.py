@@ -22,7 +22,6 @@ REASONS: Mapping[str, str] = {
     "not_held_out": "no joint's held-out error falls by 1 %",
     "more_left": "more error is left on its joints than it explains",
     "shared": "other findings share most of its torque: only their sum is known",
-    "absorbed": "the model's own parameters make nearly all of its torque",
     "implausible": "its size is not plausible",
     "pieces": "it is a part of a function of the position that has no name",
     "looks_like": "something else looks so",

@@ -85,7 +85,7 @@ DESCRIPTION = (
 )
 #: Longest step of the simulation [s], and the windows that are tried [s], the longest first: one is used
 #: if the starting model stays within this share of the motion's size.
-STEP, _WINDOWS, _STAYS = 2e-3, (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1), 0.3
+STEP, _WINDOWS, _STAYS = 2.5e-3, (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1), 0.3
 #: Change of a parameter for its slope, in its standard deviations.
 _SLOPE = 0.1
 

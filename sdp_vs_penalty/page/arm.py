@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from sdp_vs_penalty.page.controls import button, note, tag
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.reports.plots import COLOURS, MEASURED
 
 #: The colour is full where the error is so many times its noise floor, or where that is not known its
 #: own root mean square.
@@ -23,8 +24,9 @@ _TOWARDS = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
 _ANGLE, _SLOW = 14.0, 3
 #: Half axes beyond this [m] belong to links that the data hardly determine: they may leave the picture.
 _LONGEST = 0.5
-#: Colours of the measured arm (where no error colours it) and of the simulated one, and how solid.
-_LOOKS = (("link", "#0072b2", 0.75), ("simulated", "#d55e00", 0.45))
+#: Names, colours and solidity of an arm alone, and of the measured one beside the simulated one: those
+#: of their curves.
+_LOOKS = {1: [("link", "#0072b2", 0.75)], 2: [("measured", MEASURED, 0.45), ("link", COLOURS[0], 0.75)]}
 
 
 def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> Any:
@@ -39,7 +41,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
     def clicked(event: Any) -> None:
         for hit in event.hits:
             name, _, link = hit.object_name.partition("-")
-            if name in ("link", "simulated") and link.isdigit():
+            if name in ("link", "measured") and link.isdigit():
                 view.look(joint=min(int(link), len(view.session.arm["joints"]) - 1))
                 return
 
@@ -54,7 +56,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
             camera=ui.scene.perspective_camera(fov=_ANGLE),
         ) as scene:
             shapes = view.session.arm["drawn"]["shapes"]
-            groups = [g for look in _LOOKS[:arms] for g in _one_arm(scene, about, shapes, reach, *look)]
+            groups = [g for look in _LOOKS[arms] for g in _one_arm(scene, about, shapes, reach, *look)]
         frame.props["data-arm"] = scene.id
         scene.props["role"] = "img"
         scene.props["aria-label"] = f"The arm in 3D: {said}"

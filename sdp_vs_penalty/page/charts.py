@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.reports.pictures import shades
@@ -96,12 +95,9 @@ def asked_span(event: Any) -> tuple[float, float] | bool | None:
 
 def missing_chart(curve: Curve, units: Sequence[str], read: Mapping[str, Any]) -> dict[str, Any]:
     """A measured curve with its band, and where the rows of a recording lie."""
-    over = [Variable.parse(v) for v in curve.of]
-    along = []
-    if all(v.word != "temp" for v in over):  # a recording holds none
-        motion = Motion(read["t"], read["q"], read["dq"], read["ddq"], read["modelled"])
-        along = [v.along(motion) for v in over]
-    return ready(missing_figure(curve, units, along), 260)
+    motion = Motion(read["t"], read["q"], read["dq"], read["ddq"], read["modelled"])
+    warm = any(v.startswith("temp") for v in curve.of)  # a recording holds none
+    return ready(missing_figure(curve, units, [] if warm else [motion]), 260)
 
 
 def residual_chart(

@@ -5,9 +5,9 @@ Options of the command line are fields made from its verbs, not listed again.
 
 from __future__ import annotations
 
+from argparse import Action
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 from typing import Any
@@ -18,35 +18,6 @@ from nicegui.elements.mixins.text_element import TextElement
 from sdp_vs_penalty.page.uploads import SUFFIXES
 
 Handler = Callable[..., Any]
-
-
-@dataclass(frozen=True)
-class FormField:
-    """An option of a verb: its parameter's name, flag, help, an example of a value; or a tick."""
-
-    name: str
-    flag: str
-    help: str
-    example: str
-    tick: bool
-
-
-def fields_of(options: Mapping[str, Any], *names: str) -> tuple[FormField, ...]:
-    """Options of a verb, as cli/options.py has them, by the names of its parameters."""
-    found = ((name, options[name]) for name in names)
-    return tuple(
-        FormField(name, o.option_strings[0], o.help.replace("`", ""), o.metavar or "", o.nargs == 0)
-        for name, o in found
-    )
-
-
-def words(fields: tuple[FormField, ...], values: Mapping[str, str]) -> list[str]:
-    """The same on the command line."""
-    out = []
-    for f in fields:
-        if f.name in values:
-            out += [f.flag] if f.tick else [f.flag, values[f.name]]
-    return out
 
 
 def tag(name: str, text: str = "", style: str = "", **attributes: Any) -> Any:
@@ -129,8 +100,9 @@ def check(label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str =
         tag("span", label)
 
 
-def draw_form(fields: Sequence[FormField], values: dict[str, str]) -> None:
-    """Every field with what is written in it; ``values`` follows, without the empty ones."""
+def draw_form(options: Sequence[Action], values: dict[str, str]) -> None:
+    """A field for each of a verb's options (cli/options.py), with what is written in it; ``values``
+    follows, without the empty ones."""
 
     def put(name: str, text: str) -> None:
         if text.strip():
@@ -138,12 +110,17 @@ def draw_form(fields: Sequence[FormField], values: dict[str, str]) -> None:
         else:
             values.pop(name, None)
 
-    for f in fields:
-        key, now = f"option-{f.name}", values.get(f.name, "")
-        if f.tick:
-            check(f.help, bool(now), lambda on, name=f.name: put(name, "yes" * on), key)  # type: ignore[misc]
+    for o in options:
+        key, now, said = f"option-{o.dest}", values.get(o.dest, ""), told(o)
+        if o.nargs == 0:
+            check(said, bool(now), lambda on, name=o.dest: put(name, "yes" * on), key)  # type: ignore[misc]
         else:
-            text_field(f.help, now, partial(put, f.name), key, f.example)
+            text_field(said, now, partial(put, o.dest), key, str(o.metavar))
+
+
+def told(option: Action) -> str:
+    """What an option is, without the marks of code."""
+    return (option.help or "").replace("`", "")
 
 
 def drop(text: str, kind: str) -> None:

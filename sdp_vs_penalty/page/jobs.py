@@ -18,13 +18,11 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import urdf
 from sdp_vs_penalty.data.cli_parsing import numbers
-from sdp_vs_penalty.data.datasets import DATASETS
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
@@ -34,43 +32,21 @@ from sdp_vs_penalty.estimation.known_load import parsed_known_load
 from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.estimation.separation import separate as separation
 from sdp_vs_penalty.estimation.verify import verify_proof_file
-from sdp_vs_penalty.estimators import estimator_types, with_solver
+from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.exporters import sdp
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.files import write_bytes, write_text
-from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page.asked import Answer, Asked
-from sdp_vs_penalty.page.run_jobs import look_again, mend, read, real, real_files, simulate
-from sdp_vs_penalty.page.summary import drawn_arm, held, placed, save_arrays, summary
+from sdp_vs_penalty.page.run_jobs import look_again, mend, read, real, simulate
+from sdp_vs_penalty.page.summary import drawn_arm, placed, save_arrays, summary
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.fields import entries
 from sdp_vs_penalty.problem.load import with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.reports import report as write_report
+from sdp_vs_penalty.reports.demo import METHOD_HEADS, method_row
 from sdp_vs_penalty.robot.geometry import link_hulls
 from sdp_vs_penalty.simulation.follow import follow
-from sdp_vs_penalty.simulation.hidden_runs import MAKERS
-from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
-
-
-def catalogue(asked: Asked) -> Answer:
-    """Everything that the page offers to choose from, but the robots."""
-    kinds, methods = effect_types(), estimator_types()
-    return {
-        "effects": [
-            {"name": name, "explanation": kind.explanation, "frozen_only": kind.frozen_only}
-            for name, kind in kinds.items()
-        ],
-        "methods": [
-            {"name": name, "description": kind.description}
-            for name, kind in methods.items()
-            if not kind.needs_black_box
-        ],
-        "hideable": [name for name in MAKERS if not kinds[name].frozen_only],
-        "whole_robot": [name for name, kind in kinds.items() if kind.whole_robot],
-        "levels": list(LEVELS),
-        "real": {d.problem: d.title for d in DATASETS.values() if real_files(d.name)},
-    }
 
 
 def robot(asked: Asked) -> Answer:
@@ -207,11 +183,8 @@ def methods(asked: Asked) -> Answer:
     runs, current = asked.runs, asked.model
     if not asked["methods"]:
         raise InputError("No method is chosen", "choose at least one to compare")
-    heads = ["method", "error", "constraints", "thinnest link", "widest link", "certified gap", "time"]
-    heads += ["error on unseen motion"] * bool(asked["folds"])
     rows = []
     for name in asked["methods"]:
-        begin = time.perf_counter()
         given: dict[str, Any] = {
             "effects": current.model.effects,
             "seed": asked.seed,
@@ -219,18 +192,13 @@ def methods(asked: Asked) -> Answer:
         }
         try:
             made = identify(current.problem, runs.train, name, **given)
-            seconds = time.perf_counter() - begin
             folds = asked["folds"] and cross_validate(current.problem, runs.train, name, **given)
         except InputError as error:
-            rows.append([name, str(error), *[""] * (len(heads) - 2)])
+            rows.append([name, str(error), *[""] * (len(METHOD_HEADS) - 2)])
             continue
-        c = compare({name: made}, runs.judge, noise_from=runs.whole)[0]
-        thick, share = made.certificate.smallest_thickness, made.certificate.body_share
-        row = [name, f"{c.relative_error_percent:.4g} %", held(made)]
-        row += ["-" if thick is None else f"{1e3 * thick:.3g} mm", figure(share, 2)]
-        row += [figure(made.certificate.gap, 2), f"{seconds:.2g} s"]
+        row = method_row(compare({name: made}, runs.judge, noise_from=runs.whole)[0])
         rows.append([*row, *([f"{folds.relative_error_percent:.4g} %"] if folds else [])])
-    return {"heads": heads, "rows": rows}
+    return {"heads": [*METHOD_HEADS, *["error on unseen motion"] * bool(asked["folds"])], "rows": rows}
 
 
 def take(asked: Asked) -> Answer:
@@ -338,7 +306,7 @@ def check_urdf(asked: Asked) -> Answer:
 JOBS: dict[str, Callable[[Asked], Answer]] = {
     job.__name__: job
     for job in (
-        *(catalogue, robot, read, look_again, real, simulate, mend, fit, open_model, separate),
+        *(robot, read, look_again, real, simulate, mend, fit, open_model, separate),
         *(extend, find, methods, take, forward, prove, verify, pose, check_urdf),
     )
 }

@@ -26,17 +26,23 @@ from nicegui import app as nicegui_app
 from nicegui import ui
 from starlette.requests import ClientDisconnect
 
+from sdp_vs_penalty.data.datasets import DATASETS
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.auth_middleware import KEY, LOOPBACK, guarded
+from sdp_vs_penalty.page.run_jobs import real_files
 from sdp_vs_penalty.page.session import Session, internal_error
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
-from sdp_vs_penalty.page.worker import Cancelled, WorkerPool, Working
+from sdp_vs_penalty.page.worker import WorkerPool
 from sdp_vs_penalty.reports.pictures import LOOK as PICTURES
+from sdp_vs_penalty.simulation.hidden_runs import MAKERS
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 #: Tried first, so that the page can be bookmarked.
 PORT = 8137
@@ -51,34 +57,34 @@ class Page:
         self.folder, self.forms = folder, forms
         self.pool = WorkerPool()
         self.sessions = Sessions(self.pool)
-        self._loading = Working("Loading")
-        #: What there is to choose from: the robots at once, the rest when a worker has loaded it.
-        self.catalogue: dict[str, Any] = {"problems": _problems()}
-
-    def start(self) -> None:
-        """Ask a first worker what there is to choose from."""
-        self._asking = asyncio.get_running_loop().create_task(self._ask())
-
-    async def _ask(self) -> None:
-        try:
-            request = {"job": "catalogue"}
-            self.catalogue |= await self.pool.run(self._loading, request, lambda _: None)
-            self.sessions.changed()
-        except InputError as error:
-            self.sessions.say(str(error))
-        except Cancelled:  # the server ends
-            return
+        self.catalogue = _catalogue()
 
     def close(self) -> None:
-        self._loading.cancel()
         self.sessions.close()
         self.pool.close()
 
 
-def _problems() -> list[dict[str, str]]:
-    """Names and titles of the built-in robots, read without what computes with them."""
+def _catalogue() -> dict[str, Any]:
+    """Everything that the page offers to choose from."""
+    kinds, methods = effect_types(), estimator_types()
     files = sorted(problems_folder().glob("*/problem.toml"))
-    return [{"name": f.parent.name, "title": tomllib.loads(f.read_text())["title"]} for f in files]
+    robots = [{"name": f.parent.name, "title": tomllib.loads(f.read_text())["title"]} for f in files]
+    return {
+        "problems": robots,
+        "effects": [
+            {"name": name, "explanation": kind.explanation, "frozen_only": kind.frozen_only}
+            for name, kind in kinds.items()
+        ],
+        "methods": [
+            {"name": name, "description": kind.description}
+            for name, kind in methods.items()
+            if not kind.needs_black_box
+        ],
+        "hideable": [name for name in MAKERS if not kinds[name].frozen_only],
+        "whole_robot": [name for name, kind in kinds.items() if kind.whole_robot],
+        "levels": list(LEVELS),
+        "real": {d.problem: d.title for d in DATASETS.values() if real_files(d.name)},
+    }
 
 
 @dataclass(frozen=True)
@@ -116,28 +122,27 @@ def serve(
     folder: Path | None,
     port: int | None,
     browser: bool,
-    at: Address | None = None,
-    forms: Forms | None = None,
+    at: Address,
+    forms: Forms,
 ) -> None:
     """Serve the page until it is interrupted, to whoever has the printed address.
 
     folder : whose runs and URDFs the page offers; port : None for the usual one, or any other that
-    is free where that is taken; at : None for 127.0.0.1; forms : by what they are for, options of the
+    is free where that is taken; forms : by what they are for, options of the
     command line that the page offers. Raises InputError for a folder that is none, a
     port that is taken, or files that TLS cannot use.
     """
-    at = at or Address()
     if folder is not None and not folder.is_dir():
         raise InputError("not a folder", "name the folder with your runs, or leave it out", folder)
     listener = _listen(at.host, port)
     chosen = listener.getsockname()[1]
-    page = Page(folder, forms or {})
+    page = Page(folder, forms)
     atexit.register(page.close)
     key = secrets.token_urlsafe(24)
     name = f"[{at.host}]" if ":" in at.host else at.host
     address = f"http{'s' * at.tls}://{name}:{chosen}/?{KEY}={key}"
     print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
-    nicegui_app.on_startup(page.start)
+    nicegui_app.on_startup(page.pool.prepare)
     nicegui_app.on_shutdown(page.close)  # also where a signal ends the server
     # The server ends in order and then raises the signal again: leave by exit, so that what Python
     # itself keeps for processes is taken away too.

@@ -7,6 +7,7 @@ import shlex
 import time
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field, replace
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,6 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.page import uploads
-from sdp_vs_penalty.page.controls import FormField, words
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.worker import Cancelled, WorkerPool, Working
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL
@@ -39,6 +39,22 @@ class Notice:
     texts: tuple[str, ...]
     error: bool = True
     undo: bool = False
+
+
+def background(title: str) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Any]:
+    """A verb of the session: under a title, whose {} are its arguments, it starts what its coroutine
+    does, unless a job is being done; ``.do`` is that coroutine, a step of another verb."""
+
+    def verb(do: Callable[..., Coroutine[Any, Any, None]]) -> Any:
+        @wraps(do)
+        def start(self: Session, *given: Any) -> None:
+            if not self.busy:
+                self._start(title.format(*given, self=self), do(self, *given))
+
+        start.do = do  # type: ignore[attr-defined]
+        return start
+
+    return verb
 
 
 #: What belongs to a robot, and is put aside with it.
@@ -66,9 +82,8 @@ class Session:
     method: str = DEFAULT_METHOD
     seed: int = 0
     frozen: bool = False
-    #: What is written in the fields that are the command line's options, and these fields.
+    #: What is written in the fields that are the command line's options.
     options: dict[str, str] = field(default_factory=dict)
-    asked: tuple[FormField, ...] = ()
     reading: dict[str, str] = field(default_factory=dict)
     #: Identify even from runs that the check calls meaningless.
     anyway: bool = False
@@ -186,7 +201,8 @@ class Session:
             how += ["--no-check"] if self.meaningless else []
             if gravity := self.robot["gravity"]:
                 how += ["--gravity", ",".join(f"{g:g}" for g in gravity)]
-            out.append(["identify", robot, *data, *how, *words(self.asked, self.options), "--out", name])
+            how += [w for k, v in self.options.items() for w in (f"--{k.replace('_', '-')}", v)]
+            out.append(["identify", robot, *data, *how, "--out", name])
         for k, model in enumerate(self.history[1:], start=2):
             before, name = name, f"model{k}.json"
             what = [",".join(model.added), *data, *seed, *["--frozen"] * model.frozen]
@@ -213,14 +229,7 @@ class Session:
         """Whether a job is being done."""
         return self.task is not None and not self.task.done()
 
-    def _start(
-        self, title: str, doing: Coroutine[Any, Any, None], names: Mapping[str, str] | None = None
-    ) -> None:
-        """Begin a job unless one is being done; names : what to call the paths that it reads."""
-        if self.busy:
-            doing.close()
-            return
-        self.names |= names or {}
+    def _start(self, title: str, doing: Coroutine[Any, Any, None]) -> None:
         self.notice = None
         self.working = Working(title)
         self.task = asyncio.get_running_loop().create_task(self._watch(doing))
@@ -270,11 +279,10 @@ class Session:
         self._count += 1
         return str(self.folder / f"model-{self._count}.json")
 
-    def choose_robot(self, source: str, urdf: str | None = None) -> None:
+    @background("Reading the robot")
+    async def choose_robot(self, source: str, urdf: str | None = None) -> None:
         """A built-in name, or the path of a URDF with its shown name; everything else starts anew."""
-        self._start("Reading the robot", self._choose(source, urdf), {source: urdf or source})
-
-    async def _choose(self, source: str, urdf: str | None = None) -> None:
+        self.names[source] = urdf or source
         answer = await self._job("robot", robot={"source": source})
         # What is dropped is said and kept, so that it can be brought back.
         self.dropped = {name: getattr(self, name) for name in _OF_A_ROBOT}
@@ -298,37 +306,35 @@ class Session:
 
     def read_arrived(self) -> None:
         """Read the files that were dropped; after the job that is being done, if there is one."""
-        if self.busy or not self.arrived:
-            return
+        if not self.busy and self.arrived:
+            self._read_files()
+
+    @background("Reading measurements")
+    async def _read_files(self) -> None:
         files, self.arrived = self.arrived, {}
         given = list(files.values())
         if log := uploads.logger_folder(self.folder, files):
             files["exciting_traj"] = log
             given.append(log)
-        names = {str(path): name for name, path in files.items()}
+        self.names |= {str(path): name for name, path in files.items()}
+        try:
+            listed = [{"path": str(path), "name": name} for name, path in files.items()]
+            await self._take_runs("read", files=listed, options=self.reading)
+        finally:
+            uploads.forget(self.folder, given)
 
-        async def do() -> None:
-            try:
-                listed = [{"path": path, "name": name} for path, name in names.items()]
-                await self._take_runs("read", files=listed, options=self.reading)
-            finally:
-                uploads.forget(self.folder, given)
-
-        self._start("Reading measurements", do(), names)
-
-    def simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:
+    @background("Simulating")
+    async def simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:
         """The built-in data with an effect hidden in them, instead of the runs that are there."""
-        self._start("Simulating", self._simulate(effect, joints, level, seed))
-
-    async def _simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:
         await self._take_runs("simulate", effect=effect, joints=joints, level=level, seed=seed)
         at = ":" + "+".join(map(str, joints)) if joints else ""
         hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
         self.made_by = [*hide, "--level", level, "--seed", str(seed), "--out", "."]
 
-    def real(self) -> None:
+    @background("Reading measurements")
+    async def real(self) -> None:
         """The real runs of this robot that are on the computer, instead of those that are there."""
-        self._start("Reading measurements", self._take_runs("real"))
+        await self._take_runs("real")
 
     def use(self, file: str, use: str) -> None:
         """Use a run for training, for testing, or not at all ("")."""
@@ -344,39 +350,29 @@ class Session:
         self.forget_models()
         self.changed()
 
-    def mount(self, gravity: str) -> None:
+    @background("Turning the robot")
+    async def mount(self, gravity: str) -> None:
         """Another direction of gravity, "x,y,z" [m/s^2]: the runs are checked again, models dropped."""
+        turned = {**self.arm, "gravity": numbers("gravity", gravity, 3)}
+        answer = await self._job("look_again", robot=turned)
+        self.robot, self.runs = turned, answer["runs"]
+        if self.history:
+            self.notice = Notice(("Gravity has changed: identify again.",), error=False)
+        self.forget_models()
 
-        async def do() -> None:
-            if self.robot is None:
-                raise InputError("No robot is chosen", "choose it first")
-            turned = {**self.robot, "gravity": numbers("gravity", gravity, 3)}
-            answer = await self._job("look_again", robot=turned)
-            self.robot, self.runs = turned, answer["runs"]
-            if self.history:
-                self.notice = Notice(("Gravity has changed: identify again.",), error=False)
-            self.forget_models()
-
-        self._start("Turning the robot", do())
-
-    def mend(self, file: str) -> None:
+    @background("Repairing a run")
+    async def mend(self, file: str) -> None:
         """Put the repaired copy of a run in its place, and say what was changed."""
+        answer = await self._job("mend", file=file)
+        new = answer["run"]
+        self.runs = [new if run["file"] == file else run for run in self.runs]
+        self.names[str(self.folder / new["file"])] = new["name"]
+        self.forget_models()
+        self.notice = Notice(tuple(answer["changes"]), error=False)
 
-        async def do() -> None:
-            answer = await self._job("mend", file=file)
-            new = answer["run"]
-            self.runs = [new if run["file"] == file else run for run in self.runs]
-            self.names[str(self.folder / new["file"])] = new["name"]
-            self.forget_models()
-            self.notice = Notice(tuple(answer["changes"]), error=False)
-
-        self._start("Repairing a run", do())
-
-    def identify(self) -> None:
+    @background("Identifying by {self.method}")
+    async def identify(self) -> None:
         """The first model of a new history."""
-        self._start(f"Identifying by {self.method}", self._identify())
-
-    async def _identify(self) -> None:
         if not self.effects:
             raise InputError("No effect is chosen", "choose at least rigid_body")
         self._refuse_meaningless()
@@ -385,31 +381,25 @@ class Session:
         self.forget_models()
         self.history = [ModelStep(**{**answer, "label": "identified"})]
 
-    def open_model(self, path: str, name: str) -> None:
+    @background("Opening {1}")
+    async def open_model(self, path: str, name: str) -> None:
         """Go on from a model.json, identified from other runs perhaps: how a payload is found."""
+        self.names[path] = name
+        answer = await self._job("open_model", model=path, out=self._next_file())
+        self.forget_models()
+        self.history = [ModelStep(**{**answer, "label": name, "opened": name})]
 
-        async def do() -> None:
-            answer = await self._job("open_model", model=path, out=self._next_file())
-            self.forget_models()
-            self.history = [ModelStep(**{**answer, "label": name, "opened": name})]
-
-        self._start(f"Opening {name}", do(), {path: name})
-
-    def diagnose(self) -> None:
+    @background("Looking for what is missing")
+    async def diagnose(self) -> None:
         """What the current model misses."""
-        self._start("Looking for what is missing", self._diagnose())
-
-    async def _diagnose(self) -> None:
         self._refuse_meaningless()
         answer = await self._job("find", frozen=self.frozen)
         found = Diagnosis.from_dict(answer["diagnosis"])
         self.history[-1] = replace(self.current, findings=found, curve_texts=answer["curves"])
 
-    def add(self, texts: list[str]) -> None:
+    @background("Adding what was chosen")
+    async def add(self, texts: list[str]) -> None:
         """Add effects to the current model, a step of the history each."""
-        self._start(f"Adding {', '.join(text.partition('@')[0] for text in texts)}", self._add(texts))
-
-    async def _add(self, texts: list[str]) -> None:
         frozen = self.frozen or (self.findings is not None and self.findings.frozen)
         steps = [self.current]
         for text in texts:
@@ -421,6 +411,8 @@ class Session:
 
     def ask(self, job: str, title: str, ready: Callable[[str], None] | None = None, **on: Any) -> None:
         """A job that changes nothing: its answer is kept; ``ready`` hears of the files that it made."""
+        if self.busy:
+            return
 
         async def do() -> None:
             model = self.model and self.model.file
@@ -449,19 +441,16 @@ class Session:
             self.history.append(self.undone.pop())
             self.changed()
 
-    def show_me(self, seed: int = 7) -> None:
+    @background("Showing the whole job on a simulated arm")
+    async def show_me(self, seed: int = 7) -> None:
         """The whole job in small, on simulated runs with something hidden: the verb ``demo``."""
-
-        async def do() -> None:
-            await self._choose(ARM)
-            await self._simulate(HIDDEN, [self.arm["n"]], LEVEL, seed)
-            await self._identify()
-            await self._diagnose()
-            assert self.findings is not None
-            sure = [f.text for f in self.findings.effects if f.confidence == "confident"]
-            await self._add(sure)
-
-        self._start("Showing the whole job on a simulated arm", do())
+        await Session.choose_robot.do(self, ARM)
+        await Session.simulate.do(self, HIDDEN, [self.arm["n"]], LEVEL, seed)
+        await Session.identify.do(self)
+        await Session.diagnose.do(self)
+        assert self.findings is not None
+        sure = [f.text for f in self.findings.effects if f.confidence == "confident"]
+        await Session.add.do(self, sure)
 
     def take(
         self, name: str, ready: Callable[[str], None], options: Mapping[str, str] | None = None

@@ -74,15 +74,6 @@ class Sessions:
             session.left_at = time.monotonic()
             session.cancel()
 
-    def changed(self) -> None:
-        """Something that all tabs show has come."""
-        for session in self._all.values():
-            session.changed()
-
-    def say(self, text: str) -> None:
-        for session in self._all.values():
-            session.say(text)
-
     def close(self) -> None:
         for session in self._all.values():
             session.cancel()

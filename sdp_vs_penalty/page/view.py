@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from argparse import Action
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -10,12 +11,11 @@ from typing import Any, Literal
 from nicegui import ui
 from nicegui.client import Client
 
-from sdp_vs_penalty.page.controls import FormField
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 
 #: Options of the command line by the step that offers them.
-Forms = Mapping[str, tuple[FormField, ...]]
+Forms = Mapping[str, Sequence[Action]]
 
 
 @dataclass

@@ -134,13 +134,8 @@ class Workbench:
         self._drawn[what] = text
         return before != text
 
-    def _ready(self, part: Part) -> bool:
-        # What most parts offer comes when the first worker has loaded everything.
-        first = part is STAGES[0].parts[0]
-        return part.ready(self.session) and (first or "effects" in self.view.catalogue)
-
     def _redraw_part(self, part: Part) -> None:
-        ready = self._ready(part)
+        ready = part.ready(self.session)
         if not self._changed(part.anchor, part.depends(self.session) if ready else None):
             return
         self._at[f"part-{part.anchor}"].set_visibility(ready)
@@ -154,9 +149,9 @@ class Workbench:
     def _redraw_stage(self, stage: Stage) -> None:
         """Its mark on the rail, the sentence that it ends in, and the way to the next one."""
         session, following = self.session, _NEXT.get(stage)
-        ready = any(map(self._ready, stage.parts))
+        ready = any(part.ready(session) for part in stage.parts)
         verdict = stage.verdict(session) if ready else None
-        on = ready and following is not None and any(map(self._ready, following.parts))
+        on = ready and following is not None and any(p.ready(session) for p in following.parts)
         said = None if verdict is None else (verdict.level, verdict.word, verdict.text)
         if not self._changed(f"stage-{stage.anchor}", [ready, said, on]):
             return

@@ -109,6 +109,10 @@ class WorkerPool:
         self._spare: JobProcess | None = None
         self._running, self._closed = 0, False
 
+    def prepare(self) -> None:
+        """Start a worker in advance: it loads its libraries."""
+        self._spare = JobProcess(self.temporary)
+
     async def run(
         self, working: Working, request: Mapping[str, Any], progress: Callable[[str], None]
     ) -> dict[str, Any]:

@@ -33,12 +33,14 @@ def bars(
     units: Sequence[str],
     joints: Sequence[int] = (),
     what: str = "Error",
+    chosen: int | None = None,
 ) -> str:
     """A bar a joint, cut at the noise floor: the error over it, before in grey and after in colour.
 
     before, after, floor (n,) [N m or N] : RMS errors, after None where there is one model alone; floor
     None where it is not known: errors stand in their units then, each joint's against the largest;
-    joints : their numbers, by default 1, 2, ...; what : the error's name.
+    joints : their numbers, by default 1, 2, ...; what : the error's name; chosen : the joint (from 0)
+    that is shown where each is a button.
     """
     known = floor is not None and all(floor)
     scale = list(floor) if known and floor is not None else [1.0] * len(before)
@@ -58,6 +60,10 @@ def bars(
             f'<i class="{k}" style="--wide:{x / largest:.4f}"></i>' for k, x in sizes.items()
         )
         name = f"joint {joints[j] if joints else j + 1}"
+        if chosen is not None:
+            on = "true" if j == chosen else "false"
+            at = f'data-key="joint-{j + 1}" data-joint="{j + 1}" aria-pressed="{on}"'
+            name = f'<button type="button" class="action cell" {at}>{name}</button>'
         rows.append(
             f'<tr><th scope="row">{name}</th><td class="drawn">{shapes}</td>'
             f'<td class="number">{said}</td>{note}</tr>'

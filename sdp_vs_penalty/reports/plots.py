@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.robot.arrays import Array
@@ -140,11 +141,13 @@ def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> 
     return plot.add(trace("scatter", x=x, y=y, line={"color": COLOURS[0]}, showlegend=False))
 
 
-def missing_figure(curve: Curve, units: Sequence[str], along: Sequence[Array] = ()) -> Any:
+def missing_figure(curve: Curve, units: Sequence[str], motions: Sequence[Motion] = ()) -> Any:
     """A measured curve with its band, over two variables by colour, and where measurements lie; units :
-    of the joints' torques; along : the variables along these."""
-    names = [f"{v} [{plain_unit(Variable.parse(v).unit(units))}]" for v in curve.of]
+    of the joints' torques; motions : these measurements, with the modelled torque."""
+    over = [Variable.parse(v) for v in curve.of]
+    names = [f"{v} [{plain_unit(v.unit(units))}]" for v in over]
     unit = plain_unit(units[curve.joint - 1])
+    along = [np.concatenate([v.along(motion) for motion in motions]) for v in over if motions]
     rows = [x[np.unique(np.linspace(0, len(x) - 1, POINTS).astype(int))] for x in along]
     if len(names) == 1:
         plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import Any
 
-from sdp_vs_penalty.checks import Report
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -30,9 +30,9 @@ class Material:
     models : by name, in the order in which effects were added; the last one is looked at closely;
     plant : that one without its drives, whose torque a log without torque is given; judged : of each
     model the filtered rows of each run, and their modelled torque (M, n); failures : of the first model
-    and of the last;
-    commands : that made this report; forward : the last model run forward, or the sentence why it
-    cannot; diagnosis : of one of the models, where there is one.
+    and of the last; checks : of each run, what Issue.to_dict() says; commands : that made this report;
+    forward : the last model run forward, or the sentence why it cannot; diagnosis : of one of the
+    models, where there is one.
     """
 
     models: Mapping[str, Estimate]
@@ -41,7 +41,7 @@ class Material:
     comparisons: Sequence[Comparison]
     judged: Mapping[str, Sequence[tuple[Rows, Array]]]
     failures: Mapping[str, Sequence[JointFailure]]
-    checks: Sequence[Report]
+    checks: Mapping[str, Sequence[Mapping[str, Any]]]
     commands: Sequence[str]
     forward: Following | str
     diagnosis: Diagnosis | None = None
@@ -89,19 +89,14 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[object]], *, numbers_
     return f'<div class="wide" tabindex="0"><table>{head}<tbody>{body}</tbody></table></div>'
 
 
-#: Height [px] that a figure may have on a sheet of paper beside its caption; higher ones are shrunk.
-_SHEET = 820
-
-
 def figure(plot: Figure, caption: str = "", height: int = 215, group: str = "") -> str:
     """A figure as data, which the page's script draws when it is about to be seen; those of a
     group are zoomed in time together, and a name that is hidden in one is hidden in all."""
     if group:
         plot.update_layout(meta={"group": group})
     data = packed(styled(plot, height).to_json())
-    shrunk = f"--on-paper:{min(1.0, _SHEET / height):.3f}"
     return (
-        f'<figure style="{shrunk}"><div class="plot" style="height:{height}px"></div>'
+        f'<figure><div class="plot" style="height:{height}px"></div>'
         f'<script type="application/gzip">{data}</script>'
         + (f"<figcaption>{escape(caption)}</figcaption>" if caption else "")
         + "</figure>"

@@ -11,10 +11,8 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.comparison import still_missing
-from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.sentences import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
-from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -166,14 +164,11 @@ def forward(material: Material) -> str:
     made = material.forward
     if isinstance(made, str):
         return text(f"{material.last_name} cannot be simulated: {made}")
-    runs = [Curves(f.simulated.t, f.measured, {material.last_name: f.simulated.q}) for f in made.free]
     body = text(made.verdict) + table(*made.table(), numbers_from=2) + text(made.explained)
-    body += text(
-        "Left: measured and simulated position of the free run, until the arm leaves the measured "
-        "motion. Right: its error."
-        + " `report --forward` goes on to the run's end."
-        * any(f.cut for f in made.free)
-    )
+    if any(f.cut for f in made.free):
+        return body + text("`report --forward` goes on to the run's end, and shows the positions.")
+    body += text("Left: measured and simulated position of the free run. Right: its error.")
+    runs = [Curves(f.simulated.t, f.measured, {material.last_name: f.simulated.q}) for f in made.free]
     for j, unit in enumerate(made.units):
         body += figure(torque_figure(runs, j, unit), group="forward")
     return body
@@ -241,19 +236,13 @@ def findings(material: Material) -> str:
         body += bars(list(first), list(last), floor, units)
         body += table(heads, rows, numbers_from=5)
     body += "".join(text(remark) for remark in (found.beside, *found.remarks) if remark)
-    for curve in found.curves:
-        said = curve.sentence(units)
-        plot = missing_figure(curve, units, _along(curve, material))
-        body += figure(plot, f"{said[0].upper()}{said[1:]}", 360)
-    return body
-
-
-def _along(curve: Curve, material: Material) -> list[Array]:
-    """Each variable of a curve along the judged runs."""
     judged = material.judged[material.last_name]
     motions = [replace(rows.motion, torque=modelled) for rows, modelled in judged]
-    parts = [[Variable.parse(v).along(motion) for v in curve.of] for motion in motions]
-    return [np.concatenate(values) for values in zip(*parts, strict=True)]
+    for curve in found.curves:
+        said = curve.sentence(units)
+        plot = missing_figure(curve, units, motions)
+        body += figure(plot, f"{said[0].upper()}{said[1:]}", 360)
+    return body
 
 
 def certificate_rows(estimates: Sequence[Estimate]) -> list[list[str]]:
@@ -309,15 +298,14 @@ def _violation(value: float | None) -> str:
 def data(material: Material) -> str:
     """What `sdp-vs-penalty check` says of the runs."""
     parts = []
-    for report in material.checks:
-        parts.append(f"<h3>{escape(report.run)}</h3>")
-        if not report.problems:
+    for run, found in material.checks.items():
+        parts.append(f"<h3>{escape(run)}</h3>")
+        if all(f["severity"] == "note" for f in found):
             parts.append(text("No problems found."))
-        for f in report.issues:
+        for f in ({name: escape(str(x)) for name, x in f.items()} for f in found):
             parts.append(
-                f'<div class="finding {escape(f.severity)}"><b>{escape(f.kind)}</b> '
-                f"({escape(f.where)}): {escape(f.what)} <span>How sure: {escape(f.certainty)}. "
-                f"What to do: {escape(f.remedy)}.</span></div>"
+                f'<div class="finding {f["severity"]}"><b>{f["kind"]}</b> ({f["where"]}): {f["what"]} '
+                f"<span>How sure: {f['certainty']}. What to do: {f['remedy']}.</span></div>"
             )
     return "".join(parts)
 

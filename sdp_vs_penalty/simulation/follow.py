@@ -1,7 +1,7 @@
 """A model run forward along measured runs: how far ahead it says where the arm will be.
 
 Windows of a tenth of a second are started from the measured state and driven by the measured torque,
-a sample or 2 ms a step; the free run is started once. With ``drive="servo"`` the command drives it,
+a sample or 2.5 ms a step; the free run is started once. With ``drive="servo"`` the command drives it,
 through the identified law of its servos. With ``drive="pd"`` a proportional and
 derivative loop on the measured motion acts beside the measured torque, so that the arm stays with it:
 what the loop has to add is then the model's error as a torque.

@@ -44,3 +44,20 @@ def test_two_joints_a_quarter_turn_off_are_both_named():
     (report,) = check(problem, replace(run, q=run.q + turned), thorough=False)
     told = {f.where: f.figures["shifts"] for f in report.problems if f.kind == "encoder offset"}
     assert told == {"joint 2": [-0.5 * np.pi], "joint 4": [0.5 * np.pi]}
+
+
+@pytest.mark.parametrize(("law", "joint", "size"), [("a spring", 3, 30.0), ("drag", 2, 20.0)])
+def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(law, joint, size):
+    """A spring larger than its joint's weight was called a gain sixteen times too small."""
+    problem = load_problem("panda")
+    run = replace(small_run(problem, seconds=8.0), dq=None)
+    q = run.q[:, joint - 1]
+    dq = np.gradient(q, run.t)
+    more = np.zeros_like(run.tau)
+    more[:, joint - 1] = size * (q if law == "a spring" else dq * np.abs(dq))
+    clean, spoiled = (
+        check(problem, r, thorough=False)[0] for r in (run, replace(run, tau=run.tau + more))
+    )
+    assert [f.kind for f in spoiled.problems] == [f.kind for f in clean.problems]
+    notes = [(f.kind, f.where) for f in spoiled.issues if f.severity == "note"]
+    assert notes == [(f"law: {law}", f"joint {joint}")]

@@ -24,14 +24,11 @@ from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty import InputError, Problem, cross_validate, follow, load_estimate
 from sdp_vs_penalty.checks.urdf import check_urdf
-from sdp_vs_penalty.cli.options import Parser
-from sdp_vs_penalty.cli.verbs import identify as identify_verb
 from sdp_vs_penalty.diagnosis import Curve, load_diagnosis
 from sdp_vs_penalty.page import jobs, uploads, worker
 from sdp_vs_penalty.page import sessions as sessions_module
 from sdp_vs_penalty.page.auth_middleware import guarded
 from sdp_vs_penalty.page.charts import data_chart, missing_chart, torque_chart
-from sdp_vs_penalty.page.controls import fields_of
 from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
@@ -154,7 +151,6 @@ def test_the_story_without_a_browser(sessions, two_link, hidden, tmp_path):
 def test_bounds_of_the_page_hold_and_are_on_the_command_line(sessions, hidden, tmp_path):
     free, bound = (opened(sessions, "two_link", **saved(tmp_path, hidden.runs, "a.csv")) for _ in "ab")
     for s in (free, bound):
-        s.asked = fields_of(Parser("identify", identify_verb.verb).options, "bounds")
         s.options = {"bounds": "total=:8"} if s is bound else {}
         do(s, s.identify)
     assert "--bounds total=:8" in bound.commands()[0]

@@ -173,7 +173,7 @@ def test_it_draws_in_chromium(made, tmp_path):
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.on("console", lambda said: faults.append(said.text) if said.type == "error" else None)
         page.goto(path.as_uri())
-        page.wait_for_function("document.querySelectorAll('.plot-container').length >= 6")
+        page.wait_for_function("document.querySelectorAll('.plot-container').length >= 5")
         page.wait_for_function("document.querySelectorAll('.js-line').length >= 2 * (3 + 2)")
     assert faults == []
 

@@ -10,7 +10,7 @@ import numpy as np
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score, solve
-from sdp_vs_penalty.checks.repair import Event, Repair
+from sdp_vs_penalty.checks.repair import LAWS, Event, Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Transformation, choices
 
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
@@ -133,6 +133,27 @@ class Saturation(Transformation):
             )  # fmt: skip
 
 
+class Law(Transformation):
+    """Laws that the arm has and the model lacks: they contend with all that may be wrong with a log, and
+    what they explain is said in a note."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        for j in log.joints:
+            new = (Event(j, law) for law in LAWS if Event(j, law) not in now.events)
+            yield from (replace(now, events=(*now.events, event)) for event in new)
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        for event in repair.events:
+            if isinstance(event.at, str):
+                name, without = joints_text([event.joint]), [e for e in repair.events if e != event]
+                yield Element(
+                    f"law: {event.at}", "note", (event.joint,),
+                    f"the torque of {name} has {event.at} in it, which the model lacks.",
+                    "identify, and let `diagnose` name it", replace(repair, events=tuple(without)),
+                    choices(log.n * len(LAWS)), mends=False,
+                )  # fmt: skip
+
+
 class Change(Transformation):
     """A channel that drifts with time, or that steps once: a contact, a load, a zero set anew. Proposed
     by a score test: of each shape the part that the arm leaves, against the residual."""
@@ -142,7 +163,7 @@ class Change(Transformation):
         t, span = motion.t, float(np.ptp(motion.t))
         steps = np.linspace(0.12, 0.88, c.ROWS // 2)  # two rows each: the wrong moment explains nothing
         events = [None, *(float(t[0] + s * span) for s in steps)]
-        shapes = np.column_stack([Event(0, at).shape(t) for at in events])
+        shapes = np.column_stack([Event(0, at).shape(motion, 0) for at in events])
         x = score.rows.rest(log.heard(now)[:, :, None] * shapes)
         pull = np.einsum("jm,jmk->jk", score.residual, x) ** 2
         # What the arm's parameters take of a shape leaves nothing to see.
@@ -166,11 +187,13 @@ class Change(Transformation):
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         for event in repair.events:
+            if isinstance(event.at, str):
+                continue
             j, t = event.joint, event.at
             name, unit = joints_text([j]), log.problem.robot.torque_units[j]
             without = replace(repair, events=tuple(e for e in repair.events if e != event))
             # As far as the fit of its joint needs it.
-            score, lacking, shape = log.score(repair), log.rows(without), event.shape(log.data.motion.t)
+            score, lacking, shape = log.score(repair), log.rows(without), event.shape(log.data.motion, 0)
             x = lacking.rest((log.heard(repair) * shape)[:, :, None])[j, :, 0]
             away = score.channels[j] - lacking.raw[j] @ score.theta
             size = float(x @ away / max(x @ x, 1e-300))

@@ -3,16 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.reports.demo import Demo
-
-#: Letters of the longest bar.
-_WIDTH = 40
 
 
 def verb(out: Path = Path("demo"), seed: int = 7) -> None:
@@ -25,14 +17,15 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     """
     from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.estimation.verdict import changes
-    from sdp_vs_penalty.reports.demo import ARM, RUNS, demo
+    from sdp_vs_penalty.reports.demo import ARM, METHOD_HEADS, RUNS, demo, method_row
 
     with console.progress("simulating") as progress:
         made = demo(out, seed, progress)
     before, after, j = made.before, made.after, made.joint
     console.say(f"A simulated {ARM} arm: two runs to identify from, one to judge on ({out}).")
     console.say("1. Identify: the same runs by three methods", style="bold")
-    _methods(made)
+    rows = list(map(method_row, made.compared))
+    console.table("On motion that no model has seen", METHOD_HEADS, rows, words=2)
     console.say("2. Compare: where the physically consistent model fails", style="bold")
     printing.where_it_fails(made.failures, made.model.robot.torque_units, before.name)
     console.say("3. Diagnose", style="bold")
@@ -41,27 +34,13 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     said = changes(before.rmse, after.rmse, after.noise_floor)
     console.explain(said or "No joint's error changed.")
     if after.noise_floor is not None:
-        largest = before.rmse[j] / after.noise_floor[j]
+        largest, wide = before.rmse[j] / after.noise_floor[j], console.out.width // 2
         for name, result in (("before", before), ("after", after)):
             ratio = result.rmse[j] / after.noise_floor[j]
-            bar = "#" * max(1, round(_WIDTH * ratio / largest))
+            bar = "#" * max(1, round(wide * ratio / largest))
             console.say(f"  joint {j + 1} {name:7}{bar} {ratio:.3g} x noise")
     printing.verdict(after.verdict)
     console.say(f"Hidden was: {made.truth}.")
     console.written(out / "report.html", "open it in a browser")
     runs = [out / name for name in RUNS]
     console.next_step(["compare", out / "model.json", out / "better.json", "--data", runs[-1]])
-
-
-def _methods(made: Demo) -> None:
-    """One row a method, judged on motion that none has seen."""
-    rows = []
-    for c in made.compared:
-        certificate, figure = c.estimate.certificate, formatting.number
-        over = None if c.noise_floor is None else float((c.rmse / c.noise_floor).max())
-        thin, gap = certificate.smallest_thickness, certificate.gap
-        cells = [c.name, c.verdict.grade, figure(c.relative_error_percent), figure(over)]
-        cells += ["yes" if certificate.worst <= 1e-9 else "no", figure(thin and 1e3 * thin)]
-        rows.append([*cells, "-" if gap is None else f"{gap:.0e}"])
-    heads = ("method", "verdict", "error %", "worst/noise", "possible", "thinnest mm", "gap")
-    console.table("On motion that no model has seen", heads, rows, words=2)

@@ -28,7 +28,6 @@ def verb(
     --browser/--no-browser: Browser window on the page.
     """
     try:
-        from sdp_vs_penalty.page.controls import fields_of
         from sdp_vs_penalty.page.server import Address, serve
     except ImportError as error:
         raise missing_extra("The page needs", "page") from error
@@ -41,7 +40,8 @@ def verb(
         "read": (convert, "rename motors motor_side rate topic joints"),
         "separate": (excite, "duration level iterations"),
     }
-    forms = {
-        k: fields_of(Parser("", v.verb).options, *names.split()) for k, (v, names) in offered.items()
-    }
+    forms = {}
+    for step, (home, names) in offered.items():
+        options = Parser("", home.verb).options
+        forms[step] = [options[name] for name in names.split()]
     serve(folder, port, browser, Address(host, certificate, key), forms)

@@ -7,7 +7,7 @@ from pathlib import Path
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import InputError
 
-_QUICK_ACCURACY, _QUICK_LIMIT = "1e-6", 10.0
+_QUICK_LIMIT = 10.0
 
 
 def verb(
@@ -49,14 +49,14 @@ def verb(
     if export is not None:
         _export(export, None if problems is None else _words(problems))
         return
-    usual = ",".join(f"{a:g}" for a in runner.Shootout.accuracies)
-    text = accuracy or (_QUICK_ACCURACY if quick else usual)
+    usual = runner.Shootout.accuracies
+    asked = _accuracies(accuracy) if accuracy else usual[1:2] if quick else usual
     limit = time_limit if time_limit is not None else _QUICK_LIMIT if quick else 60.0
     setup = runner.Shootout(
         out,
         None if solvers is None else _words(solvers),
         list(GROUPS) if problems is None else _words(problems),
-        _accuracies(text),
+        asked,
         limit,
         memory,
         quick,

@@ -33,9 +33,8 @@ def methods(view: View) -> None:
         return
     draw.table(found["heads"], found["rows"], "Methods compared", "numbers methods")
     draw.note(
-        "Relative torque error on the same runs; upper bounds on inertias about the centre of mass "
-        "are not convex; zero thickness is unphysical, and so is a radius of gyration above 1 of what a "
-        "link's body reaches (widest link); a gap is shown only where a lower bound is certified."
+        "On the runs that the model is judged on. Possible: every link can exist, within its bounds; "
+        "thinnest: a link's thickness, zero or less where it cannot; gap: of the certified optimum."
     )
 
 

@@ -130,7 +130,7 @@ def _telling(view: View, effects: str, k: int) -> None:
     """The run that would tell a finding from its rival or from nothing, to be designed."""
     with draw.details("Which run would tell", f"tell-options-{k}"):
         with draw.tag("div", style="fields"):
-            draw.draw_form(view.forms.get("separate", ()), view.separating)
+            draw.draw_form(view.forms["separate"], view.separating)
         asked = {"effects": effects, "options": view.separating}
         said = "Designing the run that would tell"
         design = partial(view.session.ask, "separate", said, view.download, **asked)

@@ -28,7 +28,7 @@ _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset",
 
 def _model_depends(session: Session) -> Any:
     chosen = session.arm["source"], session.method, session.seed, session.effects, session.anyway
-    return *chosen, session.meaningless, session.options.get("bounds"), session.model is None
+    return *chosen, session.meaningless, session.model is None
 
 
 def _draw_model(view: View) -> None:
@@ -43,7 +43,6 @@ def _draw_model(view: View) -> None:
 
 def _form(view: View) -> None:
     session = view.session
-    session.asked = view.forms.get("identify", ())
     effects = {e["name"]: e for e in view.catalogue["effects"] if not e["frozen_only"]}
 
     def tick(name: str, on: bool) -> None:
@@ -86,35 +85,33 @@ def _form(view: View) -> None:
 
 
 def _bounds(view: View) -> None:
-    """What is known of the links before anything is measured: a row a link, a column a parameter; what
-    is changed has a star."""
-    words = view.session.options.get("bounds", "").split(",")
-    own = {name.strip(): ends for name, equals, ends in (w.partition("=") for w in words) if equals}
-    known = view.session.arm["bounds"]
+    """What is known of the links before anything is measured: a row a link, a column a parameter."""
+    (option,) = [o for o in view.forms["identify"] if o.dest == "bounds"]
+    known, options = view.session.arm["bounds"], view.session.options
 
-    def cell(name: str, low: str, high: str) -> str:
-        if name in own:
-            low, _, high = own[name].partition(":")
-        span = f"{low} to {high}" if low and high else f"from {low}" if low else f"to {high}"
-        return (span if low or high else "-") + " *" * (name in own)
+    def cell(low: str, high: str) -> str:
+        return (
+            f"{low} to {high}"
+            if low and high
+            else f"from {low}"
+            if low
+            else f"to {high}"
+            if high
+            else "-"
+        )
 
-    with draw.details(f"Bounds of links{f' ({len(own)} changed)' * bool(own)}", "bounds", bool(own)):
-        draw.note("c is the centre of mass, I the inertia about it; * is yours, by the field below.")
+    def put(text: str) -> None:
+        options.pop("bounds", None)
+        options.update({"bounds": text.strip()} if text.strip() else {})
+
+    with draw.details("Bounds of links", "bounds", "bounds" in options):
+        draw.note("c is the centre of mass, I the inertia about it; the field below changes them.")
         links = [known[k : k + 10] for k in range(0, len(known), 10)]
-        rows = [(f"{k}", *(cell(*x[:3]) for x in link)) for k, link in enumerate(links, start=1)]
+        rows = [(f"{k}", *(cell(*x[1:3]) for x in link)) for k, link in enumerate(links, start=1)]
         heads = [f"{name.replace('1', '')} [{unit}]" for name, _, _, unit in links[0]]
         draw.table(("link", *heads), rows, "Bounds of the links")
-        if "total" in own:
-            draw.note(f"Total mass: {cell('total', '', '')} kg")
-        (field,) = [f for f in view.session.asked if f.name == "bounds"]
-
-        def put(text: str) -> None:
-            view.session.options.pop("bounds", None)
-            view.session.options |= {"bounds": text.strip()} if text.strip() else {}
-            view.session.changed()
-
-        now = ",".join(f"{k}={v}" for k, v in own.items())
-        draw.text_field(field.help, now, put, "bounds-text", field.example)
+        now = options.get("bounds", "")
+        draw.text_field(draw.told(option), now, put, "bounds-text", str(option.metavar))
 
 
 def _options(view: View) -> None:
@@ -130,7 +127,7 @@ def _options(view: View) -> None:
         said = "Effects as text: name[:joints][@shape=value], such as coulomb_friction@v_s=0.01"
         draw.text_field(said, ",".join(session.effects), write, "effects-text", wide=True)
         with draw.tag("div", style="fields"):
-            draw.draw_form([f for f in session.asked if f.name != "bounds"], session.options)
+            draw.draw_form([o for o in view.forms["identify"] if o.dest != "bounds"], session.options)
 
 
 def _name(effect: str) -> str:
@@ -161,10 +158,10 @@ def fit(view: View) -> None:
     first = session.history[0].comparison
     floor = None if None in comparison["noise_floor"] else comparison["noise_floor"]
     after = comparison["rmse"] if len(session.history) > 1 else None
-    ui.html(bars(first["rmse"], after, floor, units), sanitize=False)
-    _figures(model)
-    chips = _chips(view, model, units)
     parts: dict[str, Any] = {}
+    parts["bars"] = ui.html("", sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
+    draw.note("Click a joint to see it below.")
+    _figures(model)
     with draw.tag("div", style="pick"):
         names = [(name, name) for name in model.runs]
         draw.choice("Run", names, view.run, lambda name: view.look(run=name), "shown-run")
@@ -187,9 +184,7 @@ def fit(view: View) -> None:
 
     def follow() -> None:
         j = view.joint or 0
-        for k, chip in enumerate(chips):
-            chip.classes(add="on" if k == j else "", remove="" if k == j else "on")
-            chip.props["aria-pressed"] = "true" if k == j else "false"
+        parts["bars"].content = bars(first["rmse"], after, floor, units, chosen=j)
         parts["chart"].update_figure(torques())
         parts["against"].update_figure(against())
         causes = {cause for *_, cause in _stretches(view, model)}
@@ -243,22 +238,6 @@ def _figures(model: ModelStep) -> None:
         draw.tag("p", f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}", "line")
 
 
-def _chips(view: View, model: ModelStep, units: list[str]) -> list[Any]:
-    """A button a joint with its error and noise, by which it is chosen."""
-    comparison = model.comparison
-    chips: list[Any] = []
-    with draw.tag("div", style="chips", role="group", aria_label="Joint to show"):
-        for j, error in enumerate(comparison["rmse"]):
-            look = partial(view.look, joint=j)
-            with draw.button("", look, f"joint-{j + 1}", "chip", aria_pressed="false") as chip:
-                draw.tag("strong", f"Joint {j + 1}")
-                draw.tag("span", _with_unit(error, units[j]), "rmse")
-                floor = comparison["noise_floor"][j]
-                draw.tag("span", "noise unknown" if floor is None else f"noise {figure(floor)}", "soft")
-            chips.append(chip)
-    return chips
-
-
 def _with_unit(value: float | None, unit: str) -> str:
     return f"{figure(value)} {formatting.plain_unit(unit)}".strip()
 
@@ -301,17 +280,18 @@ def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -
     )
     rows = heat_rows(failures, found_shares(found, len(failures)))
     title = "Share of the error explained by each cause, by joint"
-
-    def show(event: Any) -> None:
-        joint, signal = event.args
-        at = {"joint": min(max(int(joint), 1), len(failures)) - 1}
-        view.look(**at, **({"signal": signal} if signal in SIGNALS else {}))
-
     drawn = heat_map(title, rows, len(failures), _SHOWN_BY)
-    draw.framed(title, drawn).on("click", show, js_handler=_CELL)
+    draw.framed(title, drawn).on("click", partial(_show, view), js_handler=_CELL)
 
 
-#: What a click on a cell sends.
+def _show(view: View, event: Any) -> None:
+    """The joint that was clicked, and the signal that shows the cause."""
+    joint, signal = event.args
+    at = {"joint": min(max(int(joint), 1), view.session.arm["n"]) - 1}
+    view.look(**at, **({"signal": signal} if signal in SIGNALS else {}))
+
+
+#: What a click on a button of a joint sends.
 _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
   if (cell) emit([cell.dataset.joint, cell.dataset.signal]); }"""
 

@@ -27,11 +27,10 @@ def _draw_robot(view: View) -> None:
     file = f"{robot['file']}: " if robot["file"] else ""
     draw.tag("p", f"{file}{robot['name']}, {robot['title']}", "chosen")
     draw.note(f"{_joints(robot)} {robot['known']}")
-    (gravity,) = view.forms.get("robot", [None])
-    if gravity is not None:
-        now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
-        with draw.tag("div", style="pick"):
-            draw.text_field(gravity.help, now, session.mount, "gravity", gravity.example)
+    (gravity,) = view.forms["robot"]
+    now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
+    with draw.tag("div", style="pick"):
+        draw.text_field(draw.told(gravity), now, session.mount, "gravity", str(gravity.metavar))
     if robot["source"].lower().endswith(ROBOT_SUFFIXES):
         _inertials(view)
     with draw.details("Another robot", "another-robot"):
@@ -107,7 +106,7 @@ def _draw_runs(view: View) -> None:
             draw.drop("Drop measurements here", "runs")
             draw.note("They stay on this computer.")
             with draw.details("Other column names, motors, ROS topics", "reading"):
-                draw.draw_form(view.forms.get("read", ()), view.session.reading)
+                draw.draw_form(view.forms["read"], view.session.reading)
                 draw.note("Applies to the files that are read next.")
             _from_folder(view)
         with draw.tag("section", style="way"):

@@ -120,7 +120,7 @@ def _replay(view: View, made: dict[str, Any]) -> None:
                 "Free run", [(str(k), n) for k, n in enumerate(made["runs"])], "0", look, "free-run"
             )
     with draw.tag("div", style="pair"):
-        said = "blue: measured, orange: simulated"
+        said = "grey: measured, blue: simulated"
         drawn = draw.chart(curves(joint), "Measured and simulated position, and what is left")
         drawn.classes("timed")
         arm = draw_arm(view, about, said, arms=2) if about["bodies"] else None
