@@ -30,6 +30,7 @@ Numbers = tuple[float, ...]
 LAWS: dict[str, Callable[[Array, Array], Array]] = {
     "a spring": lambda q, dq: q,
     "drag": lambda q, dq: dq * np.abs(dq),
+    "friction that differs by direction": lambda q, dq: np.abs(dq),
 }
 
 

@@ -46,6 +46,17 @@ def test_two_joints_a_quarter_turn_off_are_both_named():
     assert told == {"joint 2": [-0.5 * np.pi], "joint 4": [0.5 * np.pi]}
 
 
+def test_a_position_with_the_wrong_sign_is_named_by_its_joint():
+    problem = load_problem("panda")
+    run = replace(small_run(problem, seconds=8.0), dq=None)
+    q = run.q * np.where(np.arange(7) == 3, -1.0, 1.0)
+    (report,) = check(problem, replace(run, q=q), thorough=False)
+    (issue,) = [f for f in report.problems if f.kind == "position sign"]
+    assert issue.what.startswith("the position of joint 4 has the wrong sign")
+    assert "q4 (and dq4)" in issue.remedy
+    np.testing.assert_array_equal(report.mended.q, run.q)
+
+
 @pytest.mark.parametrize(("law", "joint", "size"), [("a spring", 3, 30.0), ("drag", 2, 20.0)])
 def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(law, joint, size):
     """A spring larger than its joint's weight was called a gain sixteen times too small."""

@@ -66,6 +66,8 @@ def test_a_joint_without_a_model_is_named():
     found = verdict(r2=np.array([0.99, -5.7]), floor=RMSE / 3.0)
     assert found.grade == "usable"
     assert "no model of joint 2 (worse than the mean torque)" in str(found)
+    # What is not to be used does not become usable by it.
+    assert verdict(r2=np.array([0.1, -5.7]), relative=60.0, floor=RMSE / 30.0).grade == "do not use"
     # A joint that is held still: its error is noise, and so is its torque.
     assert verdict(r2=np.array([0.99, -5.7])).grade == "good"
 

@@ -392,7 +392,14 @@ def test_check_urdf_names_the_link_and_mends_it(tmp_path, capsys):
     assert [x["link"] for x in links if not x["consistent"]] == ["upper"]
     assert all(c.consistent for c in check_urdf(fixed))
     only_numbers_of_inertials_changed(path.read_bytes(), fixed.read_bytes())
+    capsys.readouterr()
     assert run_cli("check-urdf", fixed) == 0
+    assert "implausible" not in capsys.readouterr().out
+    # A body that can exist, and not in this arm: 2 kg on a ring of 9 m.
+    wide = TREE.replace('ixx="0.02"', 'ixx="90"').replace('iyy="0.02"', 'iyy="90"')
+    path.write_bytes(wide.replace('izz="0.01"', 'izz="160"').encode())
+    assert run_cli("check-urdf", path) == 0
+    assert "upper: consistent but implausible: radius of gyration 9.2" in capsys.readouterr().out
     path.write_bytes(TREE.replace("<mass value='2.0' />", "<mass value='-2.0' />").encode())
     assert run_cli("check-urdf", path, "--fix", fixed) == 2
 
