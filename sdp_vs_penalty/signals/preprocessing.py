@@ -261,7 +261,7 @@ def filtered_rows(
 class Piece:
     """Consecutive rows of a run before they have columns: the motion on the column grid around them,
     the low-pass from there to the rows, the same of smooth columns, motion and torque at the rows, the
-    latter when it is asked for; kept : effects of the last model, over which velocities its signs turned,
+    latter when asked for; kept : effects of the last model, over which velocities its signs turned,
     their columns."""
 
     around: Motion
