@@ -128,29 +128,18 @@ def structure(
     return dependence, kept
 
 
-def base_parameter_names(problem: Problem) -> tuple[str, ...]:
-    """The independent standard parameter (Izz1, mx2, ...) that leads each base parameter."""
-    _, kept = base_parameters(problem.model("rigid_body"), problem.independent)
-    rigid = _rigid_names(problem.robot.links)
-    return tuple(rigid[k] for k in kept)
-
-
-def base_parameter_symbols(problem: Problem) -> tuple[str, ...]:
-    """Each base parameter written out in standard parameters: "Izz2 - 0.64 m2"."""
+def base_parameter_symbols(problem: Problem) -> dict[str, str]:
+    """Each base parameter written out in standard parameters, "Izz2 - 0.64 m2", by the independent one
+    (Izz1, mx2, ...) that leads it."""
     base, kept = base_parameters(problem.model("rigid_body"), problem.independent)
-    rigid = _rigid_names(problem.robot.links)
-    out = []
+    rigid = [name for link in range(1, problem.robot.links + 1) for name in parameter_names(link)]
+    out = {}
     for row, lead in zip(base, kept, strict=True):
-        terms = [(1.0, rigid[lead])]
-        terms += [
+        others = [
             (v, name) for k, (v, name) in enumerate(zip(row, rigid, strict=True)) if v and k != lead
         ]
-        out.append(_written(terms))
-    return tuple(out)
-
-
-def _rigid_names(links: int) -> list[str]:
-    return [name for link in range(1, links + 1) for name in parameter_names(link)]
+        out[rigid[lead]] = _written([(1.0, rigid[lead]), *others])
+    return out
 
 
 def _written(terms: list[tuple[float, str]]) -> str:

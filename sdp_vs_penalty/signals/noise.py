@@ -28,10 +28,10 @@ from sdp_vs_penalty.signals.outliers import RARE, local_excess, noise_profile, r
 from sdp_vs_penalty.signals.repetition import (
     Repeat,
     consecutive,
-    instants,
     is_part,
-    later_rows,
     new_differences,
+    pairs,
+    phases,
     recurring,
 )
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -149,18 +149,17 @@ def _from_repetition(
         return None
     n = runs.n
     difference = differences(runs, residual, repeats)
-    index = np.concatenate([r.rows for r in repeats])
+    both, rows = pairs(runs.segments, repeats), len(runs.t)
+    index, later = both.T
     gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
     every = Pieces(consecutive(repeats))
-    stuck = (
-        runs.stuck[index] | runs.stuck[np.concatenate([later_rows(runs.segments, r) for r in repeats])]
-    )
-    share = min(1.0, new_differences(runs.segments, repeats) / len(index))
+    stuck = runs.stuck[index] | runs.stuck[later]
+    share = min(1.0, new_differences(both, rows) / len(index))
     t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
-    known = cache(lambda: instants(runs.segments, repeats))
+    phase = cache(lambda: phases(both, rows))
 
     def comes_back(marked: NDArray[np.bool_], faint: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        return recurring(*known(), marked, faint, max(1, round(SAME_PHASE * runs.rate)))
+        return recurring(both, phase(), marked, faint, max(1, round(SAME_PHASE * runs.rate)))
 
     rates_shown = rates if shown is None else rate_features(shown)
     profile = np.ones((rates_shown.shape[1], n))
@@ -181,8 +180,7 @@ def _from_repetition(
         swell = noise_profile(white, rates[j][index], rates[j])
         floor[j] *= np.sqrt(np.mean(swell[runs.keep[:, j]] ** 2))
         profile[:, j] = noise_profile(white, rates[j][index], rates_shown[j])
-        suspect[index[~good], j] = True
-        _mark_later(runs, repeats, good, j, suspect)
+        suspect[both[~good], j] = True  # an event may have happened at either instant
     if shown is not None:
         suspect, repeats = _carried(suspect, runs, shown), shown.repeats
     seen = runs if shown is None else shown
@@ -243,17 +241,6 @@ def _without_events(
         if good.mean() < 1.0 - RARE:
             good[:] = True  # noise that is not stationary, rather than an event
     return rest, good
-
-
-def _mark_later(
-    runs: SegmentedRuns, repeats: Sequence[Repeat], good: NDArray[np.bool_], joint: int, suspect: Array
-) -> None:
-    """An event of a difference may have happened at either instant: mark the later one too."""
-    first = 0
-    for r in repeats:
-        bad = ~good[first : first + len(r.rows)]
-        first += len(r.rows)
-        suspect[later_rows(runs.segments, r)[bad], joint] = True
 
 
 def rate_features(runs: SegmentedRuns) -> Array:

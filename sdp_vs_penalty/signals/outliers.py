@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
+from scipy.special import betaincinv, ndtri
 
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -59,9 +59,7 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
 
 def _largest_variance(p: float, length: int, degrees: float) -> float:
     """The variance of ``length`` rows that noise exceeds with probability p: F's upper quantile."""
-    from scipy import special
-
-    w = float(special.betaincinv(0.5 * degrees, 0.5 * length, p))  # d / (d + length F)
+    w = float(betaincinv(0.5 * degrees, 0.5 * length, p))  # d / (d + length F)
     return degrees * (1.0 - w) / (length * w)
 
 

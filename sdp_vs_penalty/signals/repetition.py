@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.autoregression import ORDER
 
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]
@@ -23,13 +24,11 @@ Track: TypeAlias = tuple[Array, Array]
 ALIKE = 0.01
 #: Shortest stretch that is compared [s]: shorter ones say little about slow noise.
 _SHORTEST = 2.0
-#: How far a motion may slip from one run to another [s], and the steps in which it is looked for.
-_SLIP, _SLIP_STEP = 5.0, 0.1
+#: Steps in which the slip of a motion from one run to another is looked for [s].
+_SLIP_STEP = 0.1
 #: A motion has settled where it differs from its repetition by this many times what is usual, or by this
 #: share of :data:`ALIKE`.
 _SETTLED, _SETTLES = 10.0, 0.1
-#: Fewest rows of a repeat: noise is compared with its own past over a few of them.
-_FEWEST = 8
 
 
 def motion_scale(q: Array) -> Array | None:
@@ -163,8 +162,8 @@ def _pair(a: Filtered, b: Filtered, shift: float, other: int, start: int) -> lis
     """The rows of a whose motion b repeats ``shift`` seconds later."""
     later = a.t + shift
     inside = a.keep & (later >= b.t_dense[0]) & (later <= b.t_dense[-1])
-    scale = motion_scale(a.q_dense)
-    if inside.sum() < _FEWEST or scale is None:
+    scale, fewest = motion_scale(a.q_dense), 2 * ORDER  # noise is compared with its own past
+    if inside.sum() < fewest or scale is None:
         return []
     from scipy.interpolate import CubicSpline
 
@@ -176,10 +175,10 @@ def _pair(a: Filtered, b: Filtered, shift: float, other: int, start: int) -> lis
     usual = np.maximum(_SETTLED * np.median(apart, axis=0), _SETTLES * ALIKE)
     alike[: int(np.argmax(np.all(apart < usual, axis=1)))] = False
     index = start + np.flatnonzero(inside)[alike]
-    return [Repeat(index, other, later[inside][alike])] if len(index) >= _FEWEST else []
+    return [Repeat(index, other, later[inside][alike])] if len(index) >= fewest else []
 
 
-def repeat_lag(a: Track, b: Track, slip: float = _SLIP) -> float | None:
+def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
     """Clock difference after which b repeats a, from a's beginning on; None where it does not.
 
     slip : how far b may begin before or after the motion of a [s].
@@ -221,32 +220,31 @@ def later_rows(segments: Sequence[Filtered], repeat: Repeat) -> NDArray[np.intp]
     return start + np.clip(np.searchsorted(times, repeat.later), 0, len(times) - 1)
 
 
-def new_differences(segments: Sequence[Filtered], repeats: Sequence[Repeat]) -> int:
+def pairs(segments: Sequence[Filtered], repeats: Sequence[Repeat]) -> NDArray[np.intp]:
+    """(D, 2) of the differences of all repeats the rows at their two instants."""
+    later = [later_rows(segments, r) for r in repeats]
+    return np.column_stack([np.concatenate([r.rows for r in repeats]), np.concatenate(later)])
+
+
+def new_differences(both: NDArray[np.intp], count: int) -> int:
     """How many of the differences say something new: of K instants with the same motion, K - 1.
 
-    Six equal runs make fifteen pairs and not more than five such differences an instant.
+    both : of :func:`pairs`; count : rows in all. Six equal runs make fifteen pairs, but at most five
+    such differences an instant.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    both, count = instants(segments, repeats)[0], sum(len(s.t) for s in segments)
     alike = coo_array((np.ones(len(both)), tuple(both.T)), shape=(count, count))
     return count - int(connected_components(alike, directed=False, return_labels=False))
 
 
-def instants(segments: Sequence[Filtered], repeats: Sequence[Repeat]) -> tuple[NDArray[np.intp], Array]:
-    """Of the differences of all repeats: the rows (D, 2) at the two instants, and the phase (D,) of the
-    motion, in rows: the first row at which it is known."""
-    both = np.column_stack(
-        [
-            np.concatenate([r.rows for r in repeats]),
-            np.concatenate([later_rows(segments, r) for r in repeats]),
-        ]
-    )
-    phase = np.arange(sum(len(s.t) for s in segments), dtype=float)
+def phases(both: NDArray[np.intp], count: int) -> Array:
+    """(D,) the phase of the motion in each difference, in rows: the first row at which it is known."""
+    phase = np.arange(count, dtype=float)
     for first, second in both[np.argsort(both[:, 0], kind="stable")]:
         phase[second] = min(phase[second], phase[first])
-    return both, phase[both[:, 0]]
+    return phase[both[:, 0]]
 
 
 def recurring(
@@ -254,7 +252,7 @@ def recurring(
 ) -> NDArray[np.bool_]:
     """(D,) which ``marked`` differences come back, if only faintly, within ``reach`` rows of their phase
     in a difference of two other instants: noise that the motion swells, of which no one instant is the
-    odd one. both, phase : of :func:`instants`."""
+    odd one. both, phase : of :func:`pairs` and :func:`phases`."""
     out, others = np.zeros(len(phase), bool), np.flatnonzero(faint)
     for k in np.flatnonzero(marked):
         near = others[np.abs(phase[others] - phase[k]) <= reach]

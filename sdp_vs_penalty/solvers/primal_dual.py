@@ -24,8 +24,6 @@ from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.solvers.small_cones import ORDER, SmallCones
 
-#: Most steps: twice what the slowest of the shootout's instances needs.
-_STEPS = 60
 #: Complementarity of a cold start as a share of its objective. 1 to 1e-4 differ by two steps of ten.
 _COLD = 1e-3
 #: A start for similar data: the last iterate whose relative gap was above this.
@@ -61,15 +59,20 @@ class Optimum(Iterate):
 
 
 def minimise(
-    cones: SmallCones, data: LeastSquares, starts: Sequence[Array | Iterate], accuracy: float
+    cones: SmallCones,
+    data: LeastSquares,
+    starts: Sequence[Array | Iterate],
+    accuracy: float,
+    steps: int = 60,
 ) -> Optimum | None:
     """From the first of the starts that lies inside, until gap and leftover slope cost no more than
-    ``accuracy`` of the loss, or no step helps any more; None where nothing could be factorised."""
+    ``accuracy`` of the loss, or no step helps any more, at most ``steps`` (twice what the slowest of the
+    shootout's instances needs); None where nothing could be factorised."""
     for start in starts:
         with np.errstate(all="ignore"):
             path = _Path.begin(cones, data, start)
             if path is not None:
-                return path.followed(accuracy)
+                return path.followed(accuracy, steps)
     return None
 
 
@@ -123,10 +126,10 @@ class _Path:
         self.value = self.loss + float(linear @ self.theta)
         self.gradient = 2.0 * (residual @ data.R) + linear
 
-    def followed(self, accuracy: float) -> Optimum | None:
+    def followed(self, accuracy: float, steps: int) -> Optimum | None:
         best: Optimum | None = None
         central = self.here()
-        for k in range(_STEPS):
+        for k in range(steps):
             try:
                 error = self.prepare()
             except np.linalg.LinAlgError:

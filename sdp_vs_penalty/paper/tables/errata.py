@@ -100,7 +100,7 @@ def _empty_rows(problem: Problem) -> str:
 
 
 def _square(problem: Problem) -> str:
-    symbol = base_parameter_symbols(problem)[5]
+    symbol = list(base_parameter_symbols(problem).values())[5]
     return f"the kinematics give {symbol}; J2zz - 0.8 m2 adds kg m^2 to kg m and no torque determines it"
 
 

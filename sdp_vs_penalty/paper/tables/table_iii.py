@@ -11,7 +11,7 @@ from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
 from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table import Row, Table
 from sdp_vs_penalty.problem.published import box_tables, published_links
-from sdp_vs_penalty.regression.base_parameters import base_parameter_names, base_parameter_symbols
+from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols
 
 NAME = "III"
 
@@ -22,7 +22,7 @@ _PUBLISHED_FITS = {"pi_RE": ("48.9", "0.0315"), "pi_CLS": ("121.88", "1.41")}
 
 def build(study: Study) -> Table:
     """Rows: base parameters, all other parameters, then condition number and relative error."""
-    base = base_parameter_names(study.problem)
+    base = list(base_parameter_symbols(study.problem))
     keys = [*base, *_other_names(study), _CONDITION, _ERROR]
     rows = _published(study, keys) or _own_rows(study, keys)
     truth = study.base @ study.experiment.links.ravel()
@@ -95,7 +95,7 @@ def _published(study: Study, keys: list[str]) -> list[Row]:
 
 def _own_rows(study: Study, keys: list[str]) -> list[Row]:
     """For robots without a Table III: symbols from the kinematics, published links if any."""
-    symbols = [*base_parameter_symbols(study.problem), *keys[len(study.base) :]]
+    symbols = [*base_parameter_symbols(study.problem).values(), *keys[len(study.base) :]]
     figures = _CONDITION, _ERROR
     rows: list[Row] = [
         {"row": None if symbol in figures else k, "coefficient": symbol}
