@@ -286,7 +286,7 @@ def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding])
     cells = aligned([*errors, result.noise_floor])
     rows = [(name, *row) for name, row in zip(names, cells, strict=True)]
     joints = [str(j + 1) for j in range(len(units))]
-    table(f"{title}, refitted at each step by unconstrained least squares", ("with", *joints), rows)
+    table(f"{title}, refitted at each step", ("with", *joints), rows)
     said: set[str] = set()
     for k, finding in enumerate(shown, start=1):
         head, _, physics = finding.explanation.partition(". ")

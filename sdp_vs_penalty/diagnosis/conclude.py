@@ -21,6 +21,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     ABSORBED,
     APART,
     FAR,
+    FORM,
     MATTERS,
     UNCERTAIN,
 )
@@ -49,7 +50,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, free_constants, prior_deviation
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
 from sdp_vs_penalty.formatting import plain_unit
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM_KNOWN
 from sdp_vs_penalty.signals.standstill import STILL
@@ -101,6 +102,10 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     beside = tuple(replace(f, confidence="minor") for f, m in zip(every, minor, strict=True) if m)
     curves = _told(found, seed)
     nameless = {j: float(left.beyond[j]) for j in left.matters}
+    for term in (t for t in search.terms if in_pieces(t, search)):
+        (j,) = term.joints
+        own = spread_columns(rows, term.form.effect)[j] @ term.beta
+        nameless[j] = float(np.hypot(nameless.get(j, 0.0), own.std()))
     verdict = UNKNOWN if nameless or curves else EFFECT_MISSING if findings else NOTHING_MISSING
     return Diagnosis(
         verdict,
@@ -123,6 +128,14 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         tuple((j + 1, size) for j, size in sorted(nameless.items())),
         beside,
     )
+
+
+def in_pieces(term: Term, search: Search) -> bool:
+    """Whether a wave is one of several on its joint that are no harmonics of the slowest: a function of
+    the position that no effect is."""
+    waves = np.array([t.form.effect.waves or 0.0 for t in search.terms if t.key == term.key])
+    orders = waves / or_one(waves.min())
+    return bool(term.form.effect.waves and np.any(np.abs(orders - np.round(orders)) > FORM * orders))
 
 
 def _told(found: Found, seed: int) -> tuple[Curve, ...]:
@@ -203,6 +216,7 @@ def _reasons(
         "shared": _shared(search, term) > 1.0 - UNCERTAIN,
         "implausible": bool(np.any(torque > np.mean(rows.torque**2, axis=0)))
         or (plausible is not None and np.sqrt(np.mean((known.beta / plausible) ** 2)) > FAR),
+        "pieces": in_pieces(term, search),
         "looks_like": bool(looks_like),
         "curve": any(term in o.replaced for o in found.curves),
     }

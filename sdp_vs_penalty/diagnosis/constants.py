@@ -33,8 +33,6 @@ FORM = 0.04
 CLOSELY = 4
 #: Steps at most until nothing changes.
 STEPS = 30
-#: Share of a joint's rows at standstill from which the law of what holds it is looked for.
-STANDS = 0.02
 
 # Data left out.
 

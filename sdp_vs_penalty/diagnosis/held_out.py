@@ -88,13 +88,14 @@ class HeldOut:
         """Of effects, the likeliest first, those that raise no joint's error by more than RAISES beside
         the others."""
         kept = list(range(count))
-        while kept:
-            every = self.errors(kept)
-            rise = [harm(self.errors([i for i in kept if i != k]), every) for k in kept]
-            worst = int(np.argmax(rise))
-            if rise[worst] <= RAISES:
-                break
-            del kept[worst]
+
+        def rise(k: int) -> float:
+            return harm(self.errors([i for i in kept if i != k]), self.errors(kept))
+
+        first = [rise(k) for k in kept]
+        for k in sorted(kept, key=lambda k: -first[k]):
+            if first[k] > RAISES and rise(k) > RAISES:
+                kept.remove(k)
         return kept
 
 

@@ -14,10 +14,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import STANDS
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, filled
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.effect import STANDS, Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import alone

@@ -22,9 +22,8 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Shape constants are refined on a lattice: ratio of neighbours at first, and how often it is halved, of
-#: candidates and of what is taken.
-_FIRST, _COARSE, _FINE = 1.6, 3, 5
+#: Steps of the lattice on which shape constants are refined, in those of the grid that they begin with.
+_STEPS = 0.5, 0.25, 0.125
 
 
 class Search:
@@ -49,15 +48,13 @@ class Search:
     def judged(self, fit: Fit, form: Form) -> Term:
         return self.score.judged(fit, form, self.columns(form))
 
-    def refined(
-        self, fit: Fit, start: Term, fixed: Set[str] = frozenset(), halvings: int = _FINE
-    ) -> Term:
+    def refined(self, fit: Fit, start: Term, fixed: Set[str] = frozenset()) -> Term:
         """Each continuous shape constant but the fixed ones in turn where the score is highest, on a
         lattice of its scale: the same values come back in every step of the search."""
         best = start
         for name in [start.form.moves] if start.form.own else start.form.effect.searched:
             if name not in fixed:
-                best = self._along(fit, best, name, halvings)
+                best = self._along(fit, best, name)
         sized = best.form.effect.sized_shape
         # A constant that is as large as its effect, such as a delay's, is made so.
         if sized and sized not in fixed and len(best.beta):
@@ -67,39 +64,38 @@ class Search:
                 best = self.judged(fit, best.form.with_shape(**{sized: value}))
         return best
 
-    def _along(self, fit: Fit, start: Term, name: str, halvings: int) -> Term:
+    def _along(self, fit: Fit, start: Term, name: str) -> Term:
         effect = start.form.effect
-        kind = effect.robot.joints[effect.joints[0]].kind
-        shape = effect.shapes[name].on(kind)
+        shape = effect.shapes[name].on(effect.robot.joints[effect.joints[0]].kind)
         if shape.bounds is None:
             return start
         low, high = shape.bounds
         if start.form.own and shape.earned is not None:
             high = max(high, shape.earned)
-        linear, u = shape.scale == "linear", effect.shape[name]
-        grid = sorted(
-            {s[name] for s in type(effect).starts(effect.robot, effect.joints[0]) if name in s}
-        )
-        spacing = float(np.min(np.diff(grid))) if len(grid) > 1 else abs(u) + 1e-3
+        linear = shape.scale == "linear"
+        there, back = (float, float) if linear else (np.log, np.exp)
+        starts = type(effect).starts(effect.robot, effect.joints[0])
+        u, grid = there(effect.shape[name]), sorted({float(there(s[name])) for s in starts if name in s})
+        spacing = np.min(np.diff(grid)) if len(grid) > 1 else abs(u) + 1e-3 if linear else np.log(2.0)
         seen = {0.0: start}
 
         def at(x: float) -> Term:
             if x not in seen:
-                value = float(f"{u + x * spacing if linear else u * _FIRST**x:.6g}")
+                value = float(f"{back(u + x * spacing):.6g}")
                 if low <= value <= high:
                     seen[x] = self.judged(fit, start.form.with_shape(**{name: value}))
                 else:
                     seen[x] = replace(start, J=-np.inf)
             return seen[x]
 
-        x, step = 0.0, 0.5 if linear else 1.0
-        for _ in range(halvings):
-            while True:
-                best = max((x, x - step, x + step), key=lambda y: at(y).J)
-                if best == x:
-                    break
+        x = step = 0.0
+        for step in _STEPS:
+            while (best := max((x, x - step, x + step), key=lambda y: at(y).J)) != x:
                 x = best
-            step *= 0.5
+        less, most, more = (at(x + d).J for d in (-step, 0.0, step))
+        if less - 2.0 * most + more < 0.0 and np.isfinite(less + more):  # the top of a parabola
+            top = 0.5 * (less - more) / (less - 2.0 * most + more)
+            x = max((x, x + step * round(16.0 * top) / 16.0), key=lambda y: at(y).J)
         return at(x)
 
     # Which forms there are beside a fit.
@@ -127,7 +123,7 @@ class Search:
         best = {t.key: t for t in sorted(found, key=lambda t: t.J)}
         found = [t for t in found if _as_good(t, best[t.key])]
         likely = [t for t in found if (0.0 if t.form.own else least) < t.J]
-        ranked = sorted((self.refined(fit, t, halvings=_COARSE) for t in likely), key=lambda t: -t.J)
+        ranked = sorted((self.refined(fit, t) for t in likely), key=lambda t: -t.J)
         first = {t.key: t for t in reversed(ranked)}
         return [t for t in ranked if first[t.key] is t]
 

@@ -56,6 +56,10 @@ class Block:
 PARAMETER_RANGE = 1e4
 
 
+#: Share of the rows that a standstill reaches from which what holds a joint there shows.
+STANDS = 0.02
+
+
 @dataclass(frozen=True)
 class Seen:
     """What runs show of a joint: how far it went and how fine its positions are [rad, m]; stands : share

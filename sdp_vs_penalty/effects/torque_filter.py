@@ -5,12 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.linalg import solve_banded
 
-from sdp_vs_penalty.effects.effect import Array, Effect, Motion, Seen
+from sdp_vs_penalty.effects.effect import STANDS, Array, Effect, Motion, Seen
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
-
-#: Share of the rows that a standstill reaches above which joints stick at their reversals.
-_STANDS = 0.02
 
 
 class TorqueFilter(Effect):
@@ -59,7 +56,7 @@ class TorqueFilter(Effect):
         return np.asarray((passed - torque) / T)[:, :, None]
 
     def looks_like(self, size: float, seen: Seen) -> str:
-        if self.needs_links and seen.stands > _STANDS:
+        if self.needs_links and seen.stands > STANDS:
             return "joints stand still at reversals, where friction turns round as slowly by itself"
         return ""
 

@@ -214,8 +214,6 @@ class Variables:
 
 #: Weights of the roughness that are tried, relative to the data's.
 _WEIGHTS = 10.0 ** np.arange(-5.0, 5.5, 1.0)
-#: Prior, as a share of the rows, of the model's own parameters in fits without a fold.
-_HELD = 0.003
 
 
 @dataclass(frozen=True)
@@ -260,19 +258,20 @@ class Columns:
         """(F, k) coefficients from the rows outside of each fold (M,), the fit's columns refitted
         there."""
         Q, y, r = self.fit.basis, self.fit.target, self.fit.basis.shape[2]
+        held = 1.0 / self.count  # a prior worth one row
         out = []
         for f in np.unique(fold):
             train = fold != f
             q = Q[:, train].reshape(-1, r)
             G = np.zeros((r + len(self.s),) * 2)
-            G[:r, :r] = q.T @ q + _HELD * np.eye(r)
+            G[:r, :r] = q.T @ q + held * np.eye(r)
             G[:r, r:] = Q[self.joint][train].T @ self.z[train]
             G[r:, :r] = G[:r, r:].T
             G[r:, r:] = self.z[train].T @ self.z[train] + P
             own = y[:, train].ravel()
             # The fit's own parameters are held where they were.
             theta = np.tensordot(Q, y, axes=((0, 1), (0, 1)))
-            pull = np.concatenate([q.T @ own + _HELD * theta, self.z[train].T @ y[self.joint][train]])
+            pull = np.concatenate([q.T @ own + held * theta, self.z[train].T @ y[self.joint][train]])
             out.append(np.linalg.solve(G, pull)[r:])
         return np.array(out)
 

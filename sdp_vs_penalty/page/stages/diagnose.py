@@ -105,7 +105,7 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         own = [j - 1 for j in finding.joints[:1]] or range(len(before))
         joint = min(own, key=lambda j: after[j] / before[j] if before[j] else 1.0)
         floor = [found.noise_floor[joint]] if found.noise_known else None
-        what = "Held-out error, refitted without constraints,"
+        what = "Held-out error, refitted at each step,"
         fall = bars([before[joint]], [after[joint]], floor, [units[joint]], [joint + 1], what)
         ui.html(fall, sanitize=False)
         if added:
