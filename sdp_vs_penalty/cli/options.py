@@ -143,9 +143,13 @@ class Parser(argparse.ArgumentParser):
         for flag in (word.partition("=")[0] for word in words):
             if flag.startswith("--") and flag not in (*known, "--help"):
                 raise unknown("option", flag, known, self.prog.partition(" ")[2])
-        # What begins like a number is a value: --gravity -9.81,0,0.
-        joined = re.sub(r"(\0--[a-z-]+)\0(-[\d.])", r"\1=\2", "\0".join(["", *words]))
-        return vars(self.parse_intermixed_args(joined.split("\0")[1:]))
+        joined: list[str] = []
+        for word in words:  # what begins like a number is a value: --gravity -9.81,0,0
+            if re.match(r"-[\d.]", word) and joined and joined[-1] in known:
+                joined[-1] += f"={word}"
+            else:
+                joined.append(word)
+        return vars(self.parse_intermixed_args(joined))
 
     def error(self, message: str) -> Any:
         raise InputError(message, f"see `{self.prog} --help`")

@@ -44,7 +44,7 @@ from sdp_vs_penalty.problem.fields import entries
 from sdp_vs_penalty.problem.load import with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.reports import report as write_report
-from sdp_vs_penalty.reports.demo import METHOD_HEADS, method_row
+from sdp_vs_penalty.reports.sections import JUDGED_HEADS, judged_row
 from sdp_vs_penalty.robot.geometry import link_hulls
 from sdp_vs_penalty.simulation.follow import follow
 
@@ -194,11 +194,12 @@ def methods(asked: Asked) -> Answer:
             made = identify(current.problem, runs.train, name, **given)
             folds = asked["folds"] and cross_validate(current.problem, runs.train, name, **given)
         except InputError as error:
-            rows.append([name, str(error), *[""] * (len(METHOD_HEADS) - 2)])
+            rows.append([name, str(error), *[""] * (len(JUDGED_HEADS) - 1)])
             continue
-        row = method_row(compare({name: made}, runs.judge, noise_from=runs.whole)[0])
+        row = judged_row(compare({name: made}, runs.judge, noise_from=runs.whole)[0])
         rows.append([*row, *([f"{folds.relative_error_percent:.4g} %"] if folds else [])])
-    return {"heads": [*METHOD_HEADS, *["error on unseen motion"] * bool(asked["folds"])], "rows": rows}
+    unseen = ["error on unseen motion"] * bool(asked["folds"])
+    return {"heads": ["method", *JUDGED_HEADS, *unseen], "rows": rows}
 
 
 def take(asked: Asked) -> Answer:

@@ -118,13 +118,7 @@ class Address:
         return self.certificate is not None
 
 
-def serve(
-    folder: Path | None,
-    port: int | None,
-    browser: bool,
-    at: Address,
-    forms: Forms,
-) -> None:
+def serve(folder: Path | None, port: int | None, browser: bool, at: Address, forms: Forms) -> None:
     """Serve the page until it is interrupted, to whoever has the printed address.
 
     folder : whose runs and URDFs the page offers; port : None for the usual one, or any other that

@@ -270,10 +270,7 @@ class Session:
 
     def _refuse_meaningless(self) -> None:
         if self.meaningless and not self.anyway:
-            raise InputError(
-                self.meaningless[0],
-                'repair it with `sdp-vs-penalty check RUN --fix`, or tick "Identify anyway"',
-            )
+            raise InputError(self.meaningless[0], 'repair it under Check, or tick "Identify anyway"')
 
     def _next_file(self) -> str:
         self._count += 1

@@ -24,7 +24,7 @@ from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.formatting import number as figure
-from sdp_vs_penalty.reports.parameters import half_axes, link_rows, plausibility, standard_rows
+from sdp_vs_penalty.reports.parameters import caveats, half_axes, link_rows, standard_rows
 from sdp_vs_penalty.reports.sections import certificate_rows
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import BarycentricBound
@@ -85,7 +85,7 @@ def about(estimate: Estimate) -> dict[str, Any]:
     return {
         "rows": standard_rows(estimate),
         "links": link_rows(estimate),
-        "words": plausibility(estimate),
+        "words": caveats(estimate),
         "friction": [
             {"velocity": c.velocity, "torque": c.torque, "half": NORMAL_95 * c.std}
             for c in friction_curves(estimate)

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.adding import add
@@ -52,20 +51,6 @@ class Demo:
         """The joint (from 0) whose error fell most."""
         share = self.after.rmse / self.before.rmse
         return int(share.argmin())
-
-
-#: What :func:`method_row` says; possible : every link can exist, every bound holds.
-METHOD_HEADS = ("method", "verdict", "error %", "worst/noise", "possible", "thinnest mm", "gap")
-
-
-def method_row(c: Comparison) -> list[str]:
-    """One method's model on the judged runs, as text."""
-    certificate, figure = c.estimate.certificate, formatting.number
-    over = None if c.noise_floor is None else float((c.rmse / c.noise_floor).max())
-    thin, gap = certificate.smallest_thickness, certificate.gap
-    cells = [c.name, c.verdict.grade, figure(c.relative_error_percent), figure(over)]
-    cells += ["yes" if certificate.worst <= 1e-9 else "no", figure(thin and 1e3 * thin)]
-    return [*cells, "-" if gap is None else f"{gap:.0e}"]
 
 
 def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) -> Demo:

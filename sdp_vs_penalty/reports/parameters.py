@@ -110,37 +110,17 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
     return rows
 
 
-def plausibility(estimate: Estimate) -> list[str]:
-    """Whether the links can exist, and what is known of them, a sentence each."""
-    links, law = estimate.links, estimate.details.get("servo")
+def caveats(estimate: Estimate) -> list[str]:
+    """What to know before parameters are read, a sentence each; the verdict judges the links."""
+    law, sources = estimate.details.get("servo"), estimate.sources
     said = []
     if law:
         said.append(
             f"No torque was logged: the servos' law ({law['law']}) stands for it. Scale: {law['scale']}."
         )
-    if not len(links):
-        return [*said, "The model has no rigid_body effect, so there are no links to judge."]
-    thick, sources = inertia.thickness(links), estimate.sources
-    none = [i + 1 for i in range(len(links)) if not (links[i, 0] > 0.0 and thick[i] > 0.0)]
-    if none:
-        word = "Links" if len(none) > 1 else "Link"
-        said.append(f"{word} {formatting.words(none)} cannot exist: no body has such an inertia.")
-    else:
-        thinnest = int(np.argmin(thick))
-        said.append(
-            f"Every link can exist as a body; the thinnest is link {thinnest + 1} with "
-            f"{1e3 * thick[thinnest]:.3g} mm."
-        )
-    if (share := estimate.certificate.body_share) is not None:
-        fit = "within" if share <= 1.0 else "beyond"
-        said.append(f"Radii of gyration reach {100.0 * share:.0f} % of the links' bodies: {fit} them.")
-    open_ones = sum(source != "data" for source in sources)
-    if open_ones:
-        rest = next(source for source in sources if source != "data")
-        said.append(
-            f"{open_ones} of {len(sources)} standard parameters are from the {rest}, not from the data: "
-            "do not read them one by one."
-        )
+    if others := [source for source in sources if source != "data"]:
+        told = f"{len(others)} of {len(sources)} standard parameters are from the {others[0]}"
+        said.append(f"{told}, not from the data: do not read them one by one.")
     return said
 
 
@@ -158,7 +138,7 @@ def arm(material: Material) -> str:
         "thickness (a rod or a sheet) is unphysical."
     )
     return (
-        text(" ".join(plausibility(estimate)))
+        text(" ".join(caveats(estimate)))
         + table(LINK_HEADS, link_rows(estimate))
         + figure(plot, caption, 460)
     )

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.comparison import still_missing
-from sdp_vs_penalty.diagnosis.sentences import new_motion
+from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.certificate import Certificate
@@ -33,6 +32,19 @@ from sdp_vs_penalty.reports.plots import POINTS, Curves, missing_figure, torque_
 from sdp_vs_penalty.reports.section import Material, figure, marked, table, text
 from sdp_vs_penalty.robot.arrays import Array
 
+#: What :func:`judged_row` says after the model's name; possible : its links can exist, within bounds.
+JUDGED_HEADS = ("verdict", "error %", "worst/noise", "possible", "thinnest mm", "gap")
+
+
+def judged_row(c: Comparison) -> list[str]:
+    """One model on the judged runs, as text."""
+    certificate = c.estimate.certificate
+    over = None if c.noise_floor is None else float((c.rmse / c.noise_floor).max())
+    thin, gap = certificate.smallest_thickness, certificate.gap
+    cells = [c.name, c.verdict.grade, number(c.relative_error_percent), number(over)]
+    cells += ["yes" if certificate.worst <= 1e-9 else "no", number(thin and 1e3 * thin)]
+    return [*cells, "-" if gap is None else f"{gap:.0e}"]
+
 
 def verdict(material: Material) -> str:
     """How good the last model is, what became of each joint's error, and each model in a line."""
@@ -48,24 +60,7 @@ def verdict(material: Material) -> str:
     body += table(("verdict", "grade", "why"), lines, numbers_from=3)
     if said.remark:
         body += text(said.remark)
-    rows = []
-    for name, comparison in zip(material.models, material.comparisons, strict=True):
-        estimate = material.models[name]
-        worst = estimate.certificate.worst
-        rows.append(
-            (
-                name,
-                comparison.verdict.grade,
-                estimate.method,
-                len(estimate.theta),
-                f"{comparison.relative_error_percent:.3f} %",
-                new_motion(comparison.new_motion_share),
-                "every constraint holds" if worst == 0.0 else f"violated by {worst:.2g}",
-                number(estimate.certificate.gap, 2),
-            )
-        )
-    heads = ("model", "grade", "method", "parameters", "relative error", "new motion", "constraints")
-    body += table((*heads, "certified gap"), rows, numbers_from=3)
+    body += table(("model", *JUDGED_HEADS), list(map(judged_row, material.comparisons)), numbers_from=2)
     m = material.measurements
     seconds = sum(float(run.t[-1] - run.t[0]) for run in m.runs())
     body += text(
@@ -132,27 +127,26 @@ def _bands(material: Material, shifts: Sequence[float]) -> list[tuple[Array, Arr
 
 def history(material: Material) -> str:
     """The error of every joint, model by model, above the noise."""
-    heads = ["joint"]
-    for c in material.comparisons:
-        heads += [f"RMSE {c.name}", "R2"]
-    floor = material.comparisons[-1].noise_floor
-    rows = []
-    for j, unit in enumerate(material.last.robot.torque_units):
-        cells: list[object] = [f"{j + 1} [{formatting.plain_unit(unit)}]"]
-        for c in material.comparisons:
-            cells += [number(c.rmse[j], 4), number(c.r2[j], 4)]
-        rows.append([*cells, "-" if floor is None else number(floor[j], 4)])
-    totals: list[object] = ["all, relative error"]
-    for c in material.comparisons:
-        totals += [f"{c.relative_error_percent:.3f} %", ""]
-    rows.append([*totals, ""])
+    compared, floor = material.comparisons, material.comparisons[-1].noise_floor
+    heads = ["joint", *(head for c in compared for head in (f"RMSE {c.name}", "R2"))]
+    rows = [
+        [
+            f"{j + 1} [{formatting.plain_unit(unit)}]",
+            *(number(x[j], 4) for c in compared for x in (c.rmse, c.r2)),
+            "-" if floor is None else number(floor[j], 4),
+        ]
+        for j, unit in enumerate(material.last.robot.torque_units)
+    ]
+    whole = (cell for c in compared for cell in (f"{c.relative_error_percent:.3f} %", ""))
+    rows.append(["all, relative error", *whole, ""])
     made = []
     known: set[str] = set()
     for name, estimate in material.models.items():
         new = [e.brief for e in estimate.model.effects if e.text not in known]
-        made.append((name, estimate.method, ", ".join(new) or "the same effects"))
+        told = ", ".join(new) or "the same effects"
+        made.append((name, estimate.method, len(estimate.theta), told))
         known |= {e.text for e in estimate.model.effects}
-    body = table(("model", "method", "new effects"), made, numbers_from=3)
+    body = table(("model", "method", "parameters", "new effects"), made, numbers_from=4)
     body += table([*heads, "noise floor"], rows)
     if floor is None:
         body += text("No motion repeats in these runs: the noise floor is unknown.")

@@ -17,15 +17,16 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     """
     from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.estimation.verdict import changes
-    from sdp_vs_penalty.reports.demo import ARM, METHOD_HEADS, RUNS, demo, method_row
+    from sdp_vs_penalty.reports.demo import ARM, RUNS, demo
+    from sdp_vs_penalty.reports.sections import JUDGED_HEADS, judged_row
 
     with console.progress("simulating") as progress:
         made = demo(out, seed, progress)
     before, after, j = made.before, made.after, made.joint
     console.say(f"A simulated {ARM} arm: two runs to identify from, one to judge on ({out}).")
     console.say("1. Identify: the same runs by three methods", style="bold")
-    rows = list(map(method_row, made.compared))
-    console.table("On motion that no model has seen", METHOD_HEADS, rows, words=2)
+    rows = list(map(judged_row, made.compared))
+    console.table("On motion that no model has seen", ("method", *JUDGED_HEADS), rows, words=2)
     console.say("2. Compare: where the physically consistent model fails", style="bold")
     printing.where_it_fails(made.failures, made.model.robot.torque_units, before.name)
     console.say("3. Diagnose", style="bold")

@@ -46,7 +46,8 @@ def _findings(session: Session) -> None:
         for found in run["findings"]:
             with draw.tag("p", style=f"finding {found['severity']}"):
                 draw.tag("strong", f"{run['name']}: {found['kind']}. ")
-                draw.tag("span", f"{found['what']} What to do: {found['remedy']}.")
+                what = found["what"]
+                draw.tag("span", f"{what[0].upper()}{what[1:]} What to do: {found['remedy']}.")
             if found["gravity"]:
                 vector = ",".join(f"{g:g}" for g in found["gravity"])
                 apply, key = partial(session.mount, vector), f"apply-{run['file']}"
