@@ -336,7 +336,16 @@ def compress_cells(
     found = workers.map(one, list(enumerate(measurements.runs())))
     blocks = [TimeBlock(*place) for place in folds.places]
     factors = [factor for own, _ in found for factor in own]
-    return _regression(model, blocks, factors, sum(samples for _, samples in found))
+    rows, p = sum(f.rows for f in factors if f.joint == 0), len(model.parameters)
+    own_errors = model.drives.any() and model.reference is not None
+    if own_errors or any(np.any(f.indices >= p) for f in factors):
+        made = instrumented(model, [(f.joint, f.indices, f.triangle) for f in factors])
+        factors = [
+            replace(f, indices=own, triangle=_folded([whole]))
+            for f, (own, whole) in zip(factors, made, strict=True)
+        ]
+    oversampling = rows / sum(samples for _, samples in found)
+    return Regression(model.parameters, model.robot.n, tuple(blocks), tuple(factors), oversampling)
 
 
 def _cells_of_run(
@@ -381,21 +390,3 @@ class _Growing:
         for (b, _), factor in sorted(self._factors.items(), key=lambda item: item[0]):
             found.setdefault(b, []).append(factor)
         return list(found.items())
-
-
-def _regression(
-    model: Model,
-    blocks: Sequence[TimeBlock],
-    factors: Sequence[Factor],
-    samples: float,
-) -> Regression:
-    rows = sum(f.rows for f in factors if f.joint == 0)
-    p = len(model.parameters)
-    own_errors = model.drives.any() and model.reference is not None
-    if own_errors or any(np.any(f.indices >= p) for f in factors):
-        found = instrumented(model, [(f.joint, f.indices, f.triangle) for f in factors])
-        factors = [
-            replace(f, indices=own, triangle=_folded([rows]))
-            for f, (own, rows) in zip(factors, found, strict=True)
-        ]
-    return Regression(model.parameters, model.robot.n, tuple(blocks), tuple(factors), rows / samples)

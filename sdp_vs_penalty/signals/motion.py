@@ -9,7 +9,7 @@ comes back is kept once; both stay far below the distance, so that neither makes
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import OVERSAMPLING, Preprocessing, RunFilter
-from sdp_vs_penalty.signals.runs import stretches
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_pieces
 
 #: Motion is new beyond so many spreads of the training motion. A path of more than ``_MOST`` numbers is
 #: kept more coarsely, with a distance that grows alike; beyond the last distance, not at all.
@@ -125,22 +125,15 @@ def record_motion(measurements: Measurements, settings: Preprocessing) -> Motion
     return _record(centre, scale, [(path - centre) / scale for path in paths], DISTANCE)
 
 
-def _paths(run: Measurements, settings: Preprocessing) -> Iterator[Array]:
-    """Uninterrupted paths (M, 2 n) of a run's filtered rows in which the robot moves."""
-    filters = RunFilter(run, settings)
-    margin, step = filters.state.half + filters.column.half, filters.step(OVERSAMPLING)
-    for part in stretches(run):
-        rows = np.arange(margin, part.count - margin, step)
-        moving = filters.movement.at(part.clock(rows))
-        cuts = np.flatnonzero(np.diff(moving)) + 1
-        for at, moves in zip(np.split(rows, cuts), np.split(moving, cuts), strict=True):
-            if len(at) and moves[0]:
-                states = []
-                for few in np.array_split(at, -(-len(at) // _CHUNK)):
-                    motion = filters.motion(part, few[0], few[-1])
-                    local = (few - few[0]) // filters.stride
-                    states.append(np.hstack([motion.q[local], motion.dq[local]]))
-                yield np.concatenate(states)
+def _paths(run: Measurements, settings: Preprocessing) -> list[Array]:
+    """Uninterrupted paths (M, 2 n) of a run's filtered rows."""
+    try:
+        pieces = [(p.rows.t, np.hstack([p.rows.q, p.rows.dq])) for p in filtered_pieces(run, settings)]
+    except InputError:  # none
+        return []
+    t, states = map(np.concatenate, zip(*pieces, strict=True))
+    apart = np.diff(t)
+    return np.split(states, np.flatnonzero(apart > 1.5 * apart.min(initial=np.inf)) + 1)
 
 
 def _record(centre: Array, scale: Array, paths: Sequence[Array], distance: float) -> MotionRecord | None:

@@ -20,9 +20,9 @@ of the ends of a run would need samples from outside it, and are dropped.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,9 +242,7 @@ def filtered_rows(
     """
     # What an effect with memory remembers has to be followed sample by sample, from the start.
     whole = any(effect.has_memory for effect in model.effects)
-    made = partial(_pieces, run, settings, whole, moving)
-    few = moving is None and run.q.size <= _MOST_KEPT
-    for piece in run.once(("filtered", settings, whole), lambda: list(made())) if few else made():
+    for piece in filtered_pieces(run, settings, whole, moving):
         known = piece.known(model)
         smooth = None if model.needs_reference else piece.smooth
         for k, own in model.blocks(piece.around, known, smooth).items():
@@ -260,18 +258,24 @@ def filtered_rows(
 
 
 @dataclass(frozen=True)
-class _Piece:
+class Piece:
     """Consecutive rows of a run before they have columns: the motion on the column grid around them,
-    the low-pass from there to the rows, the same of smooth columns, motion and torque at the rows;
-    kept : effects of the last model, over which velocities its signs turned, their columns."""
+    the low-pass from there to the rows, the same of smooth columns, motion and torque at the rows, the
+    latter when asked for; kept : effects of the last model, over which velocities its signs turned,
+    their columns."""
 
     around: Motion
     low_pass: Decimator
     smooth: Motion
     smooth_low_pass: Decimator
     rows: Motion
-    torque: Array
+    measured: Callable[[], Array]
     kept: list[tuple[Effect, tuple[float, ...], list[Block]]] = field(default_factory=list)
+
+    @cached_property
+    def torque(self) -> Array:
+        """(M, n), low-passed."""
+        return self.measured()
 
     def known(self, model: Model) -> dict[int, list[Block]]:
         """The low-passed columns of a model's effects that are known, by their places in it."""
@@ -294,9 +298,19 @@ class _Piece:
         ]
 
 
-def _pieces(
+def filtered_pieces(
+    run: Measurements, settings: Preprocessing, whole: bool = False, moving: Movement | None = None
+) -> Iterable[Piece]:
+    """A run's rows piece by piece, as :func:`_cut` makes them; those of a short run are kept."""
+    made = partial(_cut, run, settings, whole, moving)
+    if moving is None and run.q.size <= _MOST_KEPT:
+        return run.once(("filtered", settings, whole), lambda: list(made()))
+    return made()
+
+
+def _cut(
     run: Measurements, settings: Preprocessing, whole: bool, moving: Movement | None
-) -> Iterator[_Piece]:
+) -> Iterator[Piece]:
     """A run's rows piece by piece; where effects remember, each ``whole`` stretch sample by sample."""
     filters = RunFilter(run, settings, whole)
     counts = moving or filters.movement
@@ -315,13 +329,13 @@ def _pieces(
             motion, smooth = filters.around(part, at)
             local = (at[keep] - at[0]) // filters.stride + filters.coarse.half
             coarse = (at[keep] - at[0]) // filters.smooth_stride + filters.smooth.half
-            yield _Piece(
+            yield Piece(
                 motion,
                 filters.coarse.decimator(local),
                 smooth,
                 filters.smooth.decimator(coarse),
                 Motion(motion.t[local], motion.q[local], motion.dq[local], motion.ddq[local]),
-                filters.torque(part, at[keep]),
+                partial(filters.torque, part, at[keep]),
             )
     if not found:
         raise no_rows(run, 2 * margin * filters.dt)
@@ -352,7 +366,7 @@ def filtered_torque(run: Measurements, model: Model, settings: Preprocessing) ->
 def low_passed(run: Measurements, settings: Preprocessing) -> tuple[Motion, Array]:
     """States and torque (M, n) at the rows of one run, without columns: enough to judge data. Raises
     InputError for short runs."""
-    return _joined([(p.rows, p.torque) for p in _pieces(run, settings, False, None)])
+    return _joined([(p.rows, p.torque) for p in filtered_pieces(run, settings)])
 
 
 def _joined(pieces: Sequence[tuple[Motion, Array]]) -> tuple[Motion, Array]:

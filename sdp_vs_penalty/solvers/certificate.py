@@ -63,13 +63,11 @@ def lower_bound(
     Proved from the multipliers as they are, and, unless that bound is tight, also from polished ones.
     Arguments as of :func:`dual_evidence`.
     """
-    given = _as_given(objective, multipliers, theta, bound, entropy_slopes)
-    lower = given.bound(objective, constraints, bound)
+    told, asked = (multipliers, theta, bound, entropy_slopes), (objective, constraints)
+    lower = dual_evidence(*asked, *told, polished=False).bound(*asked, bound)
     if objective.least_squares.gap(objective.value(theta), lower, theta) <= _TIGHT:
         return lower
-    return max(
-        lower, _polished(given, objective, constraints, bound).bound(objective, constraints, bound)
-    )
+    return max(lower, dual_evidence(*asked, *told).bound(*asked, bound))
 
 
 def dual_evidence(
@@ -79,6 +77,7 @@ def dual_evidence(
     theta: Array,
     bound: Array,
     entropy_slopes: Array | None = None,
+    polished: bool = True,
 ) -> DualEvidence:
     """Multipliers, polished so that little of the slope is left, and the tangent that they go with.
 
@@ -86,17 +85,6 @@ def dual_evidence(
     bound : (p,) |theta_k| <= bound_k for every feasible theta; entropy_slopes : P(theta)^-1 by default,
     the dual's own S where a solver gives it.
     """
-    given = _as_given(objective, multipliers, theta, bound, entropy_slopes)
-    return _polished(given, objective, constraints, bound)
-
-
-def _as_given(
-    objective: Objective,
-    multipliers: Sequence[Array],
-    theta: Array,
-    bound: Array,
-    entropy_slopes: Array | None,
-) -> DualEvidence:
     data, slopes = objective.least_squares, entropy_slopes
     if objective.entropy is not None:
         inverse = np.linalg.inv(np.array([link.value(theta) for link in objective.entropy.links]))
@@ -113,7 +101,8 @@ def _as_given(
 
     # What rounding in theta leaves of the slope goes into y.
     y = data.R.astype(verified.Long) @ theta - data.rho
-    return DualEvidence(multipliers, y, () if slopes is None else tuple(slopes), push)
+    given = DualEvidence(multipliers, y, () if slopes is None else tuple(slopes), push)
+    return _polished(given, objective, constraints, bound) if polished else given
 
 
 def _polished(

@@ -81,7 +81,10 @@ CSV_CASES: dict[str, tuple[str | bytes, list[str]]] = {
         ["q 2, dq 2, tau 3"],
     ),
     "a column comes twice": (csv_with(setting(1, "t,q1,q1,dq1,dq2,tau1,tau2")), ["q1 comes twice"]),
-    "semicolons": (csv_with(lambda x: None).replace(",", ";"), ["row 1", "by semicolons", "commas"]),
+    "semicolons": (
+        "t;q 1;q 2;tau 1, N m;tau 2\n0;0;0;0;0\n",
+        ["row 1", "5 names by semicolons", "commas"],
+    ),
     "white space": (csv_with(lambda x: None).replace(",", "\t"), ["7 names by white space", "commas"]),
     "numbers by semicolons": ("0.1;2;3\n0.2;2;3\n", ["numbers instead of a header", "convert --rename"]),
     "a word": (csv_with(setting(4, "0.02,x,0,0,0,1,2")), ["row 4, column 2 holds 'x'", "correct it"]),

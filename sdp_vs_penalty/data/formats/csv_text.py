@@ -49,10 +49,10 @@ def header(path: Path) -> list[str]:
     cells = [cell for cell in re.split(r"[;,\s]+", line) if cell]
     if cells and all(_is_number(cell) for cell in cells):
         raise InputError("row 1 holds numbers instead of a header", _no_header(path), path)
-    if len(names) == 1 and len(cells) > 1:
-        what = "semicolons" if ";" in line else "white space"
+    what, others = ("semicolons", line.split(";")) if ";" in line else ("white space", line.split())
+    if len(others) > len(names) and (";" in line or len(names) == 1):
         raise InputError(
-            f"row 1 separates its {len(cells)} names by {what}",
+            f"row 1 separates its {len(others)} names by {what}",
             "separate all cells by commas, and write decimal points",
             path,
         )
