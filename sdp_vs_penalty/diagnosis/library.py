@@ -37,29 +37,29 @@ class Form:
     own: tuple[int, ...] = ()
     moves: str = ""
 
-    @property
+    @cached_property
     def k(self) -> int:
         return len(self.effect.parameters)
 
-    @property
+    @cached_property
     def constants(self) -> int:
         """Continuous shape constants."""
         if self.own:
             return 1
         return sum(self.effect.shapes[x].bounds is not None for x in self.effect.searched)
 
-    @property
+    @cached_property
     def law(self) -> tuple[Hashable, ...]:
         """Its candidate, and the constants that are choices among which nothing is refined."""
         chosen = (v for x, v in self.effect.shape.items() if self.effect.shapes[x].bounds is None)
         return (*self.key, *chosen)
 
-    @property
+    @cached_property
     def nonnegative(self) -> list[bool]:
         """(k,) which parameters may not be negative."""
         return [p.lower == 0.0 for p in self.effect.parameters]
 
-    @property
+    @cached_property
     def plausible(self) -> Array:
         """(k,) standard deviations of its parameters that its effect says, NaN where it says none."""
         known = self.effect.plausible

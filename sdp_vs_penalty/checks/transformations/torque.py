@@ -148,7 +148,8 @@ class Law(Transformation):
                 name, without = joints_text([event.joint]), [e for e in repair.events if e != event]
                 yield Element(
                     f"law: {event.at}", "note", (event.joint,),
-                    f"the torque of {name} has {event.at} in it, which the model lacks.",
+                    f"the torque of {name} holds a law of its own motion that the model lacks, most "
+                    f"like {event.at}.",
                     "identify, and let `diagnose` name it", replace(repair, events=tuple(without)),
                     choices(log.n * len(LAWS)), mends=False,
                 )  # fmt: skip
