@@ -122,11 +122,17 @@ class PhaseFolds:
 
     def tested(self, fold: int) -> list[int]:
         """Cells that a fold tests on."""
-        return [k for k, use in enumerate(self._uses[fold]) if use == "test"]
+        own = [self._fold_at(clock, middle) == fold for clock, middle in self._middles]
+        return np.flatnonzero(np.concatenate(own)).tolist()
 
     def training(self, fold: int) -> list[int]:
         """Cells that it trains on."""
-        return [k for k, use in enumerate(self._uses[fold]) if use == "train"]
+        own = [
+            (self._fold_at(clock, middle) != fold)
+            & (_distance(middle, fold * clock.length / self.count, clock, self.count) >= self.guard)
+            for clock, middle in self._middles
+        ]
+        return np.flatnonzero(np.concatenate(own)).tolist()
 
     def stretch(self, fold: int) -> tuple[float, float]:
         """Where a fold lies on the clock of the first motion [s]."""
@@ -151,21 +157,13 @@ class PhaseFolds:
         return out
 
     @cached_property
-    def _uses(self) -> list[list[str]]:
-        """Per fold what each cell is used for: test, guard or train."""
-        uses: list[list[str]] = [[] for _ in range(self.count)]
+    def _middles(self) -> list[tuple[MotionClock, Array]]:
+        """Of each motion its clock, and the middles of its cells [s]."""
+        out = []
         for motion, clock in sorted(self._motions.items()):
             edges = np.concatenate([[0.0], self._borders[motion][1], [clock.length]])
-            middle = 0.5 * (edges[:-1] + edges[1:])
-            fold = self._fold_at(clock, middle)
-            for k, out in enumerate(uses):
-                off = _distance(middle, k * clock.length / self.count, clock, self.count)
-                near = off < self.guard
-                out += [
-                    "test" if f == k else ("guard" if close else "train")
-                    for f, close in zip(fold, near, strict=True)
-                ]
-        return uses
+            out.append((clock, 0.5 * (edges[:-1] + edges[1:])))
+        return out
 
 
 def _distance(at: Array, begin: float, clock: MotionClock, count: int) -> Array:

@@ -17,9 +17,8 @@ EXTRA = "solvers"
 REQUIRES = ("package", "scs")
 CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
 
-
-_CLAIMS = {1: "optimal", 2: "inaccurate", -1: "unbounded", -2: "infeasible", -6: "unbounded"}
-_CLAIMS[-7] = "infeasible"
+#: The first word of its status; what follows says that it is inaccurate.
+_CLAIMS = {"solved": "optimal", "infeasible": "infeasible", "unbounded": "unbounded"}
 
 
 def options(accuracy: float) -> dict[str, Any]:
@@ -56,7 +55,8 @@ def solve(problem: ConicProblem, accuracy: float = 1e-7) -> Solution:
     z[lower] = result["y"]
     x, z = ordered.back(np.array(result["x"]), z)
     info = result["info"]
-    claims = _CLAIMS.get(int(info["status_val"]), "failed")
+    word, _, more = info["status"].partition(" ")
+    claims = "inaccurate" if word == "solved" and more else _CLAIMS.get(word, "failed")
     return Solution(x, z, claims, info["status"], int(info["iter"]), ready - start, end - ready)
 
 
