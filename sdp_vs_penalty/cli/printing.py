@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 #: What an error is called that no other run was kept for.
 TRAINING = "the training data"
-#: Base parameters of the prior that are named.
-_LISTED = 8
 
 
 def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
@@ -140,10 +138,8 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
     )
     lines = [("determined by the data", text)]
     if prior:
-        more = f" and {len(prior) - _LISTED} more" if len(prior) > _LISTED else ""
-        named = ", ".join(list(prior)[:_LISTED])
         first = next(iter(prior.values()))
-        lines.append((f"from the {first}", f"{named}{more}; see `source` in the file"))
+        lines.append((f"from the {first}", f"{', '.join(prior)}; see `source` in the file"))
     return lines
 
 

@@ -60,21 +60,20 @@ class View:
             with self.client:
                 ui.download.from_url(f"/s/{self.session.token}/take/{name}")
 
-    def folder_files(self, suffixes: tuple[str, ...]) -> list[Path]:
-        """Files of the folder that the page was started with, none from outside it."""
+    def _own(self) -> list[Path]:
+        """The folder that the page was started with, and what lies in it; nothing from outside it."""
         if self.folder is None:
             return []
         inside = self.folder.resolve()
-        found = [p for p in sorted(inside.iterdir()) if p.suffix.lower() in suffixes and p.is_file()]
-        return [p for p in found if p.resolve().parent == inside][:50]
+        return [inside, *(p for p in sorted(inside.iterdir()) if p.resolve().parent == inside)]
+
+    def folder_files(self, suffixes: tuple[str, ...]) -> list[Path]:
+        """Files of that folder."""
+        return [p for p in self._own()[1:] if p.suffix.lower() in suffixes and p.is_file()][:50]
 
     def folder_problems(self) -> list[Path]:
         """Folders in it, and itself, that hold a problem.toml: a robot with bounds and filters."""
-        if self.folder is None:
-            return []
-        inside = self.folder.resolve()
-        found = [p for p in (inside, *sorted(inside.iterdir())) if (p / "problem.toml").is_file()]
-        return [p for p in found if p.resolve() in (inside, inside / p.name)][:50]
+        return [p for p in self._own() if (p / "problem.toml").is_file()][:50]
 
 
 @dataclass(frozen=True)
