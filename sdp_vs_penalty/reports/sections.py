@@ -198,28 +198,12 @@ def findings(material: Material) -> str:
     rows, units = [], material.last.robot.torque_units
     for f in found.effects:
         joint = f.joints[0] - 1 if f.joints else 0
-        fall = (f.held_out_rmse_before[joint], f.held_out_rmse_after[joint])
-        rows.append(
-            (
-                f.effect,
-                ", ".join(map(str, f.joints)) or "all",
-                f.confidence,
-                f"{number(f.size, 4)} ± {number(f.std, 2)} {plain_unit(f.unit)}",
-                ", ".join(f.indistinguishable_from) or "-",
-                *(number(x) for x in fall),
-                number(found.noise_floor[joint]),
-            )
-        )
-    heads = (
-        "effect",
-        "joint",
-        "confidence",
-        "size",
-        "not told from",
-        "held-out RMSE",
-        "with it",
-        "noise floor",
-    )
+        errors = f.held_out_rmse_before, f.held_out_rmse_after, found.noise_floor
+        size = f"{number(f.size, 4)} ± {number(f.std, 2)} {plain_unit(f.unit)}"
+        joints, rivals = ", ".join(map(str, f.joints)), ", ".join(f.indistinguishable_from)
+        own = (number(x[joint]) for x in errors)
+        rows.append((f.effect, joints or "all", f.confidence, size, rivals or "-", *own))
+    heads = ("effect", "joint", "confidence", "size", "not told from", "held-out RMSE", "with it")
     told = f": {found.headline}" if found.effects else ""
     body = text(f"In the model that was diagnosed{told}" if told else found.headline)
     body += text(f"In {material.last_name}: {still_missing(found, material.last)}") if told else ""
@@ -228,7 +212,7 @@ def findings(material: Material) -> str:
         floor = found.noise_floor.tolist() if found.noise_known else None
         body += text("Held-out error of each joint before all findings and with all of them:")
         body += bars(list(first), list(last), floor, units)
-        body += table(heads, rows, numbers_from=5)
+        body += table((*heads, "noise floor"), rows, numbers_from=5)
     body += "".join(text(remark) for remark in (found.beside, *found.remarks) if remark)
     judged = material.judged[material.last_name]
     motions = [replace(rows.motion, torque=modelled) for rows, modelled in judged]
