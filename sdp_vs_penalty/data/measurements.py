@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.store import PART, Growing, joined, parts
+from sdp_vs_penalty.data.store import PART, Growing, digest, joined, parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.robot.arrays import Array
@@ -149,14 +148,11 @@ class Measurements(Shown):
     @property
     def data_hash(self) -> str:
         """SHA-256 over the numbers (not the file), so that the format does not matter."""
-        digest = hashlib.sha256()
+        arrays = []
         for run in self.runs():
             told = [run.commanded[name] for name in COMMANDED if name in run.commanded]
-            for a in (run.t, run.q, run.tau, *told):
-                digest.update(repr(a.shape).encode())
-                for _, part in parts(a):
-                    digest.update(np.ascontiguousarray(part, dtype="<f8").data)
-        return digest.hexdigest()
+            arrays += [run.t, run.q, run.tau, *told]
+        return digest(arrays)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ engineering of Gaz, Flacco, De Luca (ICRA 2014, 2016) and of Gaz et al. 2019, se
 
 from __future__ import annotations
 
-import hashlib
 import zipfile
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.data.formats.npz import numeric_arrays
+from sdp_vs_penalty.data.store import digest
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, triangular
@@ -52,11 +52,7 @@ class BlackBox:
     @cached_property
     def data_hash(self) -> str:
         """SHA-256 over the numbers."""
-        digest = hashlib.sha256()
-        for a in (self.q, self.gravity, self.mass_matrix):
-            digest.update(repr(a.shape).encode())
-            digest.update(np.ascontiguousarray(a, dtype="<f8").tobytes())
-        return digest.hexdigest()
+        return digest((self.q, self.gravity, self.mass_matrix))
 
     @classmethod
     def of_links(cls, robot: Robot, links: ArrayLike, q: ArrayLike, name: str = "simulated") -> BlackBox:

@@ -91,22 +91,16 @@ def instrumented_rows(run: Measurements, model: Model, settings: Preprocessing) 
         yield replace(rows, columns=both)
 
 
-def paired(indices: NDArray[np.intp], rows: Array, p: int) -> tuple[NDArray[np.intp], Array, Array]:
-    """Of a factor's columns the model's parameters (k,), [Z, tau_Z] and [X, tau]; columns without
-    instruments serve as their own."""
-    if not np.any(indices >= p):
-        return indices, rows, rows
-    k = len(indices) // 2
-    return indices[-k:], rows[:, : k + 1], rows[:, -k - 1 :]
-
-
 def instrumented(
     model: Model, factors: Sequence[tuple[int, NDArray[np.intp], Array]]
 ) -> list[tuple[NDArray[np.intp], Array]]:
     """Of each factor (joint, its columns' parameters, rows) the model's parameters (k,) and the rows
     (r, k + 1) [Z, tau^]."""
     p = len(model.parameters)
-    parts = [Instrumented(joint, *paired(indices, rows, p)) for joint, indices, rows in factors]
+    parts = []
+    for joint, indices, rows in factors:  # columns without instruments serve as their own
+        k = len(indices) // 2 if np.any(indices >= p) else len(indices)
+        parts.append(Instrumented(joint, indices[-k:], rows[:, : k + 1], rows[:, -k - 1 :]))
     own, theta = _estimate(model, parts)
     return [
         (f.indices, np.column_stack([Z, f.X[:, -1] + (Z - f.X[:, :-1]) @ theta[f.indices]]))

@@ -352,41 +352,29 @@ def _cells_of_run(
     numbered: tuple[int, Measurements], model: Model, settings: Preprocessing, folds: Cells
 ) -> tuple[list[Factor], float]:
     """One run's factors by cell, and its independent samples."""
-    (index, run), growing, count = numbered, _Growing(), 0
+    (index, run), count, found = numbered, 0, dict[tuple[int, int], Factor]()
     for rows in instrumented_rows(run, model, settings):
         count += len(rows.torque)
-        growing.take(rows, folds.cell(index, rows.motion.t))
-    factors = [replace(f, block=b) for b, found in growing.blocks() for f in found]
+        _take(found, rows, folds.cell(index, rows.motion.t))
+    factors = [factor for _, factor in sorted(found.items(), key=lambda item: item[0])]
     return factors, count / rows_per_sample(run, settings)
 
 
-class _Growing:
-    """Factors by block and joint, to which rows are added as they come."""
-
-    def __init__(self) -> None:
-        self._factors: dict[tuple[int, int], Factor] = {}
-
-    def take(self, rows: Rows, owner: NDArray[np.intp]) -> None:
-        """Add rows, each to the block that ``owner`` (M,) says, or (M, n) for each joint."""
-        owners = np.broadcast_to(owner.reshape(len(owner), -1), rows.torque.shape)
-        for joint, columns in enumerate(rows.columns):
-            order = np.argsort(owners[:, joint], kind="stable")
-            both = np.column_stack([columns.columns, rows.torque[:, joint]])[order]
-            blocks, begin = np.unique(owners[order, joint], return_index=True)
-            keys = [(b, joint) for b in blocks.tolist()]
-            pieces = np.split(both, begin[1:])
-            counts = [len(piece) for piece in pieces]
-            if self._factors.keys().isdisjoint(keys):
-                pieces = _each_folded(pieces)
-            for key, piece, count in zip(keys, pieces, counts, strict=True):
-                old = self._factors.get(key)
-                if old is not None:
-                    piece, count = _folded([old.triangle, piece]), count + old.rows
-                self._factors[key] = Factor(joint, 0, columns.indices, piece, count)
-
-    def blocks(self) -> list[tuple[int, list[Factor]]]:
-        """The blocks that have rows, in order, with the factors of all joints."""
-        found: dict[int, list[Factor]] = {}
-        for (b, _), factor in sorted(self._factors.items(), key=lambda item: item[0]):
-            found.setdefault(b, []).append(factor)
-        return list(found.items())
+def _take(found: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.intp]) -> None:
+    """Add rows to factors by block and joint, each to the block that ``owner`` (M,) says, or (M, n) for
+    each joint."""
+    owners = np.broadcast_to(owner.reshape(len(owner), -1), rows.torque.shape)
+    for joint, columns in enumerate(rows.columns):
+        order = np.argsort(owners[:, joint], kind="stable")
+        both = np.column_stack([columns.columns, rows.torque[:, joint]])[order]
+        blocks, begin = np.unique(owners[order, joint], return_index=True)
+        keys = [(b, joint) for b in blocks.tolist()]
+        pieces = np.split(both, begin[1:])
+        counts = [len(piece) for piece in pieces]
+        if found.keys().isdisjoint(keys):
+            pieces = _each_folded(pieces)
+        for key, piece, count in zip(keys, pieces, counts, strict=True):
+            old = found.get(key)
+            if old is not None:
+                piece, count = _folded([old.triangle, piece]), count + old.rows
+            found[key] = Factor(joint, key[0], columns.indices, piece, count)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -48,16 +47,8 @@ class Pieces(tuple[NDArray[np.intp], ...]):
         return {}
 
 
-def innovations(values: Array, ar: Array, pieces: Sequence[NDArray[np.intp]]) -> Array:
-    """values (M, ...) less what the autoregression predicts; zero on the first ORDER rows of a piece."""
-    pieces = pieces if isinstance(pieces, Pieces) else Pieces(pieces)
-    white = pieces.filter(ar, len(values)) @ values.reshape(len(values), -1)
-    return np.asarray(white).reshape(values.shape)
-
-
-def autoregression(x: Array, pieces: Sequence[NDArray[np.intp]]) -> tuple[Array, float, float]:
+def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
     """AR coefficients (ORDER,), standard deviation of the innovations, degrees of freedom."""
-    pieces = pieces if isinstance(pieces, Pieces) else Pieces(pieces)
     count = len(pieces.predicted)
     if count < 4 * ORDER:
         every = np.concatenate([x[p] for p in pieces]) if pieces else x

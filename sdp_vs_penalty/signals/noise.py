@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array, or_one
-from sdp_vs_penalty.signals.autoregression import ORDER, Pieces, autoregression, innovations
+from sdp_vs_penalty.signals.autoregression import ORDER, Pieces, autoregression
 from sdp_vs_penalty.signals.outliers import RARE, local_excess, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import (
     Repeat,
@@ -176,7 +176,7 @@ def _from_repetition(
         floor[j] = np.sqrt(sum(np.sum(rest[p] ** 2) for p in steady) / left)
         sigma[j], degrees[j] = own * np.sqrt(count / left), max(share * free - rank, 1.0)
         # Known on the rows that repeat, wanted on all.
-        white = innovations(rest, ar[j], steady)
+        white = steady.filter(ar[j], len(rest)) @ rest
         swell = noise_profile(white, rates[j][index], rates[j])
         floor[j] *= np.sqrt(np.mean(swell[runs.keep[:, j]] ** 2))
         profile[:, j] = noise_profile(white, rates[j][index], rates_shown[j])
@@ -216,7 +216,7 @@ def _without_events(
     x: Array,
     drift: Array,
     rates: Array,
-    pieces: Sequence[NDArray[np.intp]],
+    pieces: Pieces,
     tests: int,
     comes_back: Callable[[NDArray[np.bool_], NDArray[np.bool_]], NDArray[np.bool_]],
 ) -> tuple[Array, NDArray[np.bool_]]:
@@ -226,7 +226,7 @@ def _without_events(
     for _ in range(3):
         rest = x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
         ar = autoregression(rest, Pieces(p[good[p]] for p in pieces))[0]
-        white = innovations(rest, ar, pieces)
+        white = pieces.filter(ar, len(rest)) @ rest
         white /= noise_profile(white, rates, rates)
         white /= max(robust_scale(white[white != 0.0]), 1e-12)
         degrees = _MEDIAN_WORTH * len(x)

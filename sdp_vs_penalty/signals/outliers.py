@@ -74,7 +74,8 @@ def lone_windows(
     has no like. pieces, tests : as in :func:`local_excess`; rate : rows a second.
     """
     mask = np.zeros(len(white), bool)
-    stretches = _cut(pieces, max(2, round(_STRETCH * rate)))
+    size = max(2, round(_STRETCH * rate))
+    stretches = [x for p in pieces for x in np.array_split(p, max(1, round(len(p) / size)))]
     sharp = np.array([np.abs(jerk[rows]).max() for rows in stretches])
     unlike = np.zeros(len(white), bool)
     for k in np.flatnonzero(sharp > np.sort(sharp)[-_ALIKE:].min(initial=np.inf) / _LIKE):
@@ -97,11 +98,6 @@ def lone_windows(
             for row in np.flatnonzero(own > limit) - length // 2:
                 mask[max(row, 0) : row + length] = True
     return mask
-
-
-def _cut(pieces: Sequence[NDArray[np.intp]], size: int) -> list[NDArray[np.intp]]:
-    """Pieces cut into stretches of about ``size`` rows."""
-    return [part for p in pieces for part in np.array_split(p, max(1, round(len(p) / size)))]
 
 
 def _tail_limit(values: Array, tests: int) -> float:

@@ -17,6 +17,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy.linalg
@@ -63,11 +64,12 @@ def lower_bound(
     Proved from the multipliers as they are, and, unless that bound is tight, also from polished ones.
     Arguments as of :func:`dual_evidence`.
     """
-    told, asked = (multipliers, theta, bound, entropy_slopes), (objective, constraints)
-    lower = dual_evidence(*asked, *told, polished=False).bound(*asked, bound)
+    asked = objective, constraints
+    evidence = partial(dual_evidence, *asked, multipliers, theta, bound, entropy_slopes)
+    lower = evidence(polished=False).bound(*asked, bound)
     if objective.least_squares.gap(objective.value(theta), lower, theta) <= _TIGHT:
         return lower
-    return max(lower, dual_evidence(*asked, *told).bound(*asked, bound))
+    return max(lower, evidence().bound(*asked, bound))
 
 
 def dual_evidence(

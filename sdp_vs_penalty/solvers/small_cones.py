@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,21 +90,13 @@ class SmallCones:
     def degree(self) -> int:
         return self.rows + ORDER * len(self.weight)
 
-    @cached_property
-    def _nothing(self) -> list[Array]:
-        """A multiplier of zero for each constraint, not to be written to."""
-        out = [np.zeros_like(c.constant) for c in self.constraints]
-        for zero in out:
-            zero.flags.writeable = False
-        return out
-
     def slacks(self, theta: Array) -> Array:
         return np.asarray(self.constant + self.slack_map @ theta)
 
     def multipliers(self, flat: Array) -> tuple[list[Array], Array | None]:
         """Of each constraint its multiplier (zero where others imply it), and of each link of the
         entropy the slope S (links, 4, 4) with which -log det is bounded; flat (rows + 16 blocks,)."""
-        own = list(self._nothing)
+        own = [np.zeros_like(c.constant) for c in self.constraints]
         slopes = np.empty((np.count_nonzero(self.weight), ORDER, ORDER))
         start = blocks = 0
         for kind in self.kinds:

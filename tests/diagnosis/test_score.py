@@ -12,7 +12,7 @@ from sdp_vs_penalty.diagnosis.constants import ALPHA
 from sdp_vs_penalty.diagnosis.library import Batch, Form
 from sdp_vs_penalty.diagnosis.remaining import spectral_lines
 from sdp_vs_penalty.diagnosis.score import Fit, Score
-from sdp_vs_penalty.signals.autoregression import autoregression
+from sdp_vs_penalty.signals.autoregression import Pieces, autoregression
 from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_profile
 
 n, M, p = 2, 300, 5
@@ -148,7 +148,7 @@ def test_autoregression_whitens():
     x = np.zeros(4000)
     for k in range(2, len(x)):
         x[k] = 0.6 * x[k - 1] - 0.3 * x[k - 2] + rng.normal()
-    a, sigma, degrees = autoregression(x, [np.arange(2000), np.arange(2000, 4000)])
+    a, sigma, degrees = autoregression(x, Pieces([np.arange(2000), np.arange(2000, 4000)]))
     np.testing.assert_allclose(a, [0.6, -0.3, 0.0, 0.0], atol=0.06)
     assert sigma == pytest.approx(1.0, abs=0.04)
     assert degrees == 3988.0
