@@ -53,7 +53,7 @@ def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[in
     fits, repairs, names = zip(*logs, strict=True)
     # A law of one run's joint is that of the arm's.
     laws = dict.fromkeys(e for r in repairs for e in r.events if isinstance(e.at, str))
-    repairs = [replace(r, events=tuple(dict.fromkeys((*r.events, *laws)))) for r in repairs]
+    repairs = tuple(replace(r, events=tuple(dict.fromkeys((*r.events, *laws)))) for r in repairs)
     samples = float(np.mean([s.samples for s in fits]))
     runs = [s.equations(r) for s, r in zip(fits, repairs, strict=True)]
     asked = np.stack([s.moving for s in fits])

@@ -22,7 +22,7 @@ _PUBLISHED_FITS = {"pi_RE": ("48.9", "0.0315"), "pi_CLS": ("121.88", "1.41")}
 
 def build(study: Study) -> Table:
     """Rows: base parameters, all other parameters, then condition number and relative error."""
-    base = list(base_parameter_symbols(study.problem))
+    base = tuple(base_parameter_symbols(study.problem))
     keys = [*base, *_other_names(study), _CONDITION, _ERROR]
     rows = _published(study, keys) or _own_rows(study, keys)
     truth = study.base @ study.experiment.links.ravel()
