@@ -24,10 +24,8 @@ from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.simulation import MAKERS, experiment
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
-from sdp_vs_penalty.simulation.worlds.conditions import log_uniform
-from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
-from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import World
+from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint, log_uniform
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
 from sdp_vs_penalty.solvers import solver_modules
 
 ESTIMATOR = '''"""Least squares with a pull of every parameter to the nominal one."""

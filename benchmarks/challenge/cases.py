@@ -11,7 +11,7 @@ import os
 import time
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,9 @@ import numpy as np
 from challenge.classes import CLASSES, USUAL, CaseClass
 from challenge.report import report_text
 from challenge.truth import energies, judged_curve, true_floor
+from challenge.worlds.arms import Site, draw_world, urdf_of
+from challenge.worlds.conditions import NUISANCES, draw_conditions, fair
+from challenge.worlds.runs import Logged, draw_motion, log_run
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.errors import InputError
@@ -28,11 +31,8 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.files import alone, write_text
 from sdp_vs_penalty.parallel import ALONE, Workers, spread
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES, draw_conditions, fair
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
-from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.runs import Logged, draw_motion, log_run
-from sdp_vs_penalty.simulation.worlds.world import World, draw_world
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 
 Record = dict[str, Any]
 _KEPT = ("effect", "joints", "size", "std", "shape", "confidence", "indistinguishable_from", "finer")
@@ -60,7 +60,7 @@ class Case:
 class Sitting:
     """A case as it is simulated: the last of the runs is the test run."""
 
-    world: World
+    world: Site
     hidden: Sequence[Hidden]
     motions: Sequence[TrueMotion]
     logged: Sequence[Logged]
@@ -94,7 +94,7 @@ def run_case(case: Case) -> tuple[str, Record]:
     record: Record = {
         "class": case.kind,
         "nuisance": case.nuisance,
-        "conditions": sitting.world.describe(),
+        "conditions": asdict(sitting.world.conditions) | {"dry": sitting.world.dry.to_dict()},
         "truth": [h.to_dict() for h in sitting.hidden],
         "deviation": [h.deviation(sitting.world, sitting.motions[0]) for h in sitting.hidden],
         "fair": sorted(allowed),
@@ -113,8 +113,7 @@ def _diagnosed(kind: CaseClass, sitting: Sitting) -> Record:
     *logged, test = sitting.logged
     data = concatenate([x.run for x in logged])
     learnt = concatenate([x.run for x in sitting.unloaded]) if kind.frozen else data
-    assert sitting.world.arm.urdf is not None
-    problem = load_problem(sitting.world.arm.urdf)
+    problem = load_problem(urdf_of(sitting.world.conditions.arm))
     begin = time.process_time()
     estimate = identify(problem, learnt, "ols", effects=list(sitting.effects))
     between = time.process_time()

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdp_vs_penalty.simulation.worlds.conditions import Conditions
+from challenge.worlds.conditions import Conditions
+from challenge.worlds.hidden_unknown import disturbance, nameless, unknown
+from challenge.worlds.motion import thinned
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
 from sdp_vs_penalty.simulation.worlds.hidden_friction import FRICTION
 from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN, MACHINE
-from sdp_vs_penalty.simulation.worlds.hidden_unknown import disturbance, nameless, unknown
-from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import World
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
 
 #: What every model in question has, unless that is what is hidden.
 USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
@@ -61,7 +61,7 @@ class CaseClass:
     ) -> list[Hidden]:
         """The hidden effects, sized on the motions that are identified from."""
         kinds = {"unknown": unknown, "curves": nameless, "disturbance": disturbance, **FROZEN, **EFFECTS}
-        coarse, wanted = [m.thinned(10) for m in motions], names or {self.what} & set(kinds)
+        coarse, wanted = [thinned(m, 10) for m in motions], names or {self.what} & set(kinds)
         made = [(x, kinds[x](world, int(rng.integers(world.arm.n)), rng)) for x in wanted]
         called = [replace(one, effect=one.effect or x) for x, one in made]
         return [one.sized(world, coarse, LEVELS[self.level]) for one in called]

@@ -9,8 +9,8 @@ import numpy as np
 
 from challenge import judge
 from challenge.judge import Item, Record, counted, wilson
+from challenge.worlds.conditions import NUISANCES
 from sdp_vs_penalty.formatting import markdown_table
-from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
 
 SINGLE = ("strong", "medium", "weak")
 HEADINGS = ("class", "counted", "cases", "share", "interval", "to reach")
@@ -78,9 +78,10 @@ def report_text(records: Mapping[str, Record], seed: int) -> str:
         f"`benchmarks/challenge --seed {seed}`, cases as counted below. Robots, friction, channels "
         "and hidden effects are simulated by code that shares nothing with the library "
         "(`sdp_vs_penalty/simulation/worlds`). Thresholds were set on other seeds. Intervals are "
-        "Wilson's, 95 %. What a nuisance makes fair to name is stated in `worlds/conditions.py` and is "
-        "neither right nor false. Hidden effects count where these data show them: energy above 30, "
-        "white and with the model partialled out, and no link moved by more than 0.3 rad.",
+        "Wilson's, 95 %. What a nuisance makes fair to name is stated in "
+        "`challenge/worlds/conditions.py` and is neither right nor false. "
+        "Hidden effects count where these data show them: energy above 30, white and with the model "
+        "partialled out, and no link moved by more than 0.3 rad.",
         "",
         *markdown_table(HEADINGS, shares(every)),
         "",

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from challenge.worlds.runs import Logged
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
@@ -24,7 +25,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import Noise, noise_in
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
-from sdp_vs_penalty.simulation.worlds.runs import Logged
 
 
 def energies(logged: Sequence[Logged], estimate: Estimate, frozen: bool) -> list[float]:

@@ -25,13 +25,10 @@ from sdp_vs_penalty.robot.robot import joint_limits
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 from sdp_vs_penalty.simulation.worlds.arm import Arm
-from sdp_vs_penalty.simulation.worlds.conditions import Conditions
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
 from sdp_vs_penalty.simulation.worlds.hidden_friction import FRICTION
 from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN, MACHINE, NUISANCE
-from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.runs import PAUSE
-from sdp_vs_penalty.simulation.worlds.world import DryFriction, World
+from sdp_vs_penalty.simulation.worlds.world import PAUSE, DryFriction, TrueMotion, World
 
 DURATION = 20.0  # s of each run
 #: The blends into and out of the motion, which the log leaves out.
@@ -133,9 +130,9 @@ def true_world(problem: Problem, setup: Experiment, seed: int, without: Sequence
     rotary = np.array([joint.kind == "revolute" for joint in robot.joints])
     follows = (np.eye(robot.n), none) if chain is None else (chain.matrix, chain.offset)
     noise, last, ends = setup.sensor.torque_std, robot.link_joints[-1] + 1, joint_limits(robot)
-    arm = Arm(problem.name, None, model, *ends, size, size, rotary, noise, last, *follows)
+    arm = Arm(model, *ends, size, size, rotary, noise, last, *follows)
     dry = DryFriction("tanh", np.full(robot.n, min(problem.model().sign_width)))
-    return World(Conditions(problem.name), arm, model, dry, coulomb, viscous, offset, none, none, none)
+    return World(arm, model, dry, coulomb, viscous, offset, none, none, none, noise)
 
 
 def hidden_runs(

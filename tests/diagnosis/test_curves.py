@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from challenge.worlds.arms import draw_world, urdf_of
+from challenge.worlds.conditions import Conditions
+from challenge.worlds.runs import draw_motion, log_run
 
 from sdp_vs_penalty import Estimate, add, compare, diagnose, identify, load_problem
 from sdp_vs_penalty.data import concatenate
@@ -15,11 +18,8 @@ from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.effects import Motion, effect_from_dict, parse_effects
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.simulation.worlds.conditions import Conditions
 from sdp_vs_penalty.simulation.worlds.hidden import at_joint
-from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.runs import draw_motion, log_run
-from sdp_vs_penalty.simulation.worlds.world import draw_world
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 
 JOINT, SIZE = 1, 0.4
 
@@ -42,7 +42,7 @@ def diagnosed(law: Callable[[TrueMotion], Array]) -> Made:
         motion = draw_motion(world, k, rng)
         runs.append(log_run(world, motion, rng, [hidden.torque(world, motion)]).run)
     data = concatenate(runs[:2])
-    estimate = identify(load_problem(world.arm.urdf), data, "ols")
+    estimate = identify(load_problem(urdf_of("scara")), data, "ols")
     return Made(estimate, data, runs[2], diagnose(estimate, data, runs[2]))
 
 

@@ -20,8 +20,7 @@ from sdp_vs_penalty.robot import FourierTrajectory, Robot, random_trajectory
 from sdp_vs_penalty.simulation import MAKERS, experiment
 from sdp_vs_penalty.simulation.hidden_runs import true_world
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
-from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import DryFriction, World
+from sdp_vs_penalty.simulation.worlds.world import DryFriction, TrueMotion, World
 
 #: Of the torque: what sampling, and columns that are of first order in their parameter, may cost.
 ACCURACY = 0.02

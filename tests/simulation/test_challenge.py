@@ -10,11 +10,11 @@ from challenge import judge
 from challenge.cases import VERSION, Case, run_case, run_challenge, simulate_case, wanted
 from challenge.classes import CLASSES, EFFECTS, USUAL
 from challenge.report import report_text
+from challenge.worlds.conditions import NUISANCES
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.parallel import ALONE
-from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN
 

@@ -6,24 +6,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from sdp_vs_penalty.simulation import worlds
-from sdp_vs_penalty.simulation.worlds.arm import ARMS, inverse_dynamics, load_arm
-from sdp_vs_penalty.simulation.worlds.conditions import (
+from challenge import worlds as challenged
+from challenge.worlds.arms import draw_world, load_arm
+from challenge.worlds.conditions import (
+    ARMS,
     NUISANCES,
     Conditions,
     SensorNoise,
     average,
     draw_conditions,
     fair,
-    first_order,
 )
-from sdp_vs_penalty.simulation.worlds.motion import KINDS, TrueMotion, plan
-from sdp_vs_penalty.simulation.worlds.runs import draw_motion, log_run
-from sdp_vs_penalty.simulation.worlds.servo import driven
-from sdp_vs_penalty.simulation.worlds.world import DryFriction, bristles, draw_world
+from challenge.worlds.motion import KINDS, plan
+from challenge.worlds.runs import draw_motion, log_run
+from challenge.worlds.servo import driven
 
-FOLDER = Path(worlds.__file__).parent
+from sdp_vs_penalty.simulation import worlds
+from sdp_vs_penalty.simulation.worlds.arm import inverse_dynamics
+from sdp_vs_penalty.simulation.worlds.hidden import first_order
+from sdp_vs_penalty.simulation.worlds.world import DryFriction, TrueMotion, bristles
+
+FOLDERS = [Path(home.__file__).parent for home in (worlds, challenged)]
 #: Of the package, what a world may know: how measurements look, where Pinocchio is, how errors are said.
 ALLOWED = {
     "sdp_vs_penalty.data.measurements",
@@ -33,7 +36,7 @@ ALLOWED = {
 
 
 def test_the_worlds_share_nothing_with_the_library_that_they_judge():
-    for path in FOLDER.glob("*.py"):
+    for path in (path for folder in FOLDERS for path in folder.glob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []

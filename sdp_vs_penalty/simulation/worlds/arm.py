@@ -1,7 +1,6 @@
-"""Arms as URDF files, read by Pinocchio itself; what they say of friction and limits sets all sizes."""
+"""An arm by Pinocchio itself; its friction and limits set all sizes."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.robot._pinocchio import pin
 
 Array = NDArray[np.float64]
-ARMS = ("panda", "elbow", "desk", "scara")
 
 
 @dataclass(frozen=True)
@@ -20,8 +18,6 @@ class Arm:
     joint that bears the last link; follows (L, n), shift (L,) : the positions of its joints are
     follows q + shift, of those q that move by themselves."""
 
-    name: str
-    urdf: Path | None
     model: Any
     lower: Array
     upper: Array
@@ -54,18 +50,6 @@ class Arm:
         pin.computeJointJacobians(model, data, self.follows @ q + self.shift)
         J = pin.getJointJacobian(model, data, self.last, pin.LOCAL_WORLD_ALIGNED)
         return np.asarray(np.reshape(J, (6, -1)) @ self.follows)
-
-
-def load_arm(name: str, noise: float = 0.1) -> Arm:
-    """One of ARMS; noise : of its torques over the Coulomb friction in its URDF."""
-    path = Path(__file__).parent / f"{name}.urdf"
-    model = pin.buildModelFromUrdf(str(path))
-    rotary = np.array([joint.shortname().startswith("JointModelR") for joint in model.joints[1:]])
-    limits = (model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit)
-    lower, upper, speed, coulomb, viscous = map(np.array, (*limits, model.friction, model.damping))
-    sizes, n = (coulomb, viscous, rotary, noise * coulomb), len(rotary)
-    ends = (lower, upper, speed)
-    return Arm(name, path, model, *ends, *sizes, model.njoints - 1, np.eye(n), np.zeros(n))
 
 
 def misplaced(model: Any, metres: float, degrees: float, rng: np.random.Generator) -> Any:

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
 from sdp_vs_penalty.simulation.worlds.arm import Array
-from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import World
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
 
 Change = Callable[[World, TrueMotion, float], Array]
 Maker = Callable[[World, int, np.random.Generator], "Hidden"]
@@ -49,8 +49,7 @@ class Hidden:
         out = self
         for _ in range(3):
             added = np.concatenate([out.torque(world, m) for m in motions])
-            level = world.arm.noise * world.conditions.noise.level
-            ratio = float((np.sqrt(np.mean(added**2, axis=0)) / level).max())
+            ratio = float((np.sqrt(np.mean(added**2, axis=0)) / world.noise).max())
             if ratio < 1e-9:
                 return self
             out = replace(out, size=out.size * factor / ratio)
@@ -120,3 +119,16 @@ def displaced(m: TrueMotion, joint: int, shift: Array) -> TrueMotion:
 def sign(world: World, joint: int, m: TrueMotion) -> Array:
     """(N,) the direction in which a joint rubs, as sharp as its own dry friction is."""
     return world.share(m)[:, joint]
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number whose logarithm is uniform."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def first_order(x: Array, step: float, lag: float) -> Array:
+    """y + lag dy/dt = x, from rest at the first sample."""
+    decay = float(np.exp(-step / lag))
+    half = 0.5 * (1.0 - decay)
+    y, _ = lfilter([half, half], [1.0, -decay], x, axis=0, zi=(1.0 - half) * x[:1])
+    return np.asarray(y)

@@ -7,10 +7,8 @@ from numpy.random import Generator
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.simulation.worlds.arm import Array
-from sdp_vs_penalty.simulation.worlds.conditions import log_uniform
-from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, plain, sign
-from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import World, bristles
+from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, log_uniform, plain, sign
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World, bristles
 
 
 def _unit(world: World, joint: int) -> float:

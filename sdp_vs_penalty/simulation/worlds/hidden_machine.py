@@ -8,11 +8,18 @@ from numpy.random import Generator
 
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.arm import Array, misplaced
-from sdp_vs_penalty.simulation.worlds.conditions import first_order, log_uniform
-from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, displaced, plain, shifted
+from sdp_vs_penalty.simulation.worlds.hidden import (
+    Hidden,
+    Maker,
+    at_joint,
+    displaced,
+    first_order,
+    log_uniform,
+    plain,
+    shifted,
+)
 from sdp_vs_penalty.simulation.worlds.hidden_friction import dahl
-from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import World
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
 
 
 def _drift(w: World, j: int, rng: Generator) -> Hidden:

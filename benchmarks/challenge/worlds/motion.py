@@ -3,33 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from sdp_vs_penalty.simulation.worlds.arm import Arm, Array
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 
 States = tuple[Array, Array, Array]
 
 KINDS = ("periodic", "aperiodic", "points")
-
-
-@dataclass(frozen=True)
-class TrueMotion:
-    """t (N,) s on the clock of the sitting; q, dq, ddq (N, n): the motors', which the encoders show;
-    share (N, n): dry friction over the Coulomb torque, where a servo met it."""
-
-    t: Array
-    q: Array
-    dq: Array
-    ddq: Array
-    share: Array | None = None
-
-    def thinned(self, every: int) -> TrueMotion:
-        """One in so many rows."""
-        share = None if self.share is None else self.share[::every]
-        return TrueMotion(self.t[::every], self.q[::every], self.dq[::every], self.ddq[::every], share)
 
 
 def plan(
@@ -126,3 +109,9 @@ def _points(
         return q, dq, ddq
 
     return states
+
+
+def thinned(m: TrueMotion, every: int) -> TrueMotion:
+    """One in so many rows of a motion."""
+    share = None if m.share is None else m.share[::every]
+    return TrueMotion(m.t[::every], m.q[::every], m.dq[::every], m.ddq[::every], share)

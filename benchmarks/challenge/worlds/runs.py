@@ -5,18 +5,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from challenge.worlds.arms import Site
+from challenge.worlds.conditions import Conditions
+from challenge.worlds.motion import plan
+from challenge.worlds.servo import driven
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.simulation.worlds.arm import Array
-from sdp_vs_penalty.simulation.worlds.conditions import Conditions
-from sdp_vs_penalty.simulation.worlds.motion import TrueMotion, plan
-from sdp_vs_penalty.simulation.worlds.servo import driven
-from sdp_vs_penalty.simulation.worlds.world import World
+from sdp_vs_penalty.simulation.worlds.world import PAUSE, TrueMotion
 
 #: Rate of the simulation [Hz]; of the log's rates each divides it.
 FINE = 1000.0
 #: Before and after what is logged [s]: filters and bristles have settled by then.
 LEAD = 1.0
-PAUSE = 30.0  # s between runs
 
 
 def start_of(c: Conditions, k: int) -> float:
@@ -24,7 +24,7 @@ def start_of(c: Conditions, k: int) -> float:
     return k * (c.duration + 2.0 * LEAD + PAUSE)
 
 
-def draw_motion(world: World, k: int, rng: np.random.Generator) -> TrueMotion:
+def draw_motion(world: Site, k: int, rng: np.random.Generator) -> TrueMotion:
     """The motion of run k, on the fine grid: as planned, or as a servo gets it done."""
     c = world.conditions
     length = c.duration + 2.0 * LEAD
@@ -44,7 +44,7 @@ class Logged:
 
 
 def log_run(
-    world: World, motion: TrueMotion, rng: np.random.Generator, added: Sequence[Array] = ()
+    world: Site, motion: TrueMotion, rng: np.random.Generator, added: Sequence[Array] = ()
 ) -> Logged:
     """What the sensors make of a run; added : (N, n) torques on top of the world's, on the fine grid."""
     c = world.conditions

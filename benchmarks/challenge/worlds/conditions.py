@@ -11,8 +11,10 @@ import numpy as np
 from numpy.random import Generator
 from scipy.signal import lfilter
 
-from sdp_vs_penalty.simulation.worlds.arm import ARMS, Array
+from sdp_vs_penalty.simulation.worlds.arm import Array
+from sdp_vs_penalty.simulation.worlds.hidden import first_order, log_uniform
 
+ARMS = ("panda", "elbow", "desk", "scara")
 RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)
 
 
@@ -47,14 +49,6 @@ class Channel:
         if self.step is None:
             return q
         return np.asarray(np.round(q / (self.step * unit)) * (self.step * unit))
-
-
-def first_order(x: Array, step: float, lag: float) -> Array:
-    """y + lag dy/dt = x, from rest at the first sample."""
-    decay = float(np.exp(-step / lag))
-    half = 0.5 * (1.0 - decay)
-    y, _ = lfilter([half, half], [1.0, -decay], x, axis=0, zi=(1.0 - half) * x[:1])
-    return np.asarray(y)
 
 
 def average(x: Array, length: int) -> Array:
@@ -121,11 +115,6 @@ class Nuisance:
     draw: Callable[[Conditions, Generator], Conditions]
     fair: tuple[str, ...] = ()
     abstains: bool = False
-
-
-def log_uniform(rng: Generator, low: float, high: float) -> float:
-    """A number whose logarithm is uniform."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def _channel(c: Conditions, **changes: float | None) -> Conditions:

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.random import Generator
 
+from challenge.worlds.arms import Site
+from challenge.worlds.runs import LEAD, start_of
 from sdp_vs_penalty.simulation.worlds.arm import Array
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
-from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.runs import LEAD, start_of
-from sdp_vs_penalty.simulation.worlds.world import World
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
 
 #: The torque at size 1, and its variables as findings.json writes them.
 Law = tuple[Callable[[TrueMotion], Array], tuple[str, ...]]
@@ -93,7 +93,7 @@ def _of_turns(w: World, j: int, rng: Generator) -> Mapping[str, Law]:
     }
 
 
-def disturbance(w: World, j: int, rng: Generator) -> Hidden:
+def disturbance(w: Site, j: int, rng: Generator) -> Hidden:
     """A contact, a knock, or a hum that the motion does not follow."""
     kind = str(rng.choice(["contact", "knock", "hum"]))
     c = w.conditions

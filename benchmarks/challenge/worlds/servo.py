@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from challenge.worlds.arms import Site
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.arm import Array, inverse_dynamics
-from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import World
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
 
 #: Travel of a friction that has none [rad or m].
 NONE = 1e-7
@@ -23,7 +23,7 @@ TOLERANCE, ROUNDS = 1e-8, 30
 
 
 def driven(
-    world: World,
+    world: Site,
     plan: TrueMotion,
     bandwidth: float = 4.0,
     yields: float = 0.01,
