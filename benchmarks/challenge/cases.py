@@ -35,7 +35,7 @@ from sdp_vs_penalty.simulation.worlds.hidden import Hidden
 from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 
 Record = dict[str, Any]
-_KEPT = ("effect", "joints", "size", "std", "shape", "confidence", "indistinguishable_from", "finer")
+_KEPT = ("effect", "joints", "size", "std", "shape", "confidence", "indistinguishable_from")
 
 
 @dataclass(frozen=True)

@@ -71,12 +71,11 @@ def first_right(record: Record) -> bool:
 
 
 def in_set(record: Record) -> bool:
-    """A hidden effect is the first named one, or among its finer forms and those that it cannot be told
-    apart from."""
+    """A hidden effect is the first named one, or among those that it cannot be told apart from."""
     named = first(record)
     if named is None:
         return False
-    rivals = {r.split(":")[0] for r in (*named["indistinguishable_from"], *named.get("finer", ()))}
+    rivals = {r.split(":")[0] for r in named["indistinguishable_from"]}
     return is_true(named, record) or any(t["effect"] in rivals for t in record["truth"])
 
 

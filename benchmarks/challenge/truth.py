@@ -127,5 +127,4 @@ def judged_curve(
 
 def _plain(name: str) -> str:
     v = Variable.parse(name)
-    word = {"sign(dq)": "dq", "abs(ddq)": "ddq", "phase": "q"}.get(v.word, v.word)
-    return replace(v, word=word, order=1.0).name
+    return replace(v, word={"sign(dq)": "dq", "abs(ddq)": "ddq"}.get(v.word, v.word)).name

@@ -428,9 +428,8 @@ def retunes(
         shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
         values = [shape.said(v, kind) for v in (s.after, s.before)]
         unit = plain_unit(robot.torque_units[s.joint])
-        verb = effect_types()[s.effect].turns or f"{s.effect} has {s.shape} ="
         errors = float(before[s.joint]), float(after[s.joint])
-        said = f"joint {s.joint + 1}: {verb} {values[0]}, not {values[1]}"
+        said = f"joint {s.joint + 1}: {s.effect} has {s.shape} = {values[0]}, not {values[1]}"
         said += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
         remarks = []
         if s.at_end:

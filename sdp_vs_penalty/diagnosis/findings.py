@@ -34,8 +34,7 @@ class Finding(Plain):
     joints from 1, empty for the whole robot; size : of the effect's parameter (the amplitude where
     there are several) in ``unit``, with its standard deviation; parameters : all of them by name;
     held_out_rmse_before, _after (n,) : cumulative along the ladder; text : how :func:`add` takes the
-    effect; remarks : why the finding is weak, if it is; constants : the shape in words, with units;
-    finer : forms of the same law with more to them, which explain as much.
+    effect; remarks : why the finding is weak, if it is; constants : the shape in words, with units.
     """
 
     effect: str
@@ -54,7 +53,6 @@ class Finding(Plain):
     gain: float
     remarks: tuple[str, ...] = ()
     constants: str = ""
-    finer: tuple[str, ...] = ()
 
     @property
     def undecided(self) -> str | None:

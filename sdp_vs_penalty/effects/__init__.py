@@ -1,12 +1,12 @@
-"""The library of effects: one file each; :func:`effect_types` finds them."""
+"""The library of effects, by kind; :func:`effect_types` finds them."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any, cast
+from typing import Any
 
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError, unknown
-from sdp_vs_penalty.plugins import classes, named, surface
+from sdp_vs_penalty.plugins import classes, surface
 from sdp_vs_penalty.robot.robot import Robot
 
 _PARTS = {"Motion": "motion", "CurrentModel": "motion", "Seen": "effect", "Model": "model"}
@@ -67,10 +67,9 @@ def effect_from_dict(data: Mapping[str, Any], robot: Robot) -> Effect:
 
 
 def _lookup(name: str) -> type[Effect]:
-    found = named(__name__, __path__, Effect, name) or effect_types().get(name)
-    if found is None:
+    if name not in effect_types():
         raise unknown("effect", name, effect_types())
-    return cast(type[Effect], found)
+    return effect_types()[name]
 
 
 def __getattr__(name: str) -> Any:

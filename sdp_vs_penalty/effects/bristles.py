@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Seen
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, JointEffect, Motion, Seen
+from sdp_vs_penalty.effects.shape import POSITION, Shape
 
 
 @dataclass(frozen=True)
@@ -123,3 +125,113 @@ def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
         z.append(min(max(z[-1] + step, -1.0), 1.0))
     moved = np.array(z[:-1])[legs.leg] + legs.travel / d
     return np.append(start, np.clip(moved, -1.0, 1.0))
+
+
+class PreslidingHysteresis(Remembering, JointEffect):
+    equation = "f_h (z - sign(dq)), dz/dq = (1 - z sign(dq)) / d"
+    explanation = (
+        "Before surfaces slide their asperities bend like springs: after a reversal the friction "
+        "needs a travel of about d to change sign. The way back differs from the way there "
+        "(hysteresis), which no function of velocity can imitate."
+    )
+    reference = "Dahl, Aerospace Corp. TR-0158 (1968); AIAA Journal 1976, eq. 5"
+    symbol = "f_h"
+    lower = 0.0
+    refines: tuple[str, ...] = ("coulomb_friction",)
+    at_rest: ClassVar[Literal["", "holds", "turns"]] = "turns"
+    shapes = {
+        "d": Shape(
+            0.003,
+            POSITION,
+            grid=(0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
+            bounds=(0.00005, 0.05),
+        )
+    }
+
+    @property
+    def bristles(self) -> Bristles:
+        joints = list(self.joints)
+        return Bristles(np.eye(self.robot.n)[joints], np.full(len(joints), self.shape["d"]), dahl)
+
+    def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
+        return self.apart([x - motion.sign(j) for j, x in zip(self.joints, z.T, strict=True)])
+
+
+class Stiction(PreslidingHysteresis):
+    equation = "f_s (z - sign(dq)), z the last way of sliding"
+    explanation = (
+        "Dry friction holds a joint at rest, where a smooth sign of the velocity lets go: what it held "
+        "at last it goes on holding until the joint slides the other way. Pushed, it is anything up to "
+        "its Coulomb level, which no motion tells. The positions stay alike meanwhile: over what travel "
+        "it turns round (presliding) cannot be told."
+    )
+    reference = "Karnopp, ASME J. Dyn. Sys. Meas. Control 1985; Stewart, SIAM Review 2000"
+    symbol = "f_s"
+    refines: tuple[str, ...] = ("coulomb_friction",)
+    at_rest = "holds"
+    #: Short travels, over which the computed state forgets what the filter makes of a joint at rest.
+    shapes = {
+        "d": Shape(0.0001, POSITION, grid=(0.00001, 0.00003, 0.0001, 0.0003), bounds=(0.00001, 0.001))
+    }
+
+    def remark(self, size: float) -> str:
+        d, unit = self.shape["d"], self.robot.position_units[self.joints[0]]
+        return f"It turned round without a motion that shows: over how far below {d:.2g} {unit} is open."
+
+
+#: Elements side by side, and how many times farther the next one bends before it slips.
+_ELEMENTS, _SPACING = 3, 4.0
+
+
+class MaxwellSlip(Remembering, JointEffect):
+    equation = "sum_i f_m,i z_i, dz_i/dq = 1 / d_i while |z_i| < 1, d_i = d, 4 d, 16 d"
+    explanation = (
+        "Springs side by side, each with a slider that gives way at its own distance: after a reversal "
+        "the friction turns round over several scales, where Dahl's curve has one. Every element is "
+        "passive for f_m,i >= 0. What depends on speed once all slip is stribeck_friction's."
+    )
+    reference = "Al-Bender, Lampaert, Swevers, IEEE TAC 2005 (generalized Maxwell-slip), sec. III"
+    symbol = "f_m"
+    refines = ("presliding_hysteresis", "coulomb_friction")
+    at_rest = "turns"
+    shapes = {
+        "d": Shape(
+            0.002, POSITION, grid=(0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008), bounds=(0.00005, 0.05)
+        )
+    }
+
+    lower = 0.0
+
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        own, unit = self.parameter_name(joint), self.unit_on(joint)
+        return [(f"{own}_{i + 1}", unit) for i in range(_ELEMENTS)]
+
+    @property
+    def bristles(self) -> Bristles:
+        directions = np.repeat(np.eye(self.robot.n)[list(self.joints)], _ELEMENTS, axis=0)
+        distances = self.shape["d"] * _SPACING ** np.arange(_ELEMENTS)
+        return Bristles(directions, np.tile(distances, len(self.joints)), stop)
+
+    def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
+        return self.apart(np.split(z, len(self.joints), axis=1))
+
+
+class LoadDependentHysteresis(PreslidingHysteresis):
+    equation = "f_lh |tau_l| z, tau_l the links' torque, dz/dq = (1 - z sign(dq)) / d"
+    explanation = (
+        "Teeth that are pressed harder rub more, and at a reversal their friction turns round over a "
+        "travel of about d: load-dependent friction with Dahl's memory. f_lh is the share of the "
+        "transmitted torque that is lost once the teeth slide; then it only takes energy. Before, they "
+        "are a spring whose stiffness follows the load."
+    )
+    reference = "Dahl, AIAA Journal 1976, eq. 5; load: Hamon, Gautier, Garrec, IROS 2010"
+    symbol = "f_lh"
+    units = ("-", "-")
+    #: Where the load hardly changes, or is mostly friction itself, the two make the same torque.
+    refines = ("presliding_hysteresis", "stiction", "coulomb_friction")
+    at_rest = ""
+    needs_links = True
+
+    def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
+        load = np.abs(motion.link_torque)
+        return self.apart([load[:, j] * x for j, x in zip(self.joints, z.T, strict=True)])

@@ -1,6 +1,9 @@
 """Base of the effects that change with time."""
 
-from collections.abc import Iterable
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -28,6 +31,9 @@ class Drift(JointEffect):
     def exponential(self) -> bool:
         return self.shape["form"] % 2 == 0
 
+    def unit_on(self, joint: int) -> str:
+        return super().unit_on(joint) + ("" if self.exponential else "/s")
+
     @property
     def searched(self) -> tuple[str, ...]:
         return ("form", "T") if self.exponential else ("form",)
@@ -37,3 +43,119 @@ class Drift(JointEffect):
         fades before t0 as after it: in an older run exp(-t / T) would grow without end."""
         t = motion.t - self.shape["t0"]
         return np.exp(-np.abs(t) / self.shape["T"]) if self.exponential else t
+
+
+class DriftOffset(Drift):
+    equation = "f_do times t | exp(-t / T), for form = 1 | 2 (t from t0)"
+    explanation = (
+        "The zero of the torque channel drifts: a strain gauge or a current sensor that warms up. "
+        "It depends on the time, not on the motion."
+    )
+    reference = "Doebelin, Measurement Systems, ch. 3 (zero drift)"
+    signless = True
+    symbol = "f_do"
+    refines = ("torque_offset",)
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return self.course(motion)
+
+
+class Rubbing(JointEffect):
+    """Coulomb or viscous friction that changes."""
+
+    @property
+    @abstractmethod
+    def viscous(self) -> bool:
+        """Which of the two."""
+
+    def unit_on(self, joint: int) -> str:
+        torque, position = super().unit_on(joint), self.robot.position_units[joint]
+        return f"{torque}*s/{position}" if self.viscous else torque
+
+    def rubbing(self, motion: Motion, joint: int) -> Array:
+        """(N,) of unit size."""
+        return motion.dq[:, joint] if self.viscous else motion.sign(joint)
+
+
+class DriftFriction(Rubbing, Drift):
+    equation = (
+        "f_df times sign(dq) t | sign(dq) exp(-t / T) | dq t | dq exp(-t / T), for form = 1 | 2 | 3 | 4"
+    )
+    explanation = (
+        "Friction falls (or rises) with the time since the start: grease warms up and thins. Coulomb "
+        "(form 1, 2) or viscous (form 3, 4) friction follows the clock, linearly or settling with T. "
+        "Settling is warming_friction without a thermometer: where logged temperatures explain as much, "
+        "that is named."
+    )
+    reference = "Simoni, Beschi, Legnani, Visioli, IROS 2015"
+    symbol = "f_df"
+    # Where temperatures are logged they are the cause, for which the clock can only stand.
+    refines: tuple[str, ...] = ("coulomb_friction", "viscous_friction", "warming_friction")
+    shapes = {**Drift.shapes, "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
+
+    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
+        super().__init__(robot, joints, **shape)
+        self.refines = self.refines[self.viscous], "warming_friction"
+
+    @property
+    def viscous(self) -> bool:
+        return self.shape["form"] > 2.0
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return self.course(motion) * self.rubbing(motion, joint)
+
+
+#: Where the exponential is 1 [degrees Celsius]; elsewhere the amplitude would only read differently.
+_ROOM = 20.0
+
+
+class WarmingFriction(Rubbing):
+    equation = (
+        "f_w exp(-(temp - 20) / warm) or f_w exp(-(t - t0) / T), for by = temperature | clock, times "
+        "sign(dq) | dq, for law = coulomb | viscous"
+    )
+    explanation = (
+        "Grease thins as it warms, and friction falls exponentially with the gear's temperature "
+        "(columns temp1..tempn of the log). By the clock it settles with T, counted over all runs by "
+        "their own time stamps, pauses included: that is drift_friction with form 2 or 4, its special "
+        "case, which a search names where no temperature was logged. For f_w >= 0 it never feeds energy."
+    )
+    reference = "Simoni, Beschi, Legnani, Visioli, IROS 2015; Carlson et al., Mech. Mach. Theory 2015"
+    symbol = "f_w"
+    lower = 0.0
+    refines: tuple[str, ...] = ("coulomb_friction", "viscous_friction")  # each law its own
+    shapes = {
+        "law": Shape(1.0, choices=(1.0, 2.0), words=("coulomb", "viscous")),
+        "by": Shape(1.0, choices=(1.0, 2.0), words=("temperature", "clock")),
+        "warm": Shape(20.0, "K", grid=(8.0, 20.0, 50.0), bounds=(3.0, 200.0)),
+        "T": Drift.time_constant,
+        "t0": Drift.clock,
+    }
+
+    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
+        super().__init__(robot, joints, **shape)
+        self.refines = (self.refines[self.viscous],)
+        self.follows_clock = self.shape["by"] == 2.0
+        self.needs_temperature = not self.follows_clock
+
+    @property
+    def searched(self) -> tuple[str, ...]:
+        return ("law", "by", "T" if self.follows_clock else "warm")
+
+    @property
+    def viscous(self) -> bool:
+        return self.shape["law"] == 2.0
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        """By temperature: by the clock it is drift_friction, which a search knows already."""
+        scales = list(zip(cls.shapes["warm"].grid, cls.shapes["T"].grid, strict=True))
+        laws = cls.shapes["law"].choices
+        return [{"law": law, "warm": warm, "T": T} for law in laws for warm, T in scales]
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        if self.follows_clock:
+            x = np.abs(motion.t - self.shape["t0"]) / self.shape["T"]  # as of Drift
+        else:
+            x = (motion.joint_temperature[:, joint] - _ROOM) / self.shape["warm"]
+        return np.asarray(np.exp(-x) * self.rubbing(motion, joint))

@@ -4,11 +4,12 @@ tau_j(t) = sum over effects of Y_e,j(t) theta_e. The columns Y_e come from the m
 effect needs a torque (a gain, load friction), from the current model's prediction, never from the
 measured channel: that would explain itself.
 
-A file in this folder that defines a subclass of :class:`Effect` is its registration.
+A subclass of :class:`Effect` with an equation, in a file of this folder, is registered by that.
 """
 
 from __future__ import annotations
 
+import re
 from abc import ABC
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
@@ -79,6 +80,7 @@ class Effect(ABC):
     by its name.
     """
 
+    #: That of the class, in snake case.
     name: ClassVar[str]
     equation: ClassVar[str]
     explanation: ClassVar[str]
@@ -114,8 +116,6 @@ class Effect(ABC):
     frozen_only: ClassVar[bool] = False
     #: True where a joint can have it several times, with other shape constants.
     several: ClassVar[bool] = False
-    #: How a sentence begins that tells a new value of its shape constant: "Coulomb turns over".
-    turns: ClassVar[str] = ""
     #: The shape constant that is a velocity, beyond that over which dry friction turns round.
     beyond_turning: ClassVar[str] = ""
     #: True where its joints belong together: one parameter acts on all of them.
@@ -174,12 +174,28 @@ class Effect(ABC):
         """The same effect with these shape constants, the others as they are."""
         return type(self)(self.robot, self.asked_joints, **{**self.shape, **shape})
 
+    def __init_subclass__(cls) -> None:
+        if "equation" in vars(cls) and "name" not in vars(cls):
+            cls.name = re.sub("(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+
     #: Lower bound of the parameters: 0 where physics fixes the sign.
     lower: ClassVar[float] = -np.inf
+    #: Prefix of the parameters' names: symbol "f_v" gives f_v1 ... f_vn.
+    symbol: ClassVar[str]
+    #: The parameters' unit for a revolute and for a prismatic joint.
+    units: ClassVar[tuple[str, str]] = ("N*m", "N")
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
         """Name and unit of each parameter of a joint (from 0); joint -1: of the whole robot."""
-        raise NotImplementedError
+        return [(self.parameter_name(joint), self.unit_on(joint))]
+
+    def parameter_name(self, joint: int) -> str:
+        """The name of the parameter on a joint (from 0), or (-1) of the whole robot."""
+        return f"{self.symbol}{joint + 1}" if joint >= 0 else self.symbol
+
+    def unit_on(self, joint: int) -> str:
+        """The parameter's unit on a joint, with these shape constants."""
+        return self.units[self.robot.joints[joint].kind == "prismatic"]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -334,10 +350,6 @@ class Effect(ABC):
         """The effect as a reader is told of it: as it is written, but for a long table."""
         return self.text
 
-    def shape_unit(self, key: str, joint: int) -> str:
-        """Unit of a shape constant on a joint; "-" for a number."""
-        return self.shapes[key].unit_on(self.robot.joints[joint].kind)
-
     def to_dict(self) -> dict[str, object]:
         """Plain JSON: name, joints from 1 and shape constants, as model.json holds them."""
         joints = None if self.asked_joints is None else [j + 1 for j in self.asked_joints]
@@ -361,40 +373,7 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
     return all(np.array_equal(a.columns, b.columns) for a, b in zip(first, second, strict=True))
 
 
-class OneAJoint(Effect):
-    """An effect with one parameter a joint, wherever its torque acts."""
-
-    #: Prefix of the parameter's name: symbol "f_v" gives f_v1 ... f_vn.
-    symbol: ClassVar[str]
-    #: The unit for a revolute and for a prismatic joint.
-    units: ClassVar[tuple[str, str]] = ("N*m", "N")
-
-    def named(self, joint: int) -> Iterable[tuple[str, str]]:
-        return [(self.parameter_name(joint), self.unit_on(joint))]
-
-    def parameter_name(self, joint: int) -> str:
-        """The name of the parameter on a joint (from 0)."""
-        return f"{self.symbol}{joint + 1}"
-
-    def unit_on(self, joint: int) -> str:
-        """The parameter's unit on a joint, with these shape constants."""
-        return self.units[self.robot.joints[joint].kind == "prismatic"]
-
-
-class LinkDeviation(OneAJoint):
-    """Joint j's link is elsewhere than its encoder says: torque on every joint that depends on it."""
-
-    needs_links = spreads = True
-
-    def deviated(self, motion: Motion, joint: int) -> Array:
-        """(N, n) torque on all joints from one unit of the deviation of ``joint``."""
-        raise NotImplementedError
-
-    def torques(self, motion: Motion) -> Array:
-        return np.stack([self.deviated(motion, j) for j in self.joints], axis=2)
-
-
-class JointEffect(OneAJoint):
+class JointEffect(Effect):
     """An effect with one column a joint, or several, on that joint's own torque."""
 
     def column(self, motion: Motion, joint: int) -> Array:

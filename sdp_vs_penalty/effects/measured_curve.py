@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from functools import lru_cache
 
@@ -28,14 +27,13 @@ def _is_value(key: str) -> bool:
 
 def _axis(axis: str, count: float, default: float, words: tuple[str, ...]) -> dict[str, Shape]:
     """Shape constants of one variable: its word and joint, the joint that is added to it (0: none) in a
-    ratio, the order of a phase, the ends and the number of the table's values along it."""
+    ratio, the ends and the number of the table's values along it."""
     numbers = tuple(WORDS.index(w) + 1.0 for w in words)
     return {
         axis: Shape(default, choices=numbers, words=words),
         f"{axis}j": Shape(0.0, signed=True),
         f"{axis}i": Shape(0.0, signed=True),
         f"{axis}c": Shape(1.0, signed=True),
-        f"{axis}k": Shape(1.0, ("1/turn", "rad/m")),
         f"{axis}low": Shape(-1.0, signed=True),
         f"{axis}high": Shape(1.0, signed=True),
         f"{axis}n": Shape(count),
@@ -47,8 +45,7 @@ def _variable(own: Mapping[str, float], axis: str, joint: int) -> Variable | Non
     word, first, other = WORDS[int(own[axis]) - 1], int(own[f"{axis}j"]), int(own.get(f"{axis}i", 0))
     if word == "none":
         return None
-    ratio, order = own.get(f"{axis}c", 1.0), own.get(f"{axis}k", 1.0)
-    return Variable(word, first - 1 if first else joint, other - 1, ratio, order)
+    return Variable(word, first - 1 if first else joint, other - 1, own.get(f"{axis}c", 1.0))
 
 
 def corners(x: Array, low: float, high: float, count: int) -> tuple[Array, NDArray[np.intp]]:
@@ -103,16 +100,16 @@ class MeasuredCurve(JointEffect):
         known = sorted(keys)
         self._refuse(robot, own, known)
         at = 0 if joints is None else min(joints, default=0)
-        self._keys = [keys[k] for k in known]
-        self.shapes = self._own_shapes(robot, at, own, self._keys)
+        values = [keys[k] for k in known]
+        self.shapes = self._own_shapes(robot, at, own, values)
         super().__init__(robot, joints, **shape)
         self.shape = {key: self.shape[key] for key in self.shapes}
         words = {v.word for v in self.variables(at)}
         self.needs_torque, self.follows_clock = "tau" in words, "t" in words
         self.needs_temperature = "temp" in words
-        self._nearest = _nearest(int(own["xn"]), int(own["yn"]), tuple(known))
-        self._table = np.array([self.shape[key] for key in self._keys])[self._nearest]
-        self._missing = np.ones(len(self._nearest))
+        nearest = _nearest(int(own["xn"]), int(own["yn"]), tuple(known))
+        self._table = np.array([self.shape[key] for key in values])[nearest]
+        self._missing = np.ones(len(nearest))
         self._missing[[k - 1 for k in known if keys[k][0] == "v"]] = 0.0
 
     def _refuse(self, robot: Robot, own: Mapping[str, float], known: Sequence[int]) -> None:
@@ -155,10 +152,8 @@ class MeasuredCurve(JointEffect):
             unit = "-" if over is None else over.unit(robot.torque_units)
             for end in ("low", "high"):
                 out[axis + end] = replace(cls.shapes[axis + end], unit=unit)
-            silent = "" if own[f"{axis}i"] else "ic"
-            silent += "" if over is not None and over.word == "phase" else "k"
-            for key in silent:
-                del out[axis + key]
+            if not own[f"{axis}i"]:
+                del out[f"{axis}i"], out[f"{axis}c"]
         return out | {v: Shape(own[v], robot.torque_units[joint], signed=True) for v in values}
 
     @classmethod
@@ -190,13 +185,6 @@ class MeasuredCurve(JointEffect):
 
     def parameter_name(self, joint: int) -> str:
         return f"{self.symbol}{joint + 1}_{'_'.join(self.of(joint))}"
-
-    def valued(self, values: Array) -> MeasuredCurve:
-        """The same table with other values (P,), in the order of its places, as they are written."""
-        out, own = copy(self), [float(f"{v:.6g}") for v in values]
-        out.shape = self.shape | dict(zip(self._keys, own, strict=True))
-        out._table = np.array(own)[self._nearest]
-        return out
 
     def column(self, motion: Motion, joint: int) -> Array:
         return self._interpolated(self._table, motion, joint)

@@ -5,9 +5,13 @@ equation of motion reads 0 = Y theta - k (q_cmd - q) + d dq: linear in the links
 gains together, up to one common factor.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 
-from sdp_vs_penalty.effects.effect import JointEffect
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Array, Block, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -43,3 +47,86 @@ class ServoGain(Servo):
     def searched(self) -> tuple[str, ...]:
         """None of its own: the delay is servo_position's."""
         return ()
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        column = self.drive(motion, motion.t - self.shape["T"])
+        return self.apart([column[:, j] for j in self.joints])
+
+    def drive(self, motion: Motion, at: Array) -> Array:
+        """(N, n) torque on the load from gains of one, of what was commanded at (N,)."""
+        raise NotImplementedError
+
+
+class ServoPosition(Servo):
+    equation = "-kp (q_cmd(t - T) - q) + kd dq(t - d)"
+    explanation = (
+        "The drive pulls the joint towards its commanded position and damps it. A cascade kv (w e - dq) "
+        "is the same law, with kp = kv w and kd = kv. kd and viscous friction are seen as a sum only: "
+        "beside viscous_friction kd is what remains of it, and which of the two it is no motion tells. "
+        "A drive that differentiates its encoder feels an older velocity: kd dq(t - d) is kd dq less "
+        "kd d ddq, to first order, which no motion without torque tells from a link that is lighter."
+    )
+    reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.5"
+    sized_by = slice(0, 1)
+    position_gains = slice(0, None, 2)
+    shapes = {**Servo.shapes, "d": Shape(0.0, "s", scale="linear", signed=True)}
+
+    @property
+    def searched(self) -> tuple[str, ...]:
+        """The delay; the age of the velocity is given or zero."""
+        return ("T",)
+
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        own, per = self.unit_on(joint), self.robot.position_units[joint]
+        return [(f"kp{joint + 1}", f"{own}/{per}"), (f"kd{joint + 1}", f"{own}*s/{per}")]
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        error = motion.told.position(motion.t - self.shape["T"]) - motion.q
+        rate = motion.dq - self.shape["d"] * motion.ddq
+        return self.apart([np.column_stack([-error[:, j], rate[:, j]]) for j in self.joints])
+
+
+class ServoIntegral(ServoGain):
+    equation = "-ki integral (q_cmd(t - T) - q) dt"
+    explanation = (
+        "The drive adds up its position error and pulls until none is left. Nobody logs where the "
+        "integral began: a torque_offset beside it holds that as well, and is no sensor's zero any more."
+    )
+    reference = "Astrom, Murray, Feedback Systems 2008, ch. 10"
+    symbol = "ki"
+    units = ("N*m/rad/s", "N/m/s")
+
+    def drive(self, motion: Motion, at: Array) -> Array:
+        return motion.integral - motion.told.integral(at)
+
+
+class ServoVelocityLoop(ServoGain):
+    equation = "kh q"
+    explanation = (
+        "A cascade: the position loop asks for the velocity w e, and the velocity loop answers with "
+        "kv (w e - dq) + kh integral (w e - dq) dt. The first term is servo_position; of the second the "
+        "integral of e is servo_integral (ki = kh w), and that of dq is this: a pull to where the "
+        "joint began, which no motion tells from a joint_spring. In a cascade ki / kh = kp / kd."
+    )
+    reference = "Janot, Gautier, Brunot, Control Engineering Practice 2019 (EMPS); Corke, sec. 9.1.7"
+    needs_command = False
+    symbol = "kh"
+    units = ("N*m/rad", "N/m")
+
+    def drive(self, motion: Motion, at: Array) -> Array:
+        return motion.q
+
+
+class ServoFeedforward(ServoGain):
+    equation = "-kc dq_cmd(t - T)"
+    explanation = (
+        "The drive adds a torque in proportion to the commanded velocity; where it damps the error's "
+        "rate, kc = kd. A late command looks like a negative one: kp e(t - T) is kp e - kp T dq_cmd, to "
+        "first order in T."
+    )
+    reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.3"
+    symbol = "kc"
+    units = ("N*m*s/rad", "N*s/m")
+
+    def drive(self, motion: Motion, at: Array) -> Array:
+        return -motion.told.velocity(at)

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.links import Payload
 from sdp_vs_penalty.effects.model import Model, depends
-from sdp_vs_penalty.effects.payload import Payload
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress

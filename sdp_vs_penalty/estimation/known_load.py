@@ -29,8 +29,8 @@ from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Parameter
+from sdp_vs_penalty.effects.links import Payload
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.effects.payload import Payload
 from sdp_vs_penalty.effects.servo import Servo
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import (

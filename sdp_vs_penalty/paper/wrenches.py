@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
 
+from sdp_vs_penalty.effects.links import RigidBody
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.effects.rigid_body import RigidBody
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper

@@ -73,7 +73,7 @@ def test_findings_json_is_the_interface(found):
     for finding in data["effects"]:
         assert bool(finding["remarks"]) == (finding["confidence"] == "weak")
     assert set(data["effects"][0]) == {
-        *("number", "text", "std", "parameters", "gain", "remarks", "constants", "finer", "effect"),
+        *("number", "text", "std", "parameters", "gain", "remarks", "constants", "effect"),
         *("joints", "shape", "size", "unit", "confidence", "indistinguishable_from", "explanation"),
         *("held_out_rmse_before", "held_out_rmse_after"),
     }

@@ -61,24 +61,19 @@ def test_constants_are_said_with_their_units_where_they_matter(text, which, said
     assert effect.constants == said
 
 
-def test_a_curve_reads_a_combination_of_joints_and_the_phase_of_a_turn():
+def test_a_curve_reads_a_combination_of_joints():
     robot, motion = robots()["arm"], steady_motion(robots()["arm"])
     ends = "@xlow=-9@xhigh=9@v1=-9@v2=9"
-    both, fast, phase = parse_effects(
+    both, fast = parse_effects(
         [
             f"measured_curve:2@x=q@xj=2@xi=3@xc=-2{ends}",
             f"measured_curve:2@x=dq@xj=1@xi=2{ends}",
-            f"measured_curve:2@x=phase@xj=2@xk=5{ends}",
         ],
         robot,
     )
-    assert [e.of(1) for e in (both, fast, phase)] == [("q2-2q3",), ("dq1+dq2",), ("phase(5 q2)",)]
+    assert [e.of(1) for e in (both, fast)] == [("q2-2q3",), ("dq1+dq2",)]
     q, dq = motion.q, motion.dq
-    for effect, x in (
-        (both, q[:, 1] - 2.0 * q[:, 2]),
-        (fast, dq[:, 0] + dq[:, 1]),
-        (phase, np.mod(5.0 * q[:, 1], 2.0 * np.pi)),
-    ):
+    for effect, x in ((both, q[:, 1] - 2.0 * q[:, 2]), (fast, dq[:, 0] + dq[:, 1])):
         np.testing.assert_allclose(wide_columns(effect, motion)[1, :, 0], np.clip(x, -9.0, 9.0))
         np.testing.assert_array_equal(effect.outside(motion), np.abs(x) > 9.0)
     with pytest.raises(InputError, match="adds a joint to what is no position"):
@@ -87,7 +82,7 @@ def test_a_curve_reads_a_combination_of_joints_and_the_phase_of_a_turn():
 
 @pytest.mark.parametrize(
     "name",
-    ["q4", "sign(dq1)", "abs(ddq2)", "t", "temp12", "tau3", "q5+q6", "dq5-0.5dq6", "phase(80 q4)"],
+    ["q4", "sign(dq1)", "abs(ddq2)", "t", "temp12", "tau3", "q5+q6", "dq5-0.5dq6"],
 )
 def test_a_variable_reads_back_as_it_is_written(name):
     assert Variable.parse(name).name == name

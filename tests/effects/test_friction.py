@@ -8,7 +8,7 @@ from effect_contract import robots, wide_columns
 
 from sdp_vs_penalty import InputError, load_problem
 from sdp_vs_penalty.effects import Effect, Motion, parse_effects
-from sdp_vs_penalty.effects.transmission_friction import LAWS
+from sdp_vs_penalty.effects.transmission import LAWS
 from sdp_vs_penalty.robot import Robot, parse_transmission
 
 ARM = robots()["arm"]

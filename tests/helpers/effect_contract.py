@@ -85,7 +85,7 @@ def variants(name: str, robot: Robot) -> list[Effect]:
         other = 2 + kinds[1:].index(kinds[0]) if kinds[0] in kinds[1:] else 0
         over = [f"x={w}@xj=1@xi={other}@xc=-2" for w in ("q", "dq") if other]
         ends = "@xlow=-0.4@xhigh=0.9@v1=-1@v2=2"
-        texts = [f"{name}:1@{x}{ends}" for x in (*over, "x=phase@xk=7")]
+        texts = [f"{name}:1@{x}{ends}" for x in over]
         searched = list(parse_effects(texts, robot))
     return [kind(robot), *searched]
 
@@ -148,8 +148,9 @@ def check_units_are_those_of_the_columns(name: str) -> None:
             for effect in variants(name, robot):
                 if not effect.parameters or (which == "tree" and effect.shapes):
                     continue
+                kind = effect.robot.joints[effect.joints[0]].kind
                 shape = {
-                    key: value * unit_scale(effect.shape_unit(key, effect.joints[0]), base, {})
+                    key: value * unit_scale(effect.shapes[key].unit_on(kind), base, {})
                     for key, value in effect.shape.items()
                 }
                 joints = None if effect.asked_joints is None else list(effect.asked_joints)

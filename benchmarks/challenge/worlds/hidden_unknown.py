@@ -88,7 +88,7 @@ def _of_turns(w: World, j: int, rng: Generator) -> Mapping[str, Law]:
         ),
         "teeth": (
             lambda m: np.exp(3.0 * (np.cos(k * m.q[:, j] - c) - 1.0)),
-            (f"phase({k:g} q{j + 1})",),
+            (f"q{j + 1}",),
         ),
     }
 

@@ -21,7 +21,7 @@ from sdp_vs_penalty.diagnosis.constants import ABSORBED_CURVE, ALPHA
 from sdp_vs_penalty.diagnosis.score import Fit, Score
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.transmission_friction import combinations
+from sdp_vs_penalty.effects.transmission import combinations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.segments import SegmentedRuns

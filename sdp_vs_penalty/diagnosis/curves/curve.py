@@ -104,8 +104,6 @@ def table_effect(
         shape[axis], shape[f"{axis}j"] = WORDS.index(over.word) + 1.0, over.joint + 1.0
         if over.other >= 0:
             shape |= {f"{axis}i": over.other + 1.0, f"{axis}c": over.ratio}
-        if over.word == "phase":
-            shape[f"{axis}k"] = over.order
         shape[f"{axis}low"], shape[f"{axis}high"] = float(f"{low:.6g}"), float(f"{high:.6g}")
         shape[f"{axis}n"] = float(count)
         places.append(np.rint((x - low) / (high - low) * (count - 1)))

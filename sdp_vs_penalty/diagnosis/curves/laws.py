@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import product
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class Law:
     """terms(variables, constants) -> its m columns, by broadcasting; starts : constants that a fit
     begins with, and within whose ends it stays; text(amplitudes, constants) -> how it reads."""
 
-    terms: Callable[[Sequence[Array] | Array, Array], Sequence[Array]]
+    terms: Callable[[Array, Array], Sequence[Array]]
     text: Callable[[Array, Array], str]
     starts: Sequence[tuple[float, ...]] = ((),)
 
@@ -43,16 +44,10 @@ class Law:
 
     def columns(self, points: Array, constants: Array) -> Array:
         """(P, m) at points (P, v) with constants (c,); (P, S, m) with S sets of them (c, S)."""
-        return self._stacked(points.T if constants.ndim == 1 else points.T[:, :, None], constants)
-
-    def on_grid(self, grid: Sequence[Array], constants: Array) -> Array:
-        """(P_1, ..., S, m) at the points of a grid, with S sets of constants (c, S)."""
-        return self._stacked([x[..., None] for x in np.ix_(*grid)], constants)
-
-    def _stacked(self, x: Sequence[Array] | Array, constants: Array) -> Array:
+        x = points.T if constants.ndim == 1 else points.T[:, :, None]
         with np.errstate(over="ignore", invalid="ignore"):
             terms = self.terms(x, constants)
-        shape = np.broadcast_shapes(*(v.shape for v in x), constants.shape[1:])
+        shape = (len(points), *constants.shape[1:])
         return np.stack([np.broadcast_to(g, shape) for g in terms], axis=-1)
 
 
@@ -195,11 +190,6 @@ def _of_two(first: Axis, second: Axis) -> list[Law]:
 def _travelling(first: Axis, second: Axis, x: str, y: str) -> Law:
     """A wave of both positions."""
 
-    def terms(p: Sequence[Array] | Array, b: Array) -> list[Array]:
-        one, two = p[0] * b[0], p[1] * b[1]  # on a grid each is of one variable
-        a, c, u, v = np.sin(one), np.cos(one), np.sin(two), np.cos(two)
-        return [a * v + c * u, c * v - a * u]
-
     def text(a: Array, b: Array) -> str:
         sign = "-" if b[1] < 0.0 else "+"
         return _wave(a, f"{_number(b[0])} {x} {sign} {_number(abs(b[1]))} {y}")
@@ -210,7 +200,7 @@ def _travelling(first: Axis, second: Axis, x: str, y: str) -> Law:
         for k in np.linspace(0.0, one, _SCAN // 4)[1:]
         for w in np.linspace(-two, two, _SCAN // 2)
     ]
-    return Law(terms, text, starts)
+    return Law(lambda p, b: [g(p[0] * b[0] + p[1] * b[1]) for g in (np.sin, np.cos)], text, starts)
 
 
 # Which of them a curve is.
@@ -274,21 +264,18 @@ def law_of(laws: Sequence[tuple[float, LawFit]], f: SplineFit) -> LawFit | None:
 
 
 @lru_cache(maxsize=64)
-def _onto(axis: Axis, every: int) -> tuple[Array, Array]:
-    """The points of an axis, each or every second one, and what makes coefficients of values there."""
-    x = axis.points[::every]
-    return x, np.asarray(np.linalg.pinv(axis.columns(x), rcond=1e-10), float)
+def _onto(basis: Basis) -> tuple[Array, Array]:
+    """Points of a basis (P, v), of a pair every second one along each, and what makes coefficients of
+    values there (k, P)."""
+    pair = len(basis.axes) > 1
+    x = np.array(list(product(*(a.points[:: 2 if pair and not a.is_sign else 1] for a in basis.axes))))
+    return x, np.asarray(np.linalg.pinv(basis.at(*x.T), rcond=1e-10), float)
 
 
 def _in_splines(basis: Basis, law: Law, constants: Array) -> Array:
     """(S, m, k) a law with S sets of constants (c, S) in the splines of a basis."""
-    # Of a pair every second point is enough: splines along each are few.
-    pair = len(basis.axes) > 1
-    known = [_onto(axis, 2 if pair and not axis.is_sign else 1) for axis in basis.axes]
-    values = law.on_grid([x for x, _ in known], constants)
-    for _, inverse in known:  # each axis goes behind the sets and the terms
-        values = np.tensordot(values, inverse, axes=(0, 1))
-    return values.reshape(*values.shape[:2], -1)
+    points, inverse = _onto(basis)
+    return np.tensordot(law.columns(points, constants), inverse, axes=(0, 1))
 
 
 @lru_cache(maxsize=64)

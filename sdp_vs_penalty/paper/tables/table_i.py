@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.bristles import PreslidingHysteresis
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis
 from sdp_vs_penalty.paper.sigmoid_friction import (
     RowsOf,
     SigmoidFit,

@@ -1,17 +1,87 @@
-"""Friction and inertia on an axis that turns with several joints."""
+"""What joints have with each other through their gears."""
+
+from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 
 import numpy as np
 
-from sdp_vs_penalty.effects.bristles import Bristles, Remembering, dahl
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis
+from sdp_vs_penalty.effects.bristles import Bristles, PreslidingHysteresis, Remembering, dahl
+from sdp_vs_penalty.effects.effect import (
+    Array,
+    Block,
+    Effect,
+    JointEffect,
+    Motion,
+    Parameter,
+    smooth_sign,
+)
 from sdp_vs_penalty.effects.shape import Shape
-from sdp_vs_penalty.effects.stribeck_friction import StribeckFriction
+from sdp_vs_penalty.effects.velocity_friction import StribeckFriction
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
+
+
+class JointCoupling(JointEffect):
+    equation = (
+        "f_c times dq_i | sign(dq_i) | sign(dq_j + dq_i) | sign(dq_j - dq_i), for form = 1 | 2 | 3 | 4"
+    )
+    explanation = (
+        "The motion of joint i causes a torque on joint j, like friction in wrists whose motors sit "
+        "one link further back and drive through each other's gears. i counts from 1; 0 means the "
+        "previous joint (the next one for joint 1)."
+    )
+    reference = "Janot, Vandanjon, Gautier, IEEE TCST 2014 (Staubli TX40: joints 5 and 6)"
+    symbol = "f_c"
+    several = True
+    shapes = {"i": Shape(0.0, signed=True), "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
+
+    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
+        super().__init__(robot, joints, **shape)
+        i = self.shape["i"]
+        if i != int(i) or not 0 <= i <= robot.n:
+            raise InputError(
+                f"effect {self.name}: i is a joint from 1 to {robot.n}, not {i:g}", "name another joint"
+            )
+        if joints is None:
+            self.joints = tuple(j for j in self.joints if j + 1 != i and robot.n > 1)
+        elif any(j + 1 == i for j in self.joints) or robot.n < 2:
+            raise InputError(
+                f"effect {self.name}: a joint cannot be coupled to itself", "name another joint as i"
+            )
+
+    def partner(self, joint: int) -> int:
+        """The joint i (from 0) whose motion acts on ``joint``."""
+        if self.shape["i"] > 0.0:
+            return int(self.shape["i"]) - 1
+        return joint - 1 if joint > 0 else 1
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < robot.n]
+        forms = cls.shapes["form"].choices
+        return [{"i": float(i + 1), "form": form} for i in neighbours for form in forms]
+
+    def parameter_name(self, joint: int) -> str:
+        return f"{self.symbol}{joint + 1}_{self.partner(joint) + 1}_{self.shape['form']:g}"
+
+    def unit_on(self, joint: int) -> str:
+        torque = super().unit_on(joint)
+        if self.shape["form"] != 1.0:
+            return torque
+        return f"{torque}*s/{self.robot.position_units[self.partner(joint)]}"
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        partner, form = self.partner(joint), int(self.shape["form"])
+        if form == 1:
+            return np.array(motion.dq[:, partner])
+        if form == 2:
+            return motion.sign(partner)
+        other = 1.0 if form == 3 else -1.0
+        velocity, rate = (x[:, joint] + other * x[:, partner] for x in (motion.dq, motion.ddq))
+        return smooth_sign(velocity, motion.width(joint), rate, motion.within)
+
 
 #: What turns with an axis: friction by four laws, and inertia. Their numbers are those of saved models.
 LAWS = ("viscous", "coulomb", "hysteresis", "stribeck", "inertia")
@@ -25,7 +95,6 @@ _TRAVELS, _VELOCITIES = (0.002, 0.01), (0.06, 0.25)
 
 
 class TransmissionFriction(Remembering):
-    name = "transmission_friction"
     equation = (
         "c^T f(s), s = c q, f = f_t times ds | sign(ds) | z | sign(ds) exp(-(ds / vs)^2) | dds, for "
         "law = viscous | coulomb | hysteresis | stribeck | inertia; dz/ds = (1 - z sign(ds)) / d"
@@ -54,7 +123,11 @@ class TransmissionFriction(Remembering):
         chosen = shape.get("law", law.default)
         own = self._OWN.get(law.written(chosen)) if law.complaint(chosen) is None else None
         known = {"law": law, **({own: self.shapes[own]} if own else {})}
-        self.shapes = {f"c{j + 1}": Shape(1.0, signed=True) for j in acting} | known
+        # Ratios turn each joint's position into the first one's unit.
+        units = [robot.position_units[j] for j in acting if j < robot.n]
+        per = ["-" if u == units[0] else f"{units[0]}/{u}" for u in units]
+        ratios = {f"c{j + 1}": Shape(1.0, u, signed=True) for j, u in zip(acting, per, strict=False)}
+        self.shapes = ratios | known
         super().__init__(robot, joints, **shape)
         self.joints = tuple(acting)
         self.has_memory = self.law == "hysteresis"
@@ -94,14 +167,6 @@ class TransmissionFriction(Remembering):
             if c
         ]
         return "".join(terms).removeprefix("+")
-
-    def shape_unit(self, key: str, joint: int) -> str:
-        """Ratios turn each joint's position into the first one's unit."""
-        if key in self._OWN.values() or key == "law":
-            return super().shape_unit(key, self.joints[0])
-        units = self.robot.position_units
-        own, first = units[int(key[1:]) - 1], units[self.joints[0]]
-        return "-" if own == first else f"{first}/{own}"
 
     @property
     def bristles(self) -> Bristles:

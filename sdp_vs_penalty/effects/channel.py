@@ -1,0 +1,175 @@
+"""What the torque channels do to the torque: a zero, a gain, a delay, a filter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import STANDS, Array, Effect, JointEffect, Motion, Seen
+from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.robot.robot import Robot
+
+_HANDBOOK = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
+
+
+class TorqueOffset(JointEffect):
+    equation = "f_o"
+    explanation = "The zero of a torque or current sensor, or a friction that differs by direction."
+    reference = "Gaz et al., RA-L 2019, eq. 9"
+    signless = True
+    symbol = "f_o"
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return np.ones(len(motion.t))
+
+
+#: Drives state their gains to some per cent; beyond this, something else is wrong.
+_LARGEST = 0.3
+
+
+class TorqueGain(JointEffect):
+    equation = "g tau_hat"
+    explanation = (
+        "The torque channel of this joint reads 1 + g times the true torque: a sensor's or a "
+        "drive's gain. It is identifiable because the other joints show the true inertia."
+    )
+    reference = "Gautier, Briot, ASME J. Dynamic Systems 2014 (drive gains)"
+    symbol = "g"
+    units = ("-", "-")
+    needs_torque = True
+    forward = "channel"
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return motion.model_torque[:, joint]
+
+    def undone(self, theta: Array, t: Array, torque: Array) -> Array:
+        out = torque.copy()
+        out[:, list(self.joints)] /= 1.0 + theta
+        return out
+
+    def looks_like(self, size: float, seen: Seen) -> str:
+        if abs(size) > _LARGEST:
+            return f"a gain that is off by {100.0 * abs(size):.0f} % is rather a wrong ratio or unit"
+        return super().looks_like(size, seen)
+
+
+class Delay(Effect):
+    """Torque that is logged later than the positions; each parameter is as long as the shape constant
+    T."""
+
+    reference = _HANDBOOK
+    units = ("s", "s")
+    needs_torque = True
+    forward = "channel"
+    has_memory = True  # the time derivative looks at neighbouring samples
+    shapes = {"T": Shape(0.001, "s", signed=True)}
+    sized_shape = "T"
+
+    def undone(self, theta: Array, t: Array, torque: Array) -> Array:
+        out = torque.copy()
+        for late, j in zip(np.broadcast_to(theta, len(self.joints)), self.joints, strict=True):
+            out[:, j] = np.interp(t + late, t, torque[:, j])
+        return out
+
+
+class TorqueDelay(Delay, JointEffect):
+    equation = "T_d (tau_hat(t - T) - tau_hat(t)) / T"
+    explanation = (
+        "This joint's torque is logged T_d later than its position: a filter in the drive, a slower "
+        "bus. No one channel is early: what a late position brings about, all joints feel. T is T_d."
+    )
+    symbol = "T_d"
+    lower = 0.0
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return -motion.late_torque_rate(self.shape["T"])[:, joint]
+
+
+class GlobalDelay(Delay):
+    equation = "T_g (tau_hat(t - T) - tau_hat(t)) / T on every joint"
+    explanation = (
+        "All torques are logged T_g later than the positions: two clocks, or one filter for all "
+        "channels. T is T_g."
+    )
+    symbol = "T_g"
+    whole_robot = True
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        return [{}] if robot.n > 1 else []  # on a single joint it is that joint's own delay
+
+    def torques(self, motion: Motion) -> Array:
+        return -motion.late_torque_rate(self.shape["T"])[:, :, None]
+
+    def looks_like(self, size: float, seen: Seen) -> str:
+        # Friction turns round before a joint that sticks or bends does: its torque comes early.
+        return "a joint that sticks or bends before it moves looks as early" if size < 0.0 else ""
+
+
+class TorqueFilter(Effect):
+    equation = "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s) or H(T) H(-T)"
+    explanation = (
+        "All torques are logged behind one low-pass filter of the time constant T, of which the "
+        "positions know nothing: a drive's current filter, which also delays (phase late), or one that "
+        "looks both ways, as a mean of samples does (phase zero: tau_hat without the links' torque). "
+        "T is T_f: all of the torque passes."
+    )
+    reference = _HANDBOOK
+    symbol = "T_f"
+    units = ("s", "s")
+    lower = 0.0
+    needs_torque = True
+    forward = "left out"  # no instant's torque is known from that instant's reading
+    has_memory = True
+    whole_robot = True
+    shapes = {
+        "T": Shape(0.005, "s"),
+        "phase": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")),
+    }
+    sized_shape = "T"
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        # On a single joint friction and inertia are one torque: what is filtered of it is not told.
+        return super().starts(robot, joint) if robot.n > 1 else []
+
+    @property
+    def needs_links(self) -> bool:  # type: ignore[override]
+        return self.shape["phase"] == 2.0
+
+    def torques(self, motion: Motion) -> Array:
+        T, torque = self.shape["T"], motion.model_torque
+        if self.needs_links:
+            # The links' torque is smooth, but for the noise of its accelerations, which the measured
+            # torque has none of: to smooth it away would always help.
+            torque = torque - motion.link_torque
+        passed = lagging(torque, motion.t, T)
+        if self.needs_links:
+            passed = lagging(passed[::-1], motion.t, T)[::-1]
+        return np.asarray((passed - torque) / T)[:, :, None]
+
+    def looks_like(self, size: float, seen: Seen) -> str:
+        if self.needs_links and seen.stands > STANDS:
+            return "joints stand still at reversals, where friction turns round as slowly by itself"
+        return ""
+
+    def as_sized(self, size: float) -> float:
+        # What looks both ways has no first order: T_f goes as the square of the true constant over T.
+        return size if self.shape["phase"] == 1.0 else float(np.sqrt(self.shape["T"] * max(size, 0.0)))
+
+
+def lagging(x: Array, t: Array, T: float) -> Array:
+    """(N, n) y with T dy/dt + y = x, at rest at the start; exact where x is linear between samples."""
+    from scipy.linalg import solve_banded  # its import takes longer than all effects
+
+    if len(t) < 2:
+        return x
+    step = (t[-1] - t[0]) / (len(t) - 1)
+    decay = np.exp(-step / T)
+    mean = (1.0 - decay) * T / step
+    driven = (1.0 - mean) * x
+    driven[1:] += (mean - decay) * x[:-1]
+    driven[0] += mean * x[0]
+    bands = np.repeat([[1.0], [-decay]], len(t), axis=1)
+    return np.asarray(solve_banded((1, 0), bands, driven, overwrite_b=True, check_finite=False))

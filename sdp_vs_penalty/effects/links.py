@@ -1,0 +1,327 @@
+"""The links' inertia and weight, what is carried, and links that stand elsewhere than the model says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.effects.effect import (
+    Array,
+    Block,
+    Effect,
+    JointEffect,
+    Motion,
+    Parameter,
+)
+from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.constraint import Constraint
+from sdp_vs_penalty.robot.robot import Robot
+
+#: Distance [m] of a centre of mass beyond which rounding would show in a torque divided by the mass.
+_FARTHEST = 100.0
+
+
+class RigidBody(Effect):
+    equation = "M(q) ddq + C(q, dq) dq + g(q) = Y(q, dq, ddq) theta"
+    explanation = (
+        "Mass, centre of mass and inertia of every link determine the torque that accelerates the "
+        "arm and holds it against gravity."
+    )
+    reference = "Atkeson, An, Hollerbach, IJRR 1986"
+    signless = smooth = True
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return _parameters(self.robot.links)
+
+    def constraints(self, indices: NDArray[np.intp]) -> list[Constraint]:
+        """None of its own: the links' bounds are the problem's."""
+        return []
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        return []  # a model without it has no torque to begin with
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        regressor = self.robot.regressor(motion.q, motion.dq, motion.ddq)
+        blocks = []
+        for joint, links in enumerate(self.robot.subtree):
+            indices = (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel()
+            # Of a serial arm they follow each other: no copy.
+            serial = len(links) and links == tuple(range(links[0], links[-1] + 1))
+            own = slice(10 * links[0], 10 * links[-1] + 10) if serial else indices
+            blocks.append(Block(joint, indices, regressor[:, joint, own]))
+        return blocks
+
+    def torque(self, theta: Array, motion: Motion) -> Array:
+        """By recursive Newton-Euler, half the price of columns; these where a mass is next to nothing,
+        by which it divides."""
+        links = theta.reshape(-1, 10)
+        if np.any(np.linalg.norm(links[:, 1:4], axis=1) > _FARTHEST * np.abs(links[:, 0])):
+            return super().torque(theta, motion)
+        return self.robot.inverse_dynamics(theta, motion.q, motion.dq, motion.ddq)
+
+
+@cache
+def _parameters(links: int) -> tuple[Parameter, ...]:
+    return tuple(
+        Parameter(name, unit, RigidBody.name, link)
+        for link in range(1, links + 1)
+        for name, unit in zip(inertia.parameter_names(link), inertia.UNITS, strict=True)
+    )
+
+
+class Payload(Effect):
+    equation = "Y_last(q, dq, ddq) theta_payload"
+    explanation = (
+        "A body carried by the last link. Its ten parameters are those of the last link, so only a "
+        "model held fixed (identified without the load) can show it. Its mass is only as accurate "
+        "as the scale of the torque channels: gains that are 1 % off make it 1 % off, and these "
+        "data cannot separate the two."
+    )
+    reference = "Atkeson, An, Hollerbach, IJRR 1986"
+    whole_robot = True
+    signless = smooth = True
+    frozen_only = True
+    sized_by = slice(0, 1)  # its mass
+
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        names, last = inertia.parameter_names(self.robot.links), len(str(self.robot.links))
+        return zip([f"payload_{name[:-last]}" for name in names], inertia.UNITS, strict=True)
+
+    def constraints(self, indices: NDArray[np.intp]) -> list[Constraint]:
+        """It is a body."""
+        return [build.pseudo_inertia(self.name, indices), *super().constraints(indices)]
+
+    @property
+    def nominal(self) -> Array:
+        """A solid ball of 0.5 kg and 5 cm radius."""
+        return 0.5 * np.array([1.0, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3])
+
+    def torques(self, motion: Motion) -> Array:
+        return self.robot.regressor(motion.q, motion.dq, motion.ddq)[:, :, -10:]
+
+
+class ExternalWrench(Effect):
+    equation = "-J(q)^T (F, M)"
+    explanation = (
+        "A force and a moment that stay constant in the world act on the last link, at its joint's "
+        "origin: a cable or a balancer that pulls, a tool that rests on something."
+    )
+    reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 7.1"
+    whole_robot = True
+    signless = smooth = True
+    sized_by = slice(0, 3)  # the force
+
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        return [(f"{x}_{axis}", unit) for x, unit in (("F", "N"), ("M", "N*m")) for axis in "xyz"]
+
+    def torques(self, motion: Motion) -> Array:
+        return -self.robot.jacobians(motion.q, self.robot.link_joints[-1]).swapaxes(1, 2)
+
+
+class RotorInertia(JointEffect):
+    equation = "I_a ddq"
+    explanation = (
+        "Reflected rotor inertia (armature): the rotor turns N times faster than the link, so its "
+        "inertia counts N^2 times on the joint's own axis. Only a motor-side torque contains it."
+    )
+    reference = "Khalil, Dombre, Modeling, Identification and Control of Robots, sec. 9.4"
+    symbol = "I_a"
+    units = ("kg*m^2", "kg")
+    lower = 0.0
+    # On the links' grid: what cannot be told from them stays so to the last bit.
+    signless = smooth = True
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return motion.ddq[:, joint]
+
+
+class BaseTilt(Effect):
+    equation = "g_1 dID/dg_1 + g_2 dID/dg_2"
+    explanation = (
+        "The base is not mounted as the model says: gravity has components along the two directions "
+        "across the assumed one (x and y of an upright base). 0.17 m/s^2 is one degree."
+    )
+    reference = "Luh, Walker, Paul, ASME J. Dynamic Systems 1980 (gravity as the base's acceleration)"
+    needs_links = True
+    whole_robot = True
+    signless = True
+
+    @property
+    def across(self) -> Array:
+        """(2, 3) the two directions across gravity: base axes where gravity points along one, otherwise
+        those nearest to them."""
+        gravity = np.array(self.robot.gravity) if any(self.robot.gravity) else np.array([0.0, 0.0, -1.0])
+        down = gravity / np.linalg.norm(gravity)
+        axes = np.delete(np.eye(3), int(np.argmax(np.abs(down))), axis=0)
+        flat = axes - np.outer(axes @ down, down)
+        u, _, vt = np.linalg.svd(flat, full_matrices=False)
+        return np.asarray(u @ vt)  # the orthonormal pair nearest to the projected axes
+
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        straight = np.count_nonzero(self.robot.gravity) < 2
+        names = ["xyz"[int(np.argmax(np.abs(a)))] for a in self.across] if straight else ["1", "2"]
+        return [(f"g_{name}", "m/s^2") for name in names]
+
+    def torques(self, motion: Motion) -> Array:
+        rest = np.zeros_like(motion.q)
+        columns = []
+        for gravity in self.across:
+            robot = replace(self.robot, gravity=(gravity[0], gravity[1], gravity[2]))
+            columns.append(robot.inverse_dynamics(motion.model_links, motion.q, rest, rest))
+        return np.stack(columns, axis=2)
+
+    def remark(self, size: float) -> str:
+        return f"Here: {np.degrees(size / 9.81):.2g} degrees."
+
+
+class LinkDeviation(Effect):
+    """Joint j's link is elsewhere than its encoder says: torque on every joint that depends on it."""
+
+    needs_links = spreads = True
+
+    def deviated(self, motion: Motion, joint: int) -> Array:
+        """(N, n) torque on all joints from one unit of the deviation of ``joint``."""
+        raise NotImplementedError
+
+    def torques(self, motion: Motion) -> Array:
+        return np.stack([self.deviated(motion, j) for j in self.joints], axis=2)
+
+
+class JointZeroError(LinkDeviation):
+    equation = "e_0 dID/dq_j"
+    explanation = (
+        "The true position of joint j is q_j + e_0: gravity and the coupling between links act at a "
+        "different angle than the model assumes. (Rotating both neighbours' frames would do the "
+        "same; on some joints the links' parameters absorb it.)"
+    )
+    reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991"
+    signless = True
+    symbol = "e_0"
+    units = ("rad", "m")
+
+    def deviated(self, motion: Motion, joint: int) -> Array:
+        by_q, _, _ = motion.derivatives
+        return by_q[:, :, joint]
+
+
+class Backlash(LinkDeviation):
+    equation = "-b dID/dq_j sign(tau_j)"
+    explanation = (
+        "The gear of joint j has play: the link rests against one flank or the other, b away from "
+        "the position that the motor-side encoder shows, on the side that the transmitted torque "
+        "tau_j determines."
+    )
+    reference = "Nordin, Gutman, Automatica 2002"
+    symbol = "b"
+    units = ("rad", "m")
+    lower = 0.0
+    forward = "left out"  # a link that moves by itself within the play
+
+    def deviated(self, motion: Motion, joint: int) -> Array:
+        by_q, _, _ = motion.derivatives
+        return -by_q[:, :, joint] * np.sign(motion.link_torque[:, joint, None])
+
+
+class JointElasticity(LinkDeviation):
+    equation = "-c_e (dID/dq_j tau_j + dID/d dq_j d tau_j/dt + dID/d ddq_j d^2 tau_j/dt^2)"
+    explanation = (
+        "The gear of joint j yields under the torque tau_j that it transmits (that of the links; "
+        "motor friction does not pass through it): the link lags behind the motor-side encoder by "
+        "c_e tau_j, c_e = 1 / stiffness. To first order that changes position, velocity and "
+        "acceleration in the inverse dynamics of every joint."
+    )
+    reference = "Spong, ASME J. Dynamic Systems 1987"
+    symbol = "c_e"
+    units = ("rad/(N*m)", "m/N")
+    lower = 0.0
+    signless = True
+    forward = "left out"  # a link that moves by itself
+    has_memory = True  # time derivatives of the torque
+
+    def deviated(self, motion: Motion, joint: int) -> Array:
+        by_q, by_dq, by_ddq = motion.derivatives
+        tau = motion.link_torque[:, joint, None]
+        rate, acceleration = (x[:, joint, None] for x in motion.link_torque_rates)
+        out = by_q[:, :, joint] * tau + by_dq[:, :, joint] * rate + by_ddq[:, :, joint] * acceleration
+        return np.negative(out)
+
+
+#: What may be expected of an arm that nobody has calibrated: displacements [m] and turns [rad].
+_SLIP, _TURN = 2e-3, 4e-3
+#: Of the acceleration's root mean square: what is lost where columns are computed at fewer instants.
+_THINNED = 0.02
+_FEWEST = 200
+
+
+class KinematicError(Effect):
+    equation = "sum_jk e_jk dID/d(placement of joint j)_k"
+    explanation = (
+        "The joints are mounted beside where the model's kinematics say, by small displacements and "
+        "rotations in their own frames: a calibration would tell. Gravity and inertia act elsewhere. "
+        "Single parameters are known no better than their intervals say; the torque is that of all."
+    )
+    reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991, ch. 3"
+    needs_links = True
+    whole_robot = True
+    signless = True
+
+    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+        kinds = [("slip", "m") if k < 3 else ("turn", "rad") for _, k in self._places]
+        places = zip(kinds, self._places, strict=True)
+        return [(f"{word}_{'xyz'[k % 3]}{j + 1}", unit) for (word, unit), (j, k) in places]
+
+    @cached_property
+    def _places(self) -> list[tuple[int, int]]:
+        """Joint of the tree and axis (three displacements, then three rotations), displacements first:
+        those that can make torque. A joint on the base feels no more than where gravity points."""
+        gravity, out = np.array(self.robot.gravity), list[tuple[int, int]]()
+        for j, joint in enumerate(self.robot.tree):
+            down = joint.placement[:3, :3].T @ gravity
+            across = [k for k in range(3, 6) if np.hypot(*np.delete(down, k - 3)) > 1e-6]
+            out += [(j, k) for k in (across if joint.parent == -1 else range(6))]
+        return sorted(out, key=lambda place: place[1] >= 3)
+
+    @property
+    def plausible(self) -> Array:
+        return np.array([_SLIP if k < 3 else _TURN for _, k in self._places])
+
+    @property
+    def sized_by(self) -> slice:  # type: ignore[override]
+        """The rotations, which move gravity's torque most."""
+        return slice(sum(k < 3 for _, k in self._places), None)
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        return [{}] if cls(robot).parameters else []
+
+    def torques(self, motion: Motion) -> Array:
+        from scipy.interpolate import CubicSpline
+
+        few = _thinned(motion)
+        q, dq, ddq = (x[few] for x in (motion.q, motion.dq, motion.ddq))
+        by = self.robot.placement_derivatives(motion.model_links, q, dq, ddq)
+        columns = np.stack([by[:, :, j, k] for j, k in self._places], axis=2)
+        return columns if len(few) == len(motion.t) else CubicSpline(motion.t[few], columns)(motion.t)
+
+
+def _thinned(motion: Motion) -> NDArray[np.intp]:
+    """Instants from which splines give back the acceleration, the roughest part of a motion; all of
+    them where they are no series, such as a simulation's states."""
+    from scipy.interpolate import CubicSpline
+
+    every = np.arange(len(motion.t))
+    if len(every) < _FEWEST or np.any(np.diff(motion.t) <= 0.0):
+        return every
+    for stride in (16, 8, 4, 2):
+        few = np.unique(np.append(every[::stride], every[-1]))
+        error = CubicSpline(motion.t[few], motion.ddq[few])(motion.t) - motion.ddq
+        if np.all(error.std(axis=0) <= _THINNED * motion.ddq.std(axis=0)):
+            return few
+    return every

@@ -1,0 +1,153 @@
+"""Friction of a joint that is a function of its velocity, and of the load that it carries."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, JointEffect, Motion
+from sdp_vs_penalty.effects.shape import VELOCITY, Shape
+
+
+class ViscousFriction(JointEffect):
+    equation = "f_v dq"
+    explanation = "Lubricant shear and damping: a torque against the motion that grows with speed."
+    reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
+    symbol = "f_v"
+    units = ("N*m*s/rad", "N*s/m")
+    lower = 0.0
+    signless = True
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return motion.dq[:, joint]
+
+
+class CoulombFriction(JointEffect):
+    equation = "f_c tanh(dq / v_s)"
+    explanation = (
+        "Dry contact: a torque of fixed size against the direction of motion. It turns round over v_s, "
+        "which is estimated joint by joint where it is not given. Together with "
+        "torque_offset it also covers a Coulomb friction that differs by direction."
+    )
+    reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
+    symbol = "f_c"
+    lower = 0.0
+    shapes = {
+        "v_s": Shape(
+            SIGN_WIDTH,
+            VELOCITY,
+            # Wider transitions are another law (a sigmoid, a hysteresis): they have to earn their name.
+            grid=(0.00002, 0.0001, 0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
+            bounds=(0.00002, 0.032),
+            earned=0.64,
+            metres=0.1,
+            role="estimated",
+        )
+    }
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return motion.sign(joint, self.shape["v_s"])
+
+
+class AsymmetricViscousFriction(JointEffect):
+    equation = "f_va |dq|"
+    explanation = (
+        "Viscous friction with different slopes in the two directions: f_v + f_va forwards, f_v - "
+        "f_va backwards. Typical of seals and preloaded gears."
+    )
+    reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
+    symbol = "f_va"
+    units = ("N*m*s/rad", "N*s/m")
+    refines = ("viscous_friction",)
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return np.abs(motion.dq[:, joint])
+
+
+class AsymmetricCoulombFriction(JointEffect):
+    equation = "f_ca |tanh(dq / v_s)|"
+    explanation = (
+        "Dry friction of different size in the two directions: f_c + f_ca forwards, f_c - f_ca "
+        "backwards. Where it turns round at once that is Coulomb friction and an offset; over a wide "
+        "velocity v_s both vanish together near standstill, where an offset does not."
+    )
+    reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
+    symbol = "f_ca"
+    #: Beside an offset it shows only where friction turns round, which is what laws with a memory bend.
+    refines = ("coulomb_friction", "presliding_hysteresis", "stiction")
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return np.abs(motion.sign(joint))
+
+
+class PowerLawFriction(JointEffect):
+    equation = "f_p sign(dq) |dq|^alpha"
+    explanation = (
+        "Friction that is not linear in speed: alpha < 1 where the lubricant thins with shear and "
+        "warms, alpha > 1 where it is churned (2: like drag)."
+    )
+    reference = "Waiboer, Aarts, Jonker, ECCOMAS Multibody Dynamics 2005"
+    symbol = "f_p"
+    units = ("N*m*(s/rad)^alpha", "N*(s/m)^alpha")
+    refines = ("viscous_friction", "coulomb_friction")
+    shapes = {"alpha": Shape(2.0, grid=(0.3, 0.5, 0.7, 1.5, 2.0, 3.0), bounds=(0.15, 4.0))}
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        dq = motion.dq[:, joint]
+        return motion.sign(joint) * np.abs(dq) ** self.shape["alpha"]
+
+
+class SigmoidFriction(JointEffect):
+    equation = "f_sg (tanh(dq / v0) - sign(dq))"
+    explanation = (
+        "A part f_sg of the Coulomb friction rises over a velocity range v0 instead of jumping: the "
+        "sigmoid form phi_1 / (1 + exp(-phi_2 (dq + phi_3))) of the paper's Table I, whose phi_3 is "
+        "an offset. Near standstill there is less friction than Coulomb's law says."
+    )
+    reference = "Gaz et al., RA-L 2019, eq. 9 and Table I"
+    symbol = "f_sg"
+    lower = 0.0
+    refines = ("coulomb_friction",)
+    shapes = {"v0": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 2.0))}
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        dq = motion.dq[:, joint]
+        return np.tanh(dq / self.shape["v0"]) - motion.sign(joint)
+
+
+class StribeckFriction(JointEffect):
+    equation = "f_st sign(dq) exp(-(|dq| / vs)^delta)"
+    explanation = (
+        "At low speed the surfaces touch; as speed rises a lubricant film lifts them apart and the "
+        "friction falls by f_st towards its Coulomb level, within about the Stribeck velocity vs."
+    )
+    reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, eq. 7"
+    symbol = "f_st"
+    lower = 0.0
+    refines = ("coulomb_friction",)
+    beyond_turning = "vs"
+    shapes = {
+        "vs": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 1.0)),
+        "delta": Shape(2.0, grid=(1.0, 2.0)),
+    }
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        dq = motion.dq[:, joint]
+        return motion.sign(joint) * np.exp(-((np.abs(dq) / self.shape["vs"]) ** self.shape["delta"]))
+
+
+class LoadDependentFriction(JointEffect):
+    equation = "f_l |tau_l| sign(dq), tau_l the links' torque"
+    explanation = (
+        "Gear teeth and bearings are pressed harder by the torque that they transmit and rub more: f_l "
+        "is the share of it that is lost, one minus the gear's efficiency. It is the links' torque: "
+        "motor friction and rotor do not pass through the gear."
+    )
+    reference = "Hamon, Gautier, Garrec, IROS 2010; Wahrburg et al., ICRA 2018"
+    symbol = "f_l"
+    units = ("-", "-")
+    lower = 0.0
+    refines = ("coulomb_friction",)
+    needs_links = True
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return np.abs(motion.link_torque[:, joint]) * motion.sign(joint)
