@@ -66,6 +66,16 @@ class Equations:
         """full (n, w, w) : Gram matrices of k own columns, the shared ones and one torque."""
         return cls.of(full[:, :-1, :-1], full[:, :-1, -1:], full[:, -1, -1:], k)
 
+    @classmethod
+    def together(cls, logs: Sequence[Equations]) -> Equations:
+        """The joints of several logs side by side; parameters that only later ones know are added."""
+        s = max(x.gram.shape[1] for x in logs)
+        pads = [s - x.gram.shape[1] for x in logs]
+        gram = [np.pad(x.gram, ((0, 0), (0, k), (0, k))) for x, k in zip(logs, pads, strict=True)]
+        cross = [np.pad(x.cross, ((0, 0), (0, k), (0, 0))) for x, k in zip(logs, pads, strict=True)]
+        energy, whole = ([getattr(x, name) for x in logs] for name in ("energy", "whole"))
+        return cls(*map(np.concatenate, (gram, cross, energy, whole)), logs[0].own)
+
     def left_of(self, full: Array, theta: Array) -> Array:
         """(n,) squared residuals that parameters (s,), with the own ones they go with, leave of
         rows with such Gram matrices (n, w, w)."""
@@ -107,7 +117,11 @@ class Likelihood:
     @cached_property
     def screen(self) -> Likelihood:
         """Of fewer rows: enough to see which hypotheses are worth a closer look."""
-        return Likelihood(self.problem, self.data.few())
+        return self.some(slice(None, None, 3))
+
+    def some(self, rows: slice) -> Likelihood:
+        """Of some of the rows."""
+        return Likelihood(self.problem, self.data.some(rows))
 
     @cached_property
     def samples(self) -> float:
@@ -244,28 +258,32 @@ class Likelihood:
         """One arm fitted to one repair."""
         return self.scores([repair])[0]
 
-    def left_out(self, repair: Repair) -> Array:
-        """(PARTS, n) share of each part's energy that the arm of all other parts leaves of it."""
-        (parts, k), weights = self.parts(repair), self.score(repair).weights[:, None]
+    def left_out(
+        self, repair: Repair, weights: Array, more: Array | None = None, others: Sequence[Equations] = ()
+    ) -> tuple[Array, Array]:
+        """By leaving out each part of the log in turn (a delete-a-group jackknife): (PARTS, s) the arms
+        of all other parts, and of other logs, by weights of all their joints; (PARTS, n) share of the
+                log's energy, as many times, that they leave of the part."""
+        parts, k = self.parts(repair, PARTS, more)
         rests = [Equations.of_part(parts.sum(axis=0) - part, k) for part in parts]
-        left = [x.left_of(part, x.solved(weights)[0]) for x, part in zip(rests, parts, strict=True)]
-        return np.maximum(np.array(left) / np.maximum(parts[..., -1, -1], 1e-280), FLOOR)
+        logs = [Equations.together([*others, x]) for x in rests]
+        arms = np.array([x.solved(weights[:, None])[0] for x in logs])
+        left = [x.left_of(part, arm) for x, part, arm in zip(rests, parts, arms, strict=True)]
+        whole = np.maximum(parts[..., -1, -1].sum(axis=0), 1e-280)
+        return arms, np.maximum(PARTS * np.array(left) / whole, FLOOR)
 
     def change(self, at: Callable[[float], Repair], value: float, h: float) -> tuple[float, float]:
-        """By how much a number has to change, to first order, and the standard deviation of that.
-
-        By leaving out parts of the log (a delete-a-group jackknife): what the model lacks makes it vary
-        from part to part, and noise alone would make it look exact."""
-        repair = at(value)
-        score = self.score(repair)
+        """By how much a number has to change, to first order, and the standard deviation of that: what
+        the model lacks makes it vary from part to part, and noise alone would make it look exact."""
+        score = self.score(at(value))
         slope = self.slope(at, value, h, score.theta)
         size = float(np.linalg.norm(slope)) / max(float(np.linalg.norm(score.rows.raw[0])), 1e-300)
         if size == 0.0:
             return 0.0, np.inf
-        parts, k = self.parts(repair, PARTS, -slope[:, :, None] / size)
-        logs = [Equations.of_part(x, k) for x in (parts.sum(axis=0), *(parts.sum(axis=0) - parts))]
-        best, *found = (float(x.solved(score.weights[:, None])[0, -1]) / size for x in logs)
-        return best, float(np.sqrt((PARTS - 1) * np.var(found)))
+        more = -slope[:, :, None] / size
+        best = self.equations(at(value), more).solved(score.weights[:, None])
+        found = self.left_out(at(value), score.weights, more)[0][:, -1] / size
+        return float(best[0, -1]) / size, float(np.sqrt((PARTS - 1) * np.var(found)))
 
 
 class Rows:
@@ -333,14 +351,6 @@ class Score:
     def weights(self) -> Array:
         """(n,) of each joint's rows, 0 where it does not move."""
         return np.where(self.of.moving, 1.0 / self.left, 0.0)
-
-    def left_out_alone(self, repair: Repair) -> Array:
-        """(n,) share of each channel that its joint's own model leaves of parts it was not fitted to."""
-        parts = self.of.parts(repair)[0]
-        rests = parts.sum(axis=0) - parts
-        own = solve(rests[..., :-1, :-1], rests[..., :-1, -1:])[..., 0]
-        v = np.concatenate([own, -np.ones((*own.shape[:2], 1))], axis=2)
-        return np.maximum(np.einsum("pjw,pjwx,pjx->j", v, parts, v) / self.whole, FLOOR)
 
     def physics(self, repair: Repair, samples: float) -> float:
         """log-probability that inertia and masses are positive and friction takes power: the mean of

@@ -56,11 +56,11 @@ class RegressionData:
     def count(self) -> int:
         return len(self.motion.t)
 
-    def few(self, step: int = 3) -> RegressionData:
-        """The same at every so many instants."""
+    def some(self, rows: slice) -> RegressionData:
+        """The same at some of the instants."""
         m = self.motion
-        motion = Motion(m.t[::step], m.q[::step], m.dq[::step], m.ddq[::step])
-        return replace(self, motion=motion, own=self.own[:, ::step], heard=self.heard[::step])
+        motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
+        return replace(self, motion=motion, own=self.own[:, rows], heard=self.heard[rows])
 
     @classmethod
     def of(cls, problem: Problem, run: Measurements, settings: Preprocessing) -> RegressionData:

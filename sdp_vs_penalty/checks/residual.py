@@ -12,12 +12,12 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import Equations, Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import Likelihood, Score
 from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.several import two_arms
 from sdp_vs_penalty.checks.transformations.torque import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
@@ -25,7 +25,6 @@ from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: A one-off event lasts at most so long [s].
@@ -54,13 +53,14 @@ def find(log: Likelihood, repair: Repair, score: Score, settled: bool) -> Iterat
         yield from _unexplained(log, repair, score)
         yield from _event(log, repair, score)
         if not repair.events:
-            yield from _two_arms(log, repair, score)
+            yield from two_arms(log, repair)
 
 
 def _unexplained(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
     moving, percent = log.moving, 100.0 * np.sqrt(score.shares)
     total = 100.0 * float(np.sqrt(score.left[moving].sum() / score.whole[moving].sum()))
-    where = np.flatnonzero(score.poor & (score.shares > c.CONTRADICTS[0] * score.left_out_alone(repair)))
+    alone = [log.left_out(repair, unit)[1][:, j].mean() for j, unit in enumerate(np.eye(log.n))]
+    where = np.flatnonzero(score.poor & (score.shares > c.CONTRADICTS[0] * np.array(alone)))
     what = "cannot belong to the same arm as the other joints' torques"
     if not len(where):
         where = np.array([np.argmax(np.where(moving, score.left, 0.0))])
@@ -100,37 +100,6 @@ def _event(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
                 lambda r: r.rows(np.abs(r.t - at) > 0.5 * _WIDTH), {"t": at, "joints": [j + 1]},  # noqa: B023
             )  # fmt: skip
             return
-
-
-def _two_arms(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
-    """Two parts of a log that no one arm explains: a load picked up, or two arms' logs in one file.
-
-    Two arms in stripes that take turns have as many parameters, and no reason to explain it better.
-    """
-    parts, k = log.parts(repair, 2 * c.PARTS)
-
-    def two(first: NDArray[np.bool_]) -> Array:
-        """(n,) what two arms leave of these parts and of the others."""
-        logs = (parts[first].sum(axis=0), parts[~first].sum(axis=0))
-        left = [Equations.of_part(x, k).fitted(log.moving)[1][:, 0] for x in logs]
-        return np.asarray(left[0] + left[1])
-
-    number = np.arange(len(parts))
-    stripes, cuts = two(number % 2 == 0), number[3:-2]  # neither may be short
-    halves = [two(number < cut) for cut in cuts]
-    gains = [float(np.median(np.log(stripes / h)[log.moving])) for h in halves]
-    best = int(np.argmax(gains))
-    if gains[best] < np.log(c.TIMES) or best in (0, len(gains) - 1):
-        return
-    t = float(np.quantile(log.data.motion.t, cuts[best] / len(parts)))
-    one, apart = (100.0 * np.sqrt(np.mean(x / score.whole)) for x in (score.left, halves[best]))
-    yield Issue(
-        "two arms", "error" if one > 3.0 * apart else "warning", f"t = {t:.4g} s",
-        f"before and after t = {t:.4g} s these are not the torques of one arm: it picked up or put down "
-        "a load, or two logs are in one file.",
-        f"likely: two arms leave {apart:.3g} % of the torques unexplained, one leaves {one:.3g} %",
-        "cut the run there and use each part by itself (--window)", None, {"t": t},
-    )  # fmt: skip
 
 
 def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:

@@ -98,7 +98,8 @@ class Search:
         numbers = [e.number for e in self.elements(repair) if e.name not in known and e.number]
         if not all(map(self._determined, numbers)):
             return False
-        change = np.log(fits.left_out(now) / fits.left_out(repair))[:, self.log.moving].sum(axis=1)
+        before, after = (fits.left_out(r, fits.score(r).weights)[1] for r in (now, repair))
+        change = np.log(before / after)[:, fits.moving].sum(axis=1)
         error = float(np.std(change)) / np.sqrt(c.PARTS)
         if _same_fit(repair, now):  # physics alone may tell
             return bool(np.mean(change) >= -c.SIGNIFICANT * error)

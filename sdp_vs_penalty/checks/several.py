@@ -13,7 +13,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import Issue, joints_text
@@ -58,11 +57,16 @@ def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[in
     runs = [s.equations(r) for s, r in zip(fits, repairs, strict=True)]
     asked = np.stack([s.moving for s in fits])
     alone = np.stack([x.fitted(a)[1][:, 0] for x, a in zip(runs, asked, strict=True)])
-    theta, one = _one_arm(runs, asked)
+
+    def one_arm(runs: Sequence[Equations]) -> tuple[Array, Array]:
+        """(s,) one arm of all runs; (runs, n) what it leaves of each."""
+        theta, left = Equations.together(runs).fitted(asked.ravel())
+        return theta[0], left.reshape(asked.shape)
 
     def gain(left: Array) -> float:
         return 0.5 * samples * float(np.log(one / left)[asked].sum())
 
+    theta, one = one_arm(runs)
     apart, least = gain(alone), c.ODDS + c.SLOW_ODDS  # friction is never quite the same again
     if apart < least:
         return
@@ -70,47 +74,62 @@ def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[in
     for odd in np.argsort(np.log(one / alone).sum(axis=1))[-2:].tolist():  # of two runs either
         for kind, j, more in _changes(fits[odd], repairs[odd], theta):
             count = more.shape[2]
-            some = [_widened(r, count) for r in runs]
-            some[odd] = fits[odd].equations(repairs[odd], more)
+            some = [fits[k].equations(repairs[k], more) if k == odd else r for k, r in enumerate(runs)]
             cost = choices(2 * (1 if count > 1 else fits[odd].n)) + 0.5 * count * np.log(samples)
-            causes.append((gain(_one_arm(some, asked)[1]) - cost, odd, kind, j, more))
-    value, odd, kind, j, more = max(causes, key=lambda cause: cause[0])
+            left = one_arm(some)[1]
+            causes.append((gain(left) - cost, odd, kind, j, more, left))
+    value, odd, kind, j, more, left = max(causes, key=lambda cause: cause[0])
     # An arm of its own for each run costs as many parameters.
     own = apart - 0.5 * len(theta) * np.log(samples * len(runs))
     if max(value, own) < least:
         return
-    log, repair = fits[odd], repairs[odd]
-    others, moving = [r for k, r in enumerate(runs) if k != odd], np.delete(asked, odd, axis=0)
-    before, _ = _left_out(log, repair, others, moving, more[:, :, :0])
+    log, others = fits[odd], [r for k, r in enumerate(runs) if k != odd]
+
+    def left_out(left: Array, more: Array | None, others: Sequence[Equations]) -> tuple[Array, Array]:
+        weights = np.where(asked, 1.0 / left, 0.0)
+        weights = np.concatenate([np.delete(weights, odd, axis=0)[: len(others)].ravel(), weights[odd]])
+        return log.left_out(repairs[odd], weights, more, others)
+
+    _, before = left_out(one, None, others)
     if value < 0.5 * own:
-        kind, others, moving, more = "another arm", [], moving[:0], more[:, :, :0]
-    after, found = _left_out(log, repair, others, moving, more)
+        kind, j, others, more, left = "another arm", -1, [], None, alone
+    arms, after = left_out(left, more, others)
+    found = arms[:, 0 if more is None else -more.shape[2]]
     change = np.log(before / after)[:, log.moving].sum(axis=1)
     x, spread = float(np.mean(found)), float(np.sqrt((c.PARTS - 1) * np.var(found)))
-    known = kind == "another arm" or abs(x) > c.SIGMAS * spread
+    known = more is None or abs(x) > c.SIGMAS * spread
     if not known or np.mean(change) < c.SIGMAS * np.std(change) / np.sqrt(c.PARTS):
         return
     figures = {"run": names[odd], "j": j + 1, "x": 1.0 + x if kind == "torque gain" else x}
     what, remedy = (text.format(**figures, degrees=np.degrees(-x)) for text in _WORDS[kind])
     times = np.exp(apart / samples / max(asked[odd].sum(), 1))
+    joints = [] if more is None else [j]
     yield odd, Issue(
-        kind, "warning", "the run" if kind == "another arm" else joints_text([j]),
-        f"{what}, beside the others.",
+        kind, "warning", joints_text(joints) if joints else "the run", f"{what}, beside the others.",
         f"likely: one arm for all runs explains them {times:.2g} times worse than one for each", remedy,
-        None, {"joints": [j + 1] if kind != "another arm" else [], "run": names[odd], "size": x},
+        None, {"joints": [k + 1 for k in joints], "run": names[odd], "size": x, "times": times},
     )  # fmt: skip
 
 
-def _left_out(
-    log: Likelihood, repair: Repair, others: Sequence[Equations], moving: NDArray[np.bool_], more: Array
-) -> tuple[Array, Array]:
-    """(PARTS, n) what the arm of other runs and of a log's other parts leaves of each part of this log;
-    (PARTS,) its gain or zero, or the mass of its load."""
-    (parts, k), some = log.parts(repair, c.PARTS, more), [_widened(r, more.shape[2]) for r in others]
-    rests = [Equations.of_part(parts.sum(axis=0) - part, k) for part in parts]
-    arms = [_one_arm([*some, rest], np.vstack([moving, log.moving]))[0] for rest in rests]
-    left = [rest.left_of(part, a) for rest, part, a in zip(rests, parts, arms, strict=True)]
-    return np.maximum(left, 1e-280), np.array([a[-max(more.shape[2], 1)] for a in arms])
+def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
+    """Two stretches of a log that are not one arm's, as two runs: a load picked up, or two arms' logs in
+    one file."""
+    parts, k = log.parts(repair, 2 * c.PARTS)
+    number = np.arange(3, len(parts) - 2)  # neither may be short
+    left = []
+    for cut in number:
+        logs = [Equations.of_part(x.sum(axis=0), k) for x in (parts[:cut], parts[cut:])]
+        left.append(sum(x.fitted(log.moving)[1][:, 0] for x in logs))
+    cut = int(number[np.argmin(np.log(left)[:, log.moving].sum(axis=1))])
+    row = cut * log.data.count // len(parts)
+    t, both = float(log.data.motion.t[row]), [log.some(slice(row)), log.some(slice(row, None))]
+    names = f"the rows before t = {t:.4g} s", f"the rows from t = {t:.4g} s on"
+    for _, issue in compare([(x, repair, name) for x, name in zip(both, names, strict=True)]):
+        severity = "error" if issue.figures["times"] > c.TIMES else "warning"
+        yield replace(
+            issue, kind="two arms", severity=severity, where=f"t = {t:.4g} s", figures={**issue.figures, "t": t},
+            remedy="cut the run there and use each part by itself (--window)",
+        )  # fmt: skip
 
 
 def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[str, int, Array]]:
@@ -125,17 +144,3 @@ def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[st
     if log.data.shared is not None:
         last = log.shared(repair, log.motion(repair))[:, :, log.data.shared.rigid_indices[-10:]]
         yield "another load", log.n - 1, log.heard(repair)[:, :, None] * last
-
-
-def _widened(run: Equations, count: int) -> Equations:
-    """With further parameters that this run knows nothing of."""
-    gram = np.pad(run.gram, ((0, 0), (0, count), (0, count)))
-    return replace(run, gram=gram, cross=np.pad(run.cross, ((0, 0), (0, count), (0, 0))))
-
-
-def _one_arm(runs: Sequence[Equations], asked: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """(s,) one arm of all runs, whose joints stand side by side; (runs, n) what it leaves of each."""
-    names = ("gram", "cross", "energy", "whole")
-    both = {name: np.concatenate([getattr(r, name) for r in runs]) for name in names}
-    theta, left = replace(runs[0], **both).fitted(asked.ravel())
-    return theta[0], left.reshape(asked.shape)
