@@ -40,24 +40,18 @@ class Dataset:
         return f"{base}/{self.source}/{self.commit}/{file.path}"
 
 
-def dataset(name: str) -> Dataset:
-    try:
-        return DATASETS[name]
-    except KeyError:
-        raise unknown("dataset", name, DATASETS) from None
-
-
-def _read_registry() -> dict[str, Dataset]:
-    text = Path(__file__).with_name("datasets.toml").read_text()
-    found = {}
-    for name, data in tomllib.loads(text).items():
-        files = tuple(
-            RemoteFile(f["path"], f["sha256"], f.get("name", PurePosixPath(f["path"]).name))
-            for f in data.pop("files")
-        )
-        found[name] = Dataset(name=name, files=files, **data)
-    return found
+def _file(path: str, sha256: str, name: str = "") -> RemoteFile:
+    return RemoteFile(path, sha256, name or PurePosixPath(path).name)
 
 
 #: Every data set by name, from datasets.toml.
-DATASETS = _read_registry()
+DATASETS = {
+    name: Dataset(name, **{**data, "files": tuple(_file(**f) for f in data["files"])})
+    for name, data in tomllib.loads(Path(__file__).with_name("datasets.toml").read_text()).items()
+}
+
+
+def dataset(name: str) -> Dataset:
+    if name not in DATASETS:
+        raise unknown("dataset", name, DATASETS)
+    return DATASETS[name]

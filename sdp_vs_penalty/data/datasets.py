@@ -7,19 +7,21 @@ in the user's cache in the authors' own format; what this program reads is conve
 from __future__ import annotations
 
 import os
+import tomllib
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import DATASETS, GITHUB, Dataset, dataset
 from sdp_vs_penalty.data.files import load_measurements, save
-from sdp_vs_penalty.data.joint_side import to_joints, transmission_of
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import LARGEST_RUN, read_bytes, write_bytes
+from sdp_vs_penalty.files import LARGEST_RUN, problems_folder, read_bytes, write_bytes
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.joint import Transmission, parse_transmission
 
 #: Names a folder with the files that need not be downloaded again, one folder a data set.
 DATA_VARIABLE = "SDP_VS_PENALTY_DATA"
@@ -68,10 +70,31 @@ def fetch(
 def converted(name: str, folder: str | Path, say: Say = _silent) -> dict[str, Measurements]:
     """The runs of a data set by name, at the joints, from a folder that holds its authors' files."""
     runs = _CONVERTERS[name](Path(folder), say)
-    transmission = transmission_of(dataset(name).problem)
-    if transmission is None:
+    text = (problems_folder() / dataset(name).problem / "problem.toml").read_text(encoding="utf-8")
+    section = tomllib.loads(text).get("transmission")
+    if section is None:
         return runs
+    transmission = parse_transmission(**section)
     return {run: to_joints(measurements, transmission) for run, measurements in runs.items()}
+
+
+def to_joints(measurements: Measurements, transmission: Transmission) -> Measurements:
+    """Runs that were logged at the motors, on the joint side: q = A^-1 (q_m - b), tau = A^T tau_m,
+    channel by channel as the transmission says where they were logged.
+
+    Raises InputError where the runs have another number of channels.
+    """
+    m = measurements
+    if m.n != transmission.n:
+        count = formatting.count
+        what = f"the file has {count(m.n, 'joint')}, the transmission {count(transmission.n, 'motor')}"
+        raise InputError(what, "name a log with one column a motor", m.names[0])
+    groups = m.groups
+    for name in groups.keys() & {"q", "dq", "qcmd", "dqcmd"}:
+        groups[name] = transmission.joint_positions(groups[name], rates=name.startswith("dq"))
+    for name in groups.keys() & {"tau", "tauff"}:
+        groups[name] = transmission.joint_torques(groups[name])
+    return Measurements.of(m.t, groups, m.names, m.run)
 
 
 def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
@@ -82,8 +105,8 @@ def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
     pooch.get_logger().setLevel("WARNING")
     kept = os.environ.get(DATA_VARIABLE)
     for file in chosen.files:
-        have = None if kept is None else Path(kept) / chosen.name / file.name
-        if have is not None and have.is_file() and not (folder / file.name).exists():
+        have = Path(kept or folder) / chosen.name / file.name
+        if kept and have.is_file() and not (folder / file.name).exists():
             write_bytes(folder / file.name, read_bytes(have, LARGEST_RUN))
     for file in chosen.files:
         address = chosen.address(file, base)

@@ -15,7 +15,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats import bag, csv, format_of, panda_folder, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice, Header
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate, without_traces
-from sdp_vs_penalty.data.store import PART, parts
+from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError, given, other_robot, unreadable
 from sdp_vs_penalty.files import reading
 from sdp_vs_penalty.files.inputs import nameable
@@ -215,48 +215,27 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
     if len(m.t) < 2:
         raise InputError(f"the run has {formatting.count(len(m.t), 'sample')}", "record longer", path)
 
-    def where(row: int, column: str) -> str:
-        return f"{word} {row + first}, column {column}"
-
-    blocks = {"t": m.t[:, None], **m.groups}
-    for name, values in blocks.items():
+    for name, values in {"t": m.t[:, None], **m.groups}.items():
         for start, part in parts(values):
-            bad = np.argwhere(~np.isfinite(part))
+            bad = np.argwhere(~(np.abs(part) <= LARGEST_VALUE[name]))  # not a number compares false
             if len(bad):
-                row, joint = bad[0]
-                raise InputError(
-                    f"{where(start + row, _column(name, joint))} is not a finite number",
-                    f"delete the {word} or fill it in",
-                    path,
-                )
-    late = [start + np.flatnonzero(np.diff(part) <= 0) for start, part in parts(m.t, overlap=1)]
-    stays = np.concatenate(late)
+                row, joint = bad[0].tolist()
+                column, x = name if name == "t" else f"{name}{joint + 1}", part[row, joint]
+                where = f"{word} {start + row + first}, column {column}"
+                what = f"{where}: no robot measures {x:.3g}"
+                if not np.isfinite(x):
+                    what = f"{where} is not a finite number"
+                raise InputError(what, f"correct the {word} or delete it", path)
+    stays = np.concatenate([a + np.flatnonzero(np.diff(x) <= 0) for a, x in parts(m.t, overlap=1)])
     if len(stays):
         row = int(stays[0])
         how = "repeats" if m.t[row] == m.t[row + 1] else "runs backwards"
         raise InputError(
-            f"{where(row + 1, 't')}: time {how} ({m.t[row]:.6g} s to "
+            f"{word} {row + 1 + first}, column t: time {how} ({m.t[row]:.6g} s to "
             f"{m.t[row + 1]:.6g} s; {formatting.count(len(stays), f'such {word}')})",
             "delete them, or cut the file there",
             path,
         )
-    for name, values in blocks.items():
-        largest = [np.abs(part).max(initial=0.0) for _, part in parts(values)]
-        worst = int(np.argmax(largest))
-        if largest[worst] > LARGEST_VALUE[name]:
-            begin = worst * PART
-            few = values[begin : begin + PART]
-            row, joint = np.unravel_index(int(np.argmax(np.abs(few))), few.shape)
-            place = where(begin + int(row), _column(name, int(joint)))
-            raise InputError(
-                f"{place}: no robot measures {few[row, joint]:.3g}",
-                f"correct the {word} or delete it",
-                path,
-            )
-
-
-def _column(group: str, joint: int) -> str:
-    return group if group == "t" else f"{group}{joint + 1}"
 
 
 def save(measurements: Measurements, path: str | Path) -> None:

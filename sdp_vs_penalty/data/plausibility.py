@@ -17,7 +17,6 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
 #: How far outside its range a joint may seem to be: a turn [rad]; for prismatic joints twice the range.
@@ -38,19 +37,26 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
         _check_derivative(robot, run)
         _check_side(robot, run)
         for j, (joint, low, high) in enumerate(zip(robot.joints, *extremes(run.q), strict=True)):
-            q, travel = run.q[:, j], high - low
-            if far_outside(low, high, joint):
-                raise _out_of_range(run, j, joint)
-            unlimited = not (np.isfinite(joint.lower) and np.isfinite(joint.upper))
-            # A motion to and fro, not a shaft that goes on turning.
-            # What a revolute joint without a range does not do: to and fro over this many turns
-            # [rad].
-            to_and_fro = travel > (8.0 * 2.0 * np.pi) and abs(q[-1] - q[0]) < 0.5 * travel
-            if unlimited and joint.kind == "revolute" and to_and_fro:
+            q, travel, turns = run.q[:, j], high - low, joint.kind == "revolute"
+            limited = np.isfinite(joint.lower) and np.isfinite(joint.upper)
+            far = np.maximum(joint.lower - q, q - joint.upper) if limited else np.abs(q)
+            worst, name = int(np.argmax(far)), run.names[0]
+            # As the user finds it: below the header of a CSV file.
+            row = f"row {worst + 2}" if name.endswith(".csv") else f"sample {worst + 1}"
+            place, motors = f"{name}: {row}, column q{j + 1}", _MOTORS if turns else ""
+            if limited and far[worst] > (_TURN if turns else 2.0 * (joint.upper - joint.lower)):
+                unit, units = ("rad", "degrees to radians") if turns else ("m", "millimetres to metres")
                 raise InputError(
-                    f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}: joint {j + 1} "
-                    f"swings through {travel / _TURN:.0f} turns: positions look like degrees",
-                    f"convert to radians{_MOTORS}",
+                    f"{place}: {q[worst]:.6g} is far outside the range of joint {j + 1} "
+                    f"({joint.lower:.4g} to {joint.upper:.4g} {unit})",
+                    f"convert {units}{motors}, or choose the problem that belongs to this file",
+                )
+            # A motion to and fro over many turns, not a shaft that goes on turning.
+            if not limited and turns and travel > 8.0 * _TURN and abs(q[-1] - q[0]) < 0.5 * travel:
+                raise InputError(
+                    f"{place}: joint {j + 1} swings through {travel / _TURN:.0f} turns: positions look "
+                    "like degrees",
+                    f"convert to radians{motors}",
                 )
 
 
@@ -101,46 +107,20 @@ def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
     return tuple(int(j) for j in outside)
 
 
-def far_outside(low: float, high: float, joint: Joint) -> bool:
-    """Whether one joint's positions, from low to high, lie farther outside its range than any zero
-    explains."""
-    if not (np.isfinite(joint.lower) and np.isfinite(joint.upper)):
-        return False
-    allowed = _TURN if joint.kind == "revolute" else 2.0 * (joint.upper - joint.lower)
-    return bool(max(joint.lower - low, high - joint.upper) > allowed)
-
-
-def _out_of_range(run: Measurements, j: int, joint: Joint) -> InputError:
-    q = run.q[:, j]
-    worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
-    unit, advice = ("rad", "degrees to radians")
-    if joint.kind == "prismatic":
-        unit, advice = ("m", "millimetres to metres")
-    return InputError(
-        f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of "
-        f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})",
-        f"convert {advice}{_MOTORS if joint.kind == 'revolute' else ''}, or choose the problem that "
-        "belongs to this file",
-    )
-
-
 def _check_derivative(robot: Robot, run: Measurements) -> None:
     """Position and velocity of revolute joints in the same unit of angle."""
     if run.dq is None:
         return
-    energies = ways = shared = np.zeros(run.n)
+    sums = np.zeros((3, run.n))
     channels = (parts(x, overlap=1) for x in (run.t, run.q, run.dq))
     with np.errstate(over="ignore", invalid="ignore"):  # of 1e300 nothing is concluded
         for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
-            travelled, expected = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
-            energies = energies + np.einsum("kj,kj->j", expected, expected)
-            ways = ways + np.einsum("kj,kj->j", travelled, travelled)
-            shared = shared + np.einsum("kj,kj->j", travelled, expected)
-    for j, joint in enumerate(robot.joints):
-        energy, common, way = float(energies[j]), float(shared[j]), float(ways[j])
-        if joint.kind != "revolute" or not 0.0 < energy * way < np.inf or common == 0.0:
+            way, told = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
+            sums += [np.einsum("kj,kj->j", *x) for x in ((told, told), (way, way), (way, told))]
+    for j, (energy, way, common) in enumerate(sums.T.tolist()):
+        if robot.joints[j].kind != "revolute" or not 0.0 < energy * way < np.inf:
             continue
-        if not common * common >= 0.5 * energy * way:
+        if common * common < 0.5 * energy * way:
             continue  # noise, or a coarse encoder: nothing to conclude from
         ratio = common / energy
         for name, value in (("q", ratio), ("dq", 1.0 / ratio)):
@@ -150,9 +130,3 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
                     f"convert {name} from degrees to radians",
                     run.names[0],
                 )
-
-
-def _place(run: Measurements, k: int) -> str:
-    """The k-th sample of a run as the user finds it: below the header of a CSV file."""
-    name = run.names[0]
-    return f"{name}: row {k + 2}" if name.endswith(".csv") else f"{name}: sample {k + 1}"

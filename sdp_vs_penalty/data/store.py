@@ -13,6 +13,7 @@ import mmap
 import os
 import tempfile
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -56,53 +57,41 @@ class Growing:
 
     def append(self, rows: NDArray[Any]) -> None:
         """Add rows, of the shape and type of the first ones."""
-        if self._file is None:
-            self._pieces.append(rows)
-            self._bytes += rows.nbytes
-            if self._bytes > LARGEST_IN_MEMORY:
-                self._file, pieces = _unnamed_file(), self._pieces
-                self._pieces = [rows[:0]]
-                for piece in pieces:
-                    self._write(piece)
-        else:
-            self._write(rows)
-
-    def _write(self, rows: NDArray[Any]) -> None:
-        assert self._file is not None
-        try:
-            for _, part in parts(rows):
-                self._file.write(np.ascontiguousarray(part).data)
-        except OSError as error:
-            raise _no_room(error) from error
-        self._rows += len(rows)
+        self._pieces.append(rows)
+        self._bytes, self._rows = self._bytes + rows.nbytes, self._rows + len(rows)
+        if self._bytes > LARGEST_IN_MEMORY:
+            with _room():
+                self._file = self._file or _unnamed_file()
+                for piece in self._pieces:
+                    for _, part in parts(piece):
+                        self._file.write(np.ascontiguousarray(part).data)
+            self._pieces = [rows[:0]]
 
     def array(self) -> NDArray[Any]:
         """All rows; nothing can be appended any more."""
         if self._file is None:
             return self._pieces[0] if len(self._pieces) == 1 else np.concatenate(self._pieces)
-        with self._file as file:
-            try:
-                file.flush()
-                mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-            except OSError as error:
-                raise _no_room(error) from error
         first = self._pieces[0]
+        with _room(), self._file as file:
+            file.flush()
+            mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         return np.frombuffer(mapped, first.dtype).reshape(self._rows, *first.shape[1:])
 
 
 def _unnamed_file() -> BinaryIO:
     home = os.environ.get("TMPDIR") or ("/var/tmp" if Path("/var/tmp").is_dir() else None)
+    return tempfile.TemporaryFile(dir=home, buffering=1 << 20)  # type: ignore[return-value]
+
+
+@contextmanager
+def _room() -> Iterator[None]:
     try:
-        return tempfile.TemporaryFile(dir=home, buffering=1 << 20)  # type: ignore[return-value]
+        yield
     except OSError as error:
-        raise _no_room(error) from error
-
-
-def _no_room(error: OSError) -> InputError:
-    return InputError(
-        f"no temporary file for the samples ({error.strerror})",
-        "set TMPDIR to a folder with room for 8 bytes a number",
-    )
+        raise InputError(
+            f"no temporary file for the samples ({error.strerror})",
+            "set TMPDIR to a folder with room for 8 bytes a number",
+        ) from error
 
 
 def joined(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:

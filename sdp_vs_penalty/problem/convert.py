@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from sdp_vs_penalty.data.datasets import to_joints
 from sdp_vs_penalty.data.files import read_run, save
 from sdp_vs_penalty.data.formats.csv import read_headerless
 from sdp_vs_penalty.data.formats.recognition import scaled
-from sdp_vs_penalty.data.joint_side import to_joints
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import as_problem

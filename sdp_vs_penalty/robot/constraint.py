@@ -334,13 +334,10 @@ class Entries:
 
 def margins(constraints: Sequence[Constraint], theta: ArrayLike) -> tuple[Array, Array]:
     """Of each constraint (m,) its margin, and the size of the largest terms that were summed."""
-    margin, size, at = np.zeros(len(constraints)), np.zeros(len(constraints)), np.asarray(theta, float)
+    margin, size, x = np.zeros(len(constraints)), np.zeros(len(constraints)), np.asarray(theta, float)
     for group in alike(constraints):
-        own = at[group.indices].reshape(*group.indices.shape, *(1,) * (group.constant.ndim - 1))
-        parts = own * group.coefficients
-        margin[group.places] = cone_margin(group.cone, group.constant + parts.sum(axis=1))
-        terms = np.abs(group.constant) + np.abs(parts).sum(axis=1)
-        size[group.places] = terms.reshape(len(terms), -1).max(axis=1)
+        margin[group.places] = cone_margin(group.cone, group.values(x))
+        size[group.places] = group.terms(x).reshape(len(group.places), -1).max(axis=1)
     return margin, size
 
 

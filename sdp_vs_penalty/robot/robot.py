@@ -296,17 +296,15 @@ class Robot(Plain):
         With respect to q, dq and ddq, of rigid links; theta has 10 a link (Carpentier, Mansard,
         RSS 2018).
         """
-        if (parts := _of_positive_masses(theta)) is not None:
-            both = (self.inverse_dynamics_derivatives(x, q, dq, ddq) for x in parts)
-            by_q, by_dq, by_ddq = (np.subtract(a, b) for a, b in zip(*both, strict=True))
-            return by_q, by_dq, by_ddq
-        model, states = self._with_inertias(theta), self.tree_state(q, dq, ddq)
-        data, derive = model.createData(), self._pin.computeRNEADerivatives
-        by_q, by_dq, by_ddq = np.empty((3, len(states[0]), len(self.tree), len(self.tree)))
-        for k, row in enumerate(zip(*states, strict=True)):
-            derive(model, data, *row)
-            by_q[k], by_dq[k], by_ddq[k] = data.dtau_dq, data.dtau_dv, data.M
-        by_q, by_dq, by_ddq = (self._projected(x, True) for x in (by_q, by_dq, _symmetric(by_ddq)))
+        states, derive = self.tree_state(q, dq, ddq), self._pin.computeRNEADerivatives
+        out = np.zeros((3, len(states[0]), len(self.tree), len(self.tree)))
+        for sign, model in self._signed(theta):
+            data = model.createData()
+            for k, row in enumerate(zip(*states, strict=True)):
+                derive(model, data, *row)
+                for total, part in zip(out[:, k], (data.dtau_dq, data.dtau_dv, data.M), strict=True):
+                    total += sign * part
+        by_q, by_dq, by_ddq = (self._projected(x, True) for x in (*out[:2], _symmetric(out[2])))
         return by_q, by_dq, by_ddq
 
     def placement_derivatives(
@@ -318,30 +316,28 @@ class Robot(Plain):
         Six virtual joints that rest stand before each, and it is by their positions that Pinocchio
         derives (Carpentier, Mansard, RSS 2018).
         """
-        pin = self._pin
-        if (parts := _of_positive_masses(theta)) is not None:
-            both = (self.placement_derivatives(x, q, dq, ddq) for x in parts)
-            return np.asarray(np.subtract(*both))
-        inertias, model = self._with_inertias(theta), pin.Model()
-        model.gravity = self._model.gravity
-        places: list[int] = []  # of the tree's joints in the longer one
-        for i, one in enumerate(self.tree):
-            parent = 0 if one.parent == -1 else places[one.parent]
-            pose = inertias.jointPlacements[i + 1]
-            for k in range(6):
-                kind = pin.JointModelPrismaticUnaligned if k < 3 else pin.JointModelRevoluteUnaligned
-                parent = model.addJoint(parent, kind(np.eye(3)[k % 3]), pose, f"{one.name} {k}")
-                pose = pin.SE3.Identity()
-            places.append(model.addJoint(parent, inertias.joints[i + 1], pose, one.name))
-            model.inertias[places[-1]] = inertias.inertias[i + 1]
-        own, data = np.array(places) - 1, model.createData()
+        pin, state = self._pin, np.array(self.tree_state(q, dq, ddq))
+        own = 7 * np.arange(len(self.tree)) + 6  # the tree's joints in the longer one
         virtual = (own[:, None] - 6 + np.arange(6)).ravel()
-        states = np.zeros((3, len(np.atleast_2d(q)), model.nv))
-        states[:, :, own] = np.array(self.tree_state(q, dq, ddq))
-        out, wanted = np.empty((states.shape[1], len(own), len(virtual))), np.ix_(own, virtual)
-        for k, row in enumerate(np.swapaxes(states, 0, 1)):
-            pin.computeRNEADerivatives(model, data, *row)
-            out[k] = data.dtau_dq[wanted]
+        states = np.zeros((3, state.shape[1], 7 * len(own)))
+        states[:, :, own] = state
+        out, wanted = np.zeros((state.shape[1], len(own), len(virtual))), np.ix_(own, virtual)
+        for sign, inertias in self._signed(theta):
+            model = pin.Model()
+            model.gravity = self._model.gravity
+            for i, one in enumerate(self.tree):
+                parent = 0 if one.parent == -1 else int(own[one.parent]) + 1
+                pose = inertias.jointPlacements[i + 1]
+                for k in range(6):
+                    kind = pin.JointModelPrismaticUnaligned if k < 3 else pin.JointModelRevoluteUnaligned
+                    parent = model.addJoint(parent, kind(np.eye(3)[k % 3]), pose, f"{one.name} {k}")
+                    pose = pin.SE3.Identity()
+                place = model.addJoint(parent, inertias.joints[i + 1], pose, one.name)
+                model.inertias[place] = inertias.inertias[i + 1]
+            data = model.createData()
+            for k, row in enumerate(np.swapaxes(states, 0, 1)):
+                pin.computeRNEADerivatives(model, data, *row)
+                out[k] += sign * data.dtau_dq[wanted]
         return self._projected(out).reshape(len(out), self.n, len(own), 6)
 
     def jacobians(self, q: ArrayLike, link: int) -> Array:
@@ -365,21 +361,31 @@ class Robot(Plain):
 
         By the composite rigid body and recursive Newton-Euler algorithms (Featherstone 2008, ch. 5-6).
         """
-        if (parts := _of_positive_masses(theta)) is not None:
-            whole, taken = (self.mass_and_bias(x) for x in parts)
-            return lambda q, dq: tuple(map(np.subtract, whole(q, dq), taken(q, dq)))  # type: ignore[return-value]
-        pin, model = self._pin, self._with_inertias(theta)
-        data = model.createData()
+        pin, models = self._pin, [(x, m, m.createData()) for x, m in self._signed(theta)]
 
         def terms(q: Array, dq: Array) -> tuple[Array, Array]:
             q, dq = self.tree_state(q, dq)
-            mass, bias = np.empty((len(q), model.nv, model.nv)), np.empty((len(q), model.nv))
-            for k in range(len(q)):
-                mass[k] = pin.crba(model, data, q[k])
-                bias[k] = pin.nonLinearEffects(model, data, q[k], dq[k])
+            mass, bias = np.zeros((*q.shape, q.shape[1])), np.zeros(q.shape)
+            for sign, model, data in models:
+                for k in range(len(q)):
+                    mass[k] += sign * pin.crba(model, data, q[k])
+                    bias[k] += sign * pin.nonLinearEffects(model, data, q[k], dq[k])
             return self._projected(_symmetric(mass), True), self._projected(bias)
 
         return terms
+
+    def _signed(self, theta: ArrayLike) -> list[tuple[float, Any]]:
+        """Models whose sum with these signs the links are, one where every mass is positive.
+
+        Pinocchio divides by the mass that a joint carries, wherever it sums links, and masses of least
+        squares may be negative: what is linear in theta is right as a difference.
+        """
+        links = np.array(theta, float).reshape(-1, 10)
+        if np.all(links[:, 0] > 0.0):
+            return [(1.0, self._with_inertias(links))]
+        heavy = np.zeros_like(links)
+        heavy[:, 0] = 1.0 + 2.0 * np.abs(links[:, 0]).sum()
+        return [(1.0, self._with_inertias(links + heavy)), (-1.0, self._with_inertias(heavy))]
 
 
 def _symmetric(M: Array) -> Array:
@@ -395,17 +401,3 @@ def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
     lower = np.where(np.isfinite(lower), lower, np.minimum(-span, upper - 2.0 * span))
     upper = np.where(np.isfinite(upper), upper, np.maximum(span, lower + 2.0 * span))
     return lower, upper, np.where(np.isfinite(velocity) & (velocity > 0.0), velocity, rate)
-
-
-def _of_positive_masses(theta: ArrayLike) -> tuple[Array, Array] | None:
-    """Links (L, 10) twice, whose difference these are; None where every mass is positive as it is.
-
-    Pinocchio divides by the mass that a joint carries, wherever it sums links, and masses of least
-    squares may be negative: what is linear in theta is right as a difference.
-    """
-    links = np.array(theta, float).reshape(-1, 10)
-    if np.all(links[:, 0] > 0.0):
-        return None
-    heavy = np.zeros_like(links)
-    heavy[:, 0] = 1.0 + 2.0 * np.abs(links[:, 0]).sum()
-    return links + heavy, heavy

@@ -7,11 +7,12 @@ reductions n_j, as ros_control's transmission_interface: simple: q_m = n q; diff
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Sequence
+from collections import Counter
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from lxml import etree
@@ -25,36 +26,6 @@ from sdp_vs_penalty.robot.joint import Follower, Joint, Transmission, following
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 
 
-def urdf_transmission(
-    root: Any, names: Sequence[str], fail: Callable[[str], Exception]
-) -> Transmission | None:
-    """How the motors turn with the joints ``names``; None where the file says nothing of it.
-
-    A joint of which nothing is said has a motor that turns with it. Channels are those of joints, as
-    every ROS log has them. Raises what ``fail`` makes of a sentence where numbers are missing.
-    """
-    elements = root.findall("transmission")
-    matrix, named = np.eye(len(names)), False
-    for element in elements:
-        joints, actuators = element.findall("joint"), element.findall("actuator")
-        places = [names.index(j.get("name")) for j in joints if j.get("name") in names]
-        if not places or len(places) != len(joints) or len(joints) != len(actuators):
-            continue  # of a fixed or following joint, or of no motor
-        kind = (element.findtext("type") or element.get("type") or "").rpartition("/")[2]
-        n_j, n_a = ([_reduction(e, fail) for e in part] for part in (joints, actuators))
-        block = np.diag(n_j)
-        if len(places) == 2 and kind == "DifferentialTransmission":
-            block = np.array([[n_j[0], n_j[1]], [n_j[0], -n_j[1]]])
-        elif len(places) == 2 and kind == "FourBarLinkageTransmission":
-            block[1, 0] = 1.0
-        matrix[np.ix_(places, places)] = np.array(n_a)[:, None] * block
-        named = True
-    if not named:
-        return None
-    sides = ("joint",) * len(names)
-    return Transmission(matrix, np.zeros(len(names)), sides, sides)
-
-
 def numbers_of(text: str, count: int) -> Array:
     """(count,) numbers, NaN where the text does not hold as many."""
     try:
@@ -63,15 +34,6 @@ def numbers_of(text: str, count: int) -> Array:
         values = np.zeros(0)
     return values if len(values) == count else np.full(count, np.nan)
 
-
-def _reduction(element: Any, fail: Callable[[str], Exception]) -> float:
-    (value,) = numbers_of(element.findtext("mechanicalReduction", "1"), 1).tolist()
-    if not np.isfinite(value) or value == 0.0:
-        raise fail(f"line {element.sourceline}, <mechanicalReduction> must hold a number other than 0")
-    return value
-
-
-T = TypeVar("T")
 
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 #: Lengths [m], masses [kg] and inertias [kg m^2] beyond this are no robot's and overflow on the way.
@@ -90,13 +52,6 @@ class _Reader:
     def fail(self, what: str, remedy: str = "correct the file") -> InputError:
         return InputError(what, remedy, self.path)
 
-    def checked(self, build: Callable[[], T]) -> T:
-        """What is built of the file; an InputError names it."""
-        try:
-            return build()
-        except InputError as error:
-            raise error if error.where == self.path else error.within(self.path) from error
-
     @cached_property
     def nominal(self) -> list[Array]:
         """(10,) of each moving link with what is fixed to it."""
@@ -110,28 +65,57 @@ class _Reader:
         none = [k for k, x in enumerate(self.nominal) if said[k] and not x.any()]
         return tuple(none) if any(x.any() for x in self.nominal) else ()
 
-    def numbers(self, element: Any, attribute: str, default: Sequence[float]) -> list[float]:
+    def numbers(
+        self, element: Any, attribute: str, default: Sequence[float], largest: float = _LARGEST
+    ) -> list[float]:
         text = None if element is None else element.get(attribute)
         if text is None:
             return list(default)
         values = numbers_of(text, len(default))
-        if not np.all(np.abs(values) < _LARGEST):
+        if not np.all(np.abs(values) <= largest):
             where = f"line {element.sourceline}, <{element.tag} {attribute}={text[:40]!r}>"
-            wanted = formatting.count(len(default), "finite number")
-            raise self.fail(f"{where} must hold {wanted}, below {_LARGEST:g}")
+            wanted = formatting.count(len(default), "number")
+            if np.isfinite(largest):
+                wanted = f"{formatting.count(len(default), 'finite number')}, up to {largest:g}"
+            raise self.fail(f"{where} must hold {wanted}")
         return list(values.tolist())
 
     def limit(self, element: Any, attribute: str, none: float) -> float:
         """A joint's limit, ``none`` where the file gives none or writes a huge number for it."""
-        text = None if element is None else element.get(attribute)
-        if text is None:
-            return none
-        (value,) = numbers_of(text, 1).tolist()
-        if np.isnan(value):
-            where = f"line {element.sourceline}, <limit {attribute}={text[:40]!r}>"
-            raise self.fail(f"{where} must hold a number")
+        (value,) = self.numbers(element, attribute, (none,), np.inf)
         # How files write "no limit" where the format asks for a number [rad or m].
         return none if abs(value) > 1e6 else value
+
+    def transmission(self, root: Any, names: Sequence[str]) -> Transmission | None:
+        """How the motors turn with the joints ``names``; None where the file says nothing of it.
+
+        A joint of which nothing is said has a motor that turns with it. Channels are those of joints, as
+        every ROS log has them.
+        """
+        matrix, named = np.eye(len(names)), False
+        for element in root.findall("transmission"):
+            joints, actuators = element.findall("joint"), element.findall("actuator")
+            places = [names.index(j.get("name")) for j in joints if j.get("name") in names]
+            if not places or len(places) != len(joints) or len(joints) != len(actuators):
+                continue  # of a fixed or following joint, or of no motor
+            kind = (element.findtext("type") or element.get("type") or "").rpartition("/")[2]
+            n_j, n_a = ([self.reduction(e) for e in part] for part in (joints, actuators))
+            block = np.diag(n_j)
+            if len(places) == 2 and kind == "DifferentialTransmission":
+                block = np.array([[n_j[0], n_j[1]], [n_j[0], -n_j[1]]])
+            elif len(places) == 2 and kind == "FourBarLinkageTransmission":
+                block[1, 0] = 1.0
+            matrix[np.ix_(places, places)] = np.array(n_a)[:, None] * block
+            named = True
+        sides = ("joint",) * len(names)
+        return Transmission(matrix, np.zeros(len(names)), sides, sides) if named else None
+
+    def reduction(self, element: Any) -> float:
+        (value,) = numbers_of(element.findtext("mechanicalReduction", "1"), 1).tolist()
+        if not np.isfinite(value) or value == 0.0:
+            where = f"line {element.sourceline}, <mechanicalReduction>"
+            raise self.fail(f"{where} must hold a number other than 0")
+        return float(value)
 
     def mimics(self, root: Any) -> dict[str, Follower]:
         """The <mimic> of each <joint> that has one."""
@@ -227,9 +211,11 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
     reader, root = _read(path)
     name = root.get("name") or reader.path.stem
     massless = reader.massless
-    joints, mechanism = reader.checked(lambda: following(reader.joints, reader.mimics(root), massless))
-    names = [joint.name for joint in joints]
-    transmission = reader.checked(lambda: urdf_transmission(root, names, reader.fail))
+    try:
+        joints, mechanism = following(reader.joints, reader.mimics(root), massless)
+        transmission = reader.transmission(root, [joint.name for joint in joints])
+    except InputError as error:
+        raise error if error.where == reader.path else error.within(reader.path) from error
     nominal = [x for k, x in enumerate(reader.nominal) if k not in massless]
     return Robot(name, joints, tuple(map(float, gravity)), transmission, mechanism), np.array(nominal)
 
@@ -285,12 +271,12 @@ def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[An
     if len(root.findall("link")) > _MOST_LINKS:
         raise reader.fail(f"more than {_MOST_LINKS} links", "name the file of one robot")
     for tag in ("link", "joint"):
-        names = [element.get("name") for element in root.findall(tag)]
-        for element, name in zip(root.findall(tag), names, strict=True):
+        names = Counter(element.get("name") for element in root.findall(tag))
+        for name, count in names.items():
             if not name:
-                raise reader.fail(f"line {element.sourceline}, a <{tag}> has no name")
-            if names.count(name) > 1:
-                raise reader.fail(f"{tag} {name!r} appears {names.count(name)} times")
+                raise reader.fail(f"a <{tag}> has no name")
+            if count > 1:
+                raise reader.fail(f"{tag} {name!r} appears {count} times")
     links = {link.get("name"): link for link in root.findall("link")}
     if not links:
         raise reader.fail("no <link>", "name a URDF; a xacro file has to be expanded first")

@@ -103,7 +103,7 @@ CSV_CASES: dict[str, tuple[str | bytes, list[str]]] = {
         ["row 7, column t", "runs backwards", "0.04 s to 0.01 s", "delete"],
     ),
     "time repeats": (csv_with(setting(7, "0.04,0,0,0,0,1,2")), ["row 7, column t", "repeats"]),
-    "a binary file": (bytes(range(256)) * 20, ["a binary file"]),
+    "a binary file": (bytes(range(256)) * 20, ["not UTF-8 text"]),
     "a picture's first bytes": (b"\x89PNG\r\n\x1a\n" + b"\xff" * 50, ["not UTF-8 text"]),
     "a binary tail": (csv_with(lambda x: None).encode() + b"\0" * 10, ["a binary file"]),
 }

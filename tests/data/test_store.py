@@ -57,7 +57,7 @@ def test_a_bad_row_behind_the_first_piece_is_named(tmp_path, monkeypatch):
     lines = path.read_text().splitlines()
     lines[500] = lines[500].replace(",", ",x", 1)
     path.write_text("\n".join(lines) + "\n")
-    monkeypatch.setattr("sdp_vs_penalty.data.formats.csv_text.PIECE", 999)
+    monkeypatch.setattr("sdp_vs_penalty.data.formats.csv.PIECE", 999)
     with pytest.raises(InputError, match="row 501, column 2 holds 'x"):
         load_measurements(path)
 

@@ -8,7 +8,7 @@ import pytest
 
 from sdp_vs_penalty import InputError, Measurements, load_problem
 from sdp_vs_penalty.data import check_plausible
-from sdp_vs_penalty.data.joint_side import to_joints
+from sdp_vs_penalty.data.datasets import to_joints
 from sdp_vs_penalty.robot import parse_transmission
 from sdp_vs_penalty.robot.joint import SIDES, Transmission
 

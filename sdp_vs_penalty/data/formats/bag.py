@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -70,17 +69,17 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
             f"{wanted} with {_TYPE} is needed", f"choose it with --topic (there are: {found})", path
         )
     names = list(choice.joints) if choice.joints else None
-    # Packed: a list of Python's numbers would take four times the memory.
-    rows, stamps = array("d"), array("q")
     table, clocks = Growing(), Growing()
+    rows: list[list[list[float]]] = []
+    stamps: list[tuple[int, int]] = []
     others: set[str] = set()
 
     def store() -> None:
-        table.append(np.frombuffer(rows.tobytes()).reshape(-1, 3, len(names or [])))
-        clocks.append(np.frombuffer(stamps.tobytes(), np.int64).reshape(-1, 2))
-        del rows[:], stamps[:]
+        table.append(np.array(rows, float).reshape(len(rows), 3, len(names or [])))
+        clocks.append(np.array(stamps, np.int64).reshape(-1, 2))
+        rows.clear()
+        stamps.clear()
 
-    count = 0
     for connection, recorder_time, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
         own = [str(name) for name in message.name]
@@ -91,24 +90,23 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
         if not set(names) <= set(own):
             others |= set(own)
             continue
-        rows.extend(_row(path, message, [own.index(name) for name in names], names))
-        stamp = int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
-        stamps.extend((stamp, int(recorder_time)))
-        count += 1
-        if count % PART == 0:
+        rows.append(_row(path, message, [own.index(name) for name in names]))
+        stamp = message.header.stamp
+        stamps.append((int(stamp.sec) * 10**9 + int(stamp.nanosec), int(recorder_time)))
+        if len(rows) == PART:
             store()
-    if not count or names is None:
+    store()
+    t, channels = clocks.array(), table.array()
+    if not len(t):
         raise InputError(
             f"no message has all joints {', '.join(names or ['(none)'])} (there are: "
             f"{', '.join(sorted(others)) or 'none'})",
             "name the joints as the bag does",
             path,
         )
-    store()
-    t, channels = _seconds(clocks.array()), table.array()
     finite = all(np.all(np.isfinite(part[:, 1])) for _, part in parts(channels))
     dq = channels[:, 1] if finite else None
-    return Measurements(t, channels[:, 0], channels[:, 2], dq, None, (path.name,))
+    return Measurements(_seconds(t), channels[:, 0], channels[:, 2], dq, None, (path.name,))
 
 
 def _seconds(clocks: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -130,20 +128,20 @@ def _with_prefix(names: Sequence[str], own: Sequence[str]) -> list[str] | None:
     return mapped if set(mapped) <= set(own) else None
 
 
-def _row(path: Path, message: Any, at: Sequence[int], names: Sequence[str]) -> list[float]:
+def _row(path: Path, message: Any, at: Sequence[int]) -> list[list[float]]:
     """Positions, velocities (NaN where there are none) and efforts of the wanted joints."""
-    out: list[float] = []
-    for field, needed in (("position", True), ("velocity", False), ("effort", True)):
+    out = []
+    for field in ("position", "velocity", "effort"):
         values = getattr(message, field)
         if len(values) == len(message.name):
-            out += [float(values[k]) for k in at]
-        elif needed:
+            out.append([float(values[k]) for k in at])
+        elif field == "velocity":
+            out.append([float("nan")] * len(at))
+        else:
             raise InputError(
                 f"a message has {formatting.count(len(values), 'value')} of {field} for "
                 f"{formatting.count(len(message.name), 'joint')}",
                 "record position and effort of every joint",
                 path,
             )
-        else:
-            out += [float("nan")] * len(names)
     return out

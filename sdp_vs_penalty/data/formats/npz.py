@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
-from numpy.lib import format as npy
 
 from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of, understood
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import reading, writing
 from sdp_vs_penalty.robot.arrays import Array
@@ -25,13 +22,8 @@ def read(path: Path, choice: Choice) -> Measurements:
 
 
 def write(measurements: Measurements, path: Path) -> None:
-    """What numpy.savez_compressed writes, piece by piece: it would hold a long recording in memory."""
-    with writing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, column in columns_of(measurements).items():
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                npy.write_array_header_1_0(member, npy.header_data_from_array_1_0(column))
-                for _, part in parts(column):
-                    member.write(np.ascontiguousarray(part).data)
+    with writing(path) as file:
+        np.savez_compressed(file, **columns_of(measurements))
 
 
 def numeric_arrays(path: str | Path) -> dict[str, Array]:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
-import numpy as np
-
-from sdp_vs_penalty.data.formats import csv_text
+from sdp_vs_penalty.data.formats import csv
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = ()
 
@@ -36,7 +32,7 @@ def read(folder: Path, choice: Choice) -> Measurements:
         if not path.exists():
             what = f"{path.name} is missing, and a folder is read as the authors' Panda log"
             raise InputError(what, "name the file of the run", folder)
-        columns[key] = _one_column(path)
+        columns[key] = csv.numbers(path, 1)[:, 0]
     t = columns.pop("t")
     if len(t) == 0:
         raise InputError("the log is empty", "name a folder with samples", folder)
@@ -47,16 +43,3 @@ def read(folder: Path, choice: Choice) -> Measurements:
             )
     q, dq, tau = (columns[key].reshape(len(t), -1) for key in ("q", "dq", "tau"))
     return Measurements(t, q, tau, dq, None, (folder.name,))
-
-
-def _one_column(path: Path) -> Array:
-    """One number a line; what NumPy cannot read, the careful reader names or reads."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            values = np.loadtxt(path, comments=None, ndmin=2)
-        if values.shape[1] == 1:
-            return values[:, 0]
-    except (ValueError, UserWarning, OSError):
-        pass
-    return csv_text.numbers(path, 1, first=1)[:, 0]

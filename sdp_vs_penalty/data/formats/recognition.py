@@ -203,36 +203,28 @@ def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
     return out
 
 
-def scales(text: Mapping[str, str], count: int) -> dict[str, float]:
-    """``q=deg,tau=10:10.7:8.5``: a unit, a number, or one number a joint, by our names q1 ..., t.
-
-    Raises InputError for words that are none of them.
-    """
-    out: dict[str, float] = {}
-    for ours, word in text.items():
-        parts = [UNITS.get(w.lower()) or _number(ours, w) for w in word.split(":")]
-        if ours == "t" or re.search(r"[0-9]$", ours):
-            out[ours] = parts[0]
-            continue
-        if len(parts) not in (1, count):
-            raise InputError(f"--scale {ours}={word}: {len(parts)} factors", f"give one, or {count}")
-        out |= {f"{ours}{j + 1}": parts[j if len(parts) > 1 else 0] for j in range(count)}
-    return out
-
-
 def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
-    """The run in other units: ``--scale q=deg,tau=10:10.7:8.5``."""
-    known = scales(factors, run.n)
-    groups = dict(run.groups)
-    for name, block in groups.items():
-        by = np.array([known.pop(f"{name}{j + 1}", 1.0) for j in range(run.n)])
-        groups[name] = block if np.all(by == 1.0) else block * by
-    t = run.t * known.pop("t", 1.0)
-    if known:
-        raise InputError(
-            f"--scale {next(iter(known))}: the run has no such column", "name t, q, dq or tau"
-        )
-    return Measurements.of(t, groups, run.names)
+    """The run in other units: ``--scale q=deg,tau=10:10.7:8.5``, by our names q, q1 ..., t a unit, a
+    number, or one number a joint.
+
+    Raises InputError for words that are none of them, and columns that are not there.
+    """
+    groups = {"t": run.t[:, None], **run.groups}
+    for ours, word in factors.items():
+        by = np.array([UNITS.get(w.lower()) or _number(ours, w) for w in word.split(":")])
+        name = ours.rstrip("0123456789")
+        count = groups[name].shape[1] if name in groups else 0
+        joint = int(ours[len(name) :] or 1)
+        if not 1 <= joint <= count:
+            what = f"--scale {ours}: the run has no such column"
+            raise InputError(what, "name t, q, dq or tau")
+        if ours != name:
+            by = np.where(np.arange(count) == joint - 1, by[0], 1.0)
+        elif len(by) not in (1, count):
+            what = f"--scale {ours}={word}: {len(by)} factors"
+            raise InputError(what, f"give one, or {count}")
+        groups[name] = groups[name] * by
+    return Measurements.of(groups.pop("t")[:, 0], groups, run.names)
 
 
 def _number(ours: str, word: str) -> float:
