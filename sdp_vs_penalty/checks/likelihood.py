@@ -70,11 +70,11 @@ class Equations:
     def together(cls, logs: Sequence[Equations]) -> Equations:
         """The joints of several logs side by side; parameters that only later ones know are added."""
         s = max(x.gram.shape[1] for x in logs)
-        pads = [s - x.gram.shape[1] for x in logs]
-        gram = [np.pad(x.gram, ((0, 0), (0, k), (0, k))) for x, k in zip(logs, pads, strict=True)]
-        cross = [np.pad(x.cross, ((0, 0), (0, k), (0, 0))) for x, k in zip(logs, pads, strict=True)]
-        energy, whole = ([getattr(x, name) for x in logs] for name in ("energy", "whole"))
-        return cls(*map(np.concatenate, (gram, cross, energy, whole)), logs[0].own)
+        wide = [(x, (0, s - x.gram.shape[1])) for x in logs]
+        gram = np.concatenate([np.pad(x.gram, ((0, 0), more, more)) for x, more in wide])
+        cross = np.concatenate([np.pad(x.cross, ((0, 0), more, (0, 0))) for x, more in wide])
+        energy, whole = (np.concatenate([getattr(x, n) for x in logs]) for n in ("energy", "whole"))
+        return cls(gram, cross, energy, whole, logs[0].own)
 
     def left_of(self, full: Array, theta: Array) -> Array:
         """(n,) squared residuals that parameters (s,), with the own ones they go with, leave of

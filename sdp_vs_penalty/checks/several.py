@@ -72,12 +72,15 @@ def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[in
         return
     causes = []
     for odd in np.argsort(np.log(one / alone).sum(axis=1))[-2:].tolist():  # of two runs either
-        for kind, j, more in _changes(fits[odd], repairs[odd], theta):
-            count = more.shape[2]
-            some = [fits[k].equations(repairs[k], more) if k == odd else r for k, r in enumerate(runs)]
+        for kind, j, columns in _changes(fits[odd], repairs[odd], theta):
+            count = columns.shape[2]
+            some = [
+                fits[k].equations(repairs[k], columns) if k == odd else r for k, r in enumerate(runs)
+            ]
             cost = choices(2 * (1 if count > 1 else fits[odd].n)) + 0.5 * count * np.log(samples)
             left = one_arm(some)[1]
-            causes.append((gain(left) - cost, odd, kind, j, more, left))
+            causes.append((gain(left) - cost, odd, kind, j, columns, left))
+    more: Array | None
     value, odd, kind, j, more, left = max(causes, key=lambda cause: cause[0])
     # An arm of its own for each run costs as many parameters.
     own = apart - 0.5 * len(theta) * np.log(samples * len(runs))

@@ -31,12 +31,7 @@ MIRROR_VARIABLE = "SDP_VS_PENALTY_MIRROR"
 #: Authors' drive gains of the UR10e [N m/A]: motor current to joint torque.
 UR10E_DRIVE_GAINS = (10.0, 10.70, 8.46, 9.00, 9.48, 10.12)
 
-
-Say = Callable[[str], None]
-
-
-def _silent(_: str) -> None:
-    pass
+Say = Callable[[str], object]
 
 
 def cache_folder() -> Path:
@@ -47,7 +42,7 @@ def cache_folder() -> Path:
 
 
 def fetch(
-    name: str, folder: str | Path | None = None, base: str | None = None, say: Say = _silent
+    name: str, folder: str | Path | None = None, base: str | None = None, say: Say = lambda _: None
 ) -> list[Path]:
     """Download a data set once and write its runs; returns the paths of the RUN.csv files.
 
@@ -67,7 +62,7 @@ def fetch(
     return paths
 
 
-def converted(name: str, folder: str | Path, say: Say = _silent) -> dict[str, Measurements]:
+def converted(name: str, folder: str | Path, say: Say = lambda _: None) -> dict[str, Measurements]:
     """The runs of a data set by name, at the joints, from a folder that holds its authors' files."""
     runs = _CONVERTERS[name](Path(folder), say)
     text = (problems_folder() / dataset(name).problem / "problem.toml").read_text(encoding="utf-8")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -68,9 +70,13 @@ def as_measurements(
     if not parts:
         raise InputError("no run is given", "pass at least one", what)
     runs = [_one(part, joints, names, what, k, usable) for k, part in enumerate(parts, start=1)]
-    if usable:
-        both = zip(parts, runs, strict=True)
-        refuse_twice([x if isinstance(x, paths) else r.names[0] for x, r in both], runs)
+    called = [x if isinstance(x, paths) else r.names[0] for x, r in zip(parts, runs, strict=True)]
+    first: dict[str, int] = {}
+    for k, run in enumerate(runs if usable and len(runs) > 1 else ()):
+        # The same samples again would count as a repetition without noise.
+        if (other := first.setdefault(run.data_hash, k)) != k:
+            same = f"holds the same samples as {called[other]}"
+            raise InputError(same, "name each run once", called[k])
     return runs[0] if len(runs) == 1 else concatenate(runs)
 
 
@@ -105,18 +111,14 @@ def _one(
 
 def _columns(part: Any) -> dict[str, NDArray[np.float64]] | None:
     """Numeric columns by name of a mapping or a DataFrame; None for anything else."""
-    if isinstance(part, Mapping):
-        named = {str(key): value for key, value in part.items()}
-    elif hasattr(part, "columns") and hasattr(part, "__getitem__"):
-        named = {str(key): part[key] for key in part.columns}
-    else:
+    names = getattr(part, "columns", part if isinstance(part, Mapping) else None)
+    if names is None:
         return None
     out = {}
-    for key, value in named.items():
-        try:
-            out[key] = np.asarray(value, float)
-        except (TypeError, ValueError):
-            continue  # a column of texts or time stamps: the header says what is missing
+    for key in names:
+        # A column of texts or time stamps is left out: the header says what is missing.
+        with suppress(TypeError, ValueError):
+            out[str(key)] = np.asarray(part[key], float)
     return out
 
 
@@ -152,19 +154,15 @@ def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Mea
     if list(windows) == [(0.0, np.inf)]:
         return whole
     made = []
-    for run in whole.runs():
-        for start, stop in windows:
-            end = "its end" if np.isinf(stop) else f"{stop:g} s"
-            part = run.window(start, stop)
-            if part.samples < 2:
-                lasts = f"the run lasts {run.t[-1] - run.t[0]:.4g} s"
-                raise InputError(
-                    f"no samples between {start:g} s and {end}: {lasts}",
-                    "choose a window inside it",
-                    run.names[0],
-                )
-            name = f"{run.names[0]}, {start:.4g} s to {end}"
-            made.append(part if len(windows) == 1 else replace(part, names=(name,)))
+    for run, (start, stop) in product(whole.runs(), windows):
+        end = "its end" if np.isinf(stop) else f"{stop:g} s"
+        part = run.window(start, stop)
+        if part.samples < 2:
+            lasts = f"the run lasts {run.t[-1] - run.t[0]:.4g} s"
+            what = f"no samples between {start:g} s and {end}: {lasts}"
+            raise InputError(what, "choose a window inside it", run.names[0])
+        name = f"{run.names[0]}, {start:.4g} s to {end}"
+        made.append(part if len(windows) == 1 else replace(part, names=(name,)))
     return made[0] if len(made) == 1 else concatenate(made)
 
 
@@ -194,17 +192,6 @@ def read_run(
     if joints is not None and part.n != joints:
         raise other_robot(part.n, joints, path)
     return without_traces(part)
-
-
-def refuse_twice(paths: Sequence[str | Path], runs: Sequence[Measurements]) -> None:
-    """The same samples again would count as a repetition without noise."""
-    if len(runs) < 2:  # nothing to compare with: no need to hash the samples
-        return
-    first: dict[str, int] = {}
-    for k, (path, run) in enumerate(zip(paths, runs, strict=True)):
-        other = first.setdefault(run.data_hash, k)
-        if other != k:
-            raise InputError(f"holds the same samples as {paths[other]}", "name each run once", path)
 
 
 def check_usable(path: str | Path, m: Measurements, word: str = "sample", first: int = 1) -> None:

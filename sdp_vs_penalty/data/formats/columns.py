@@ -91,11 +91,8 @@ class Header:
         rename = expanded(choice.rename or {}, names) if found is None else found.rename
         for ours, theirs in rename.items():
             if theirs not in names:
-                raise InputError(
-                    f"no column {theirs!r} to take as {ours} (columns: {known})",
-                    "give --rename a name of the file",
-                    what,
-                )
+                lacking = f"no column {theirs!r} to take as {ours} (columns: {known})"
+                raise InputError(lacking, "give --rename a name of the file", what)
         named = {**({} if found else dict(zip(names, names, strict=True))), **rename}
         groups = {g: own for g in ("t", *GROUPS) if (own := _columns(named, g, what))}
         needed = ("t", "q") if "qcmd" in groups else ("t", "q", "tau")
@@ -122,28 +119,24 @@ class Header:
 
         Raises InputError where lengths or numbers of joints differ.
         """
-        (clock,) = self.groups["t"]
-        t = self.factors.get(clock, 1.0) * np.ravel(np.asarray(columns[clock], float))
-        blocks = {}
-        for group, names in self.groups.items():
-            if group != "t":
-                parts = [self.factors.get(n, 1.0) * np.asarray(columns[n], float) for n in names]
-                blocks[group] = self._block(group, parts, len(t))
+        own = {
+            group: [self.factors.get(n, 1.0) * np.asarray(columns[n], float) for n in names]
+            for group, names in self.groups.items()
+        }
+        t = np.ravel(own.pop("t")[0])
+        blocks = {group: self._block(group, parts, len(t)) for group, parts in own.items()}
         for group in _WHOLE:  # what else a file calls temp is no temperature of its joints
             if group in blocks and blocks[group].shape != blocks["q"].shape:
                 del blocks[group]
         widths = {group: block.shape[1] for group, block in blocks.items()}
         if len(set(widths.values())) != 1:
-            raise InputError(
-                "the groups have different numbers of joints: "
-                + ", ".join(f"{group} {width}" for group, width in widths.items()),
-                "give q, dq and tau a column a joint",
-                self.what,
-            )
+            found = ", ".join(f"{group} {width}" for group, width in widths.items())
+            what = f"the groups have different numbers of joints: {found}"
+            raise InputError(what, "give q, dq and tau a column a joint", self.what)
         return Measurements.of(t, blocks, (self.path.name,))
 
-    def _block(self, group: str, own: Sequence[Array], count: int) -> Array:
-        block, parts = own[0], list(own)
+    def _block(self, group: str, parts: Sequence[Array], count: int) -> Array:
+        block = parts[0]
         if block.ndim > 2:
             what = f"{group} has {block.ndim} dimensions"
             raise InputError(what, "give it 2: samples and joints", self.what)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from sdp_vs_penalty.data.formats.columns import Choice, Header, understood
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import writing
-from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".mat",)
 
@@ -31,17 +29,10 @@ def read(path: Path, choice: Choice) -> Measurements:
     structs = [value for value in named.values() if isinstance(value, Mapping)]
     if len(structs) == 1 and len(named) == 1:
         named = dict(structs[0])
-    columns = _numeric(named)
+    arrays = {str(name): np.asarray(value) for name, value in named.items()}
+    numeric = {k: x for k, x in arrays.items() if x.dtype.kind in "fiu" and x.ndim <= 2}
+    columns = {name: np.atleast_1d(x.astype(float)) for name, x in numeric.items()}
     return Header.of(path, list(columns), choice).run(columns)
-
-
-def _numeric(named: Mapping[str, Any]) -> dict[str, Array]:
-    out = {}
-    for name, value in named.items():
-        array = np.asarray(value)
-        if array.dtype.kind in "fiu" and array.ndim <= 2:
-            out[str(name)] = np.atleast_1d(array.astype(float))
-    return out
 
 
 def write(measurements: Measurements, path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,8 +23,9 @@ def read(path: Path, choice: Choice) -> Measurements:
 
 
 def write(measurements: Measurements, path: Path) -> None:
+    columns: dict[str, Any] = columns_of(measurements)
     with writing(path) as file:
-        np.savez_compressed(file, **columns_of(measurements))
+        np.savez_compressed(file, **columns)
 
 
 def numeric_arrays(path: str | Path) -> dict[str, Array]:

@@ -12,7 +12,7 @@ import numpy as np
 from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of, understood
 from sdp_vs_penalty.data.measurements import Measurements, gathered
 from sdp_vs_penalty.data.store import PART
-from sdp_vs_penalty.errors import InputError, missing_extra
+from sdp_vs_penalty.errors import missing_extra
 from sdp_vs_penalty.files import writing
 
 SUFFIXES = (".parquet", ".pq")
@@ -35,39 +35,24 @@ def read(path: Path, choice: Choice) -> Measurements:
         understood(path, "Parquet file", "write it anew, or convert it to CSV"),
         parquet.ParquetFile(path, pre_buffer=False) as file,
     ):
-        return gathered(_pieces(path, choice, arrow, file, _numeric_columns(path, file)))
+        return gathered(_pieces(path, choice, arrow, file))
 
 
-def _pieces(
-    path: Path, choice: Choice, arrow: Any, file: Any, names: list[str]
-) -> Iterator[Measurements]:
-    """The rows in consecutive pieces, at least one."""
+def _pieces(path: Path, choice: Choice, arrow: Any, file: Any) -> Iterator[Measurements]:
+    """The rows in consecutive pieces, at least one.
+
+    Texts are not read at all: one that is stored once can come in every row.
+    """
+    types, names = arrow.types, []
+    for one in file.schema_arrow:
+        kind = one.type.value_type if types.is_dictionary(one.type) else one.type
+        names += [one.name] * bool(types.is_integer(kind) or types.is_floating(kind))
     header = Header.of(path, names, choice)
     empty = [file.schema_arrow.empty_table().select(names)] if file.metadata.num_rows == 0 else []
     batches = file.iter_batches(batch_size=PART, columns=names, use_threads=False)
     for table in empty or (arrow.Table.from_batches([batch]) for batch in batches):
         columns = {name: np.asarray(table.column(name).to_numpy(), float) for name in table.column_names}
         yield header.run(columns)
-
-
-def _numeric_columns(path: Path, file: Any) -> list[str]:
-    """The columns worth reading; InputError for names that come twice.
-
-    Texts are not read at all: one that is stored once can come in every row.
-    """
-    names = file.schema_arrow.names
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"column {name} comes twice", "rename one of them", path)
-    return [field.name for field in file.schema_arrow if _is_number(field.type)]
-
-
-def _is_number(kind: Any) -> bool:
-    from pyarrow import types
-
-    if types.is_dictionary(kind):
-        kind = kind.value_type
-    return bool(types.is_integer(kind) or types.is_floating(kind))
 
 
 def write(measurements: Measurements, path: Path) -> None:

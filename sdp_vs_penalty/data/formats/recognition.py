@@ -68,8 +68,7 @@ class Recognised:
 def taken(path: Path, names: Sequence[str], joints: Sequence[str] | None) -> Recognised | None:
     """The columns that a file of foreign names is read by, said in one line with the command that reads
     it alike; None where our own names are there, or nothing is recognised."""
-    ours = {"t", "q"} | {"q1"}
-    if "t" in names and ours & set(names) - {"t"} and {"tau", "tau1", "qcmd", "qcmd1"} & set(names):
+    if "t" in names and {"q", "q1"} & set(names) and {"tau", "tau1", "qcmd", "qcmd1"} & set(names):
         return None
     found = recognised(names, joints)
     if found is not None:
@@ -117,31 +116,17 @@ def recognised(names: Sequence[str], joints: Sequence[str] | None = None) -> Rec
     joints : names of the robot's joints in order, for columns that are called by joints.
     """
     read = {name: r for name in names if (r := _read(name)) is not None}
-    rename: dict[str, str] = {}
-    scale: dict[str, float] = {}
-    clocks = sorted(
-        (r.rank, len(r.rest), n) for n, r in read.items() if r.quantity == "t" and r.number is None
-    )
-    if not clocks:
+    stamps = [(r.rank, len(r.rest), n) for n, r in read.items() if (r.quantity, r.number) == ("t", None)]
+    if not stamps:
         return None
-    rename["t"] = clocks[0][2]
-    if read[rename["t"]].factor != 1.0:
-        scale["t"] = read[rename["t"]].factor
-    count = 0
-    for quantity in WORDS:
-        if quantity == "t":
-            continue
+    rename = {"t": min(stamps)[2]}
+    count = len(_columns("q", read, joints))
+    for quantity in [q for q in WORDS if q != "t"]:
         columns = _columns(quantity, read, joints)
-        if quantity == "q":
-            count = len(columns)
-        if not columns or len(columns) != count:
-            continue
-        block = count == 1 and read[columns[0]].number is None
-        for k, column in enumerate(columns, start=1):
-            ours = quantity if block else f"{quantity}{k}"
-            rename[ours] = column
-            if read[column].factor != 1.0:
-                scale[ours] = read[column].factor
+        if len(columns) == count:
+            block = count == 1 and read[columns[0]].number is None
+            rename |= {f"{quantity}{'' if block else k}": n for k, n in enumerate(columns, start=1)}
+    scale = {ours: read[n].factor for ours, n in rename.items() if read[n].factor != 1.0}
     torque = any(re.fullmatch("(tau|qcmd)[0-9]*", ours) for ours in rename)
     return Recognised(rename, scale) if count and torque else None
 
