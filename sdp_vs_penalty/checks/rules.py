@@ -85,11 +85,6 @@ class Glance:
         return [(f"{name}{j + 1}", j, x[:, j]) for name, x in pairs for j in range(self.run.n)]
 
 
-def constant_parts(x: Array) -> NDArray[np.intp]:
-    """(K, 2) first and last row of each stretch in which a channel (N,) keeps its value."""
-    return spans(np.diff(x) == 0.0)
-
-
 def lattice_step(values: Array) -> float:
     """The smallest step between different values of a channel, rounding errors of the file apart."""
     levels = np.unique(values)
@@ -580,31 +575,24 @@ def clipped(g: Glance) -> Iterator[Issue]:
 
 
 def quantised(g: Glance, settings: Preprocessing) -> Iterator[Issue]:
-    """Noise from rounding, in the band that identification uses, beside the signal itself."""
-    states, torques, robot = settings.state_cutoff, settings.torque_cutoff, g.robot
-    assert states is not None
-    assert torques is not None
-    motion, tau = low_passed(g.run, settings)
-    # A second derivative weighs the power of rounding errors with (2 pi f)^4.
-    twice = (2.0 * np.pi * states) ** 2 / np.sqrt(5.0)
-    signals = {
-        "q": (motion.ddq, states, twice, "acceleration", robot.position_units),
-        "tau": (tau, torques, 1.0, "torque", robot.torque_units),
-    }
-    for name, j, x in (channel for channel in g.channels if g.moving[channel[1]]):
-        signal, cutoff, weight, seen, units = signals[name.rstrip("0123456789")]
-        step, size = lattice_step(x), float(np.std(signal[:, j]))
-        # They renew themselves when the level changes; the part below the cut-off stays.
-        lasts = g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1)
-        noise = weight * step / np.sqrt(12.0) * np.sqrt(min(1.0, 2.0 * cutoff * lasts))
-        if step > 0.0 and size > 0.0 and noise >= c.TYPICAL["link"] * size:
+    """Rounding errors of positions, beside the acceleration in the band that identification uses."""
+    cutoff = settings.state_cutoff
+    assert cutoff is not None
+    sizes = low_passed(g.run, settings)[0].ddq.std(axis=0)
+    for j, x in enumerate(g.run.q.T):
+        # They renew themselves when the level changes; the part below the cut-off stays. A second
+        # derivative weighs its power with (2 pi f)^4.
+        step, lasts = lattice_step(x), g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1)
+        noise = (2.0 * np.pi * cutoff) ** 2 * step / np.sqrt(60.0 * max(1.0, 0.5 / (cutoff * lasts)))
+        if g.moving[j] and noise > c.TYPICAL["link"] * sizes[j] > 0.0:
+            percent, unit = 100.0 * noise / float(sizes[j]), g.robot.position_units[j]
             yield Issue(
-                "quantisation", "warning", name,
-                f"{name} is quantised in steps of {step:.3g} {units[j]}, which adds noise of about "
-                f"{100.0 * noise / size:.0f} % of the {seen} below {cutoff:.3g} Hz.",
+                "quantisation", "warning", f"q{j + 1}",
+                f"q{j + 1} is quantised in steps of {step:.3g} {unit}, which adds noise of about "
+                f"{percent:.0f} % of the acceleration below {cutoff:.3g} Hz.",
                 "likely: the steps are read from the file, the noise is estimated",
                 "log more digits, or move faster", None,
-                {"joint": j + 1, "step": step, "percent": 100.0 * noise / size},
+                {"joint": j + 1, "step": step, "percent": percent},
             )  # fmt: skip
 
 
