@@ -12,8 +12,8 @@ sim5, drawn and any number. Outcome of a case:
 Harm is the held-out error on clean data of what is identified all the same, over that of the model from
 the clean run. It is measured where nothing is said. Clean runs, and both halves of each, have to stay
 silent ("poor excitation" is true of a stretch whose model is harmed), and no two issues of one output
-may state the same number of the same joint. Writes corruptions.csv and corruptions.md; thresholds are judged
-on arms that nobody looked at.
+may state the same number of the same joint. Writes corruptions.csv and corruptions.md; thresholds are
+judged on arms that nobody looked at.
 """
 
 from __future__ import annotations
