@@ -1,4 +1,4 @@
-"""Workers: processes that do one job at a time, told by lines of JSON, answering by lines of JSON.
+"""Workers: processes that do one job at a time, asked and answering through a pipe.
 
 One is always started in advance; cancelling a job kills its worker; each ends with the server.
 """
@@ -8,11 +8,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import multiprocessing
 import os
-import queue
 import signal
-import subprocess
-import sys
 import threading
 import time
 import warnings
@@ -21,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.parallel import end_with
 
 #: Jobs of all tabs together that run at once, each with its part of the memory; the others wait.
 AT_ONCE = max(1, min(4, os.cpu_count() or 1))
@@ -40,50 +39,32 @@ class JobProcess:
     """A worker: a process that does one job after another; temporary : where it keeps what it needs."""
 
     def __init__(self, temporary: Path | None = None) -> None:
-        paths = os.pathsep.join(path for path in sys.path if path)
-        own = {"TMPDIR": str(temporary)} if temporary else {}
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", "from sdp_vs_penalty.page.worker import main; main()"],
-            env={**os.environ, **own, "PYTHONPATH": paths},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C is the server's; a kill reaches what a job starts
-        )
+        spawn = multiprocessing.get_context("spawn")
+        self.pipe, end = spawn.Pipe()
+        self.process = spawn.Process(target=main, args=(end, os.getpid(), temporary))
+        self.process.start()
+        end.close()
 
     async def do(self, request: Mapping[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
         """The answer to a request; raises InputError: the worker's sentence, or that it was killed."""
-        asked = json.dumps(request).encode() + b"\n"
-        while line := await asyncio.to_thread(self._next, asked):
-            message, asked = json.loads(line), b""
-            if "progress" in message:
+        try:
+            self.pipe.send(request)
+            while "progress" in (message := json.loads(await asyncio.to_thread(self.pipe.recv_bytes))):
                 progress(message["progress"])
-            elif "error" in message:
-                raise InputError(message["error"])
-            else:
-                return dict(message["result"])
-        raise _DIED
-
-    def _next(self, asked: bytes) -> bytes:
-        """Ask, if there is something to ask, and wait for a line; nothing at the process's end."""
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        with contextlib.suppress(OSError, ValueError):  # killed: nothing more comes
-            self.process.stdin.write(asked)
-            self.process.stdin.flush()
-            return self.process.stdout.readline()
-        return b""
-
-    @property
-    def ended(self) -> bool:
-        return self.process.poll() is not None
+        except (OSError, EOFError):
+            raise _DIED from None
+        if "error" in message:
+            raise InputError(message["error"])
+        return dict(message["result"])
 
     def kill(self) -> None:
         """End the worker and whatever it has started, at once."""
-        if not self.ended:
-            with contextlib.suppress(OSError, AttributeError):
-                os.killpg(self.process.pid, signal.SIGKILL)
-            self.process.kill()
-            threading.Thread(target=self.process.wait, daemon=True).start()  # leaves no zombie behind
+        if (number := self.process.pid) is None or not self.process.is_alive():
+            return
+        with contextlib.suppress(OSError, AttributeError):
+            os.killpg(number, signal.SIGKILL)
+        self.process.kill()
+        threading.Thread(target=self.process.join, daemon=True).start()  # leaves no zombie behind
 
 
 class Working:
@@ -146,7 +127,7 @@ class WorkerPool:
     def worker(self) -> JobProcess:
         """A worker that does nothing yet."""
         spare, self._spare = self._spare, None
-        return JobProcess(self.temporary) if spare is None or spare.ended else spare
+        return JobProcess(self.temporary) if spare is None or not spare.process.is_alive() else spare
 
     def close(self) -> None:
         self._closed = True
@@ -154,33 +135,24 @@ class WorkerPool:
             self._spare.kill()
 
 
-def main() -> None:
-    """Do the jobs that come on stdin, one after another. The server's end of it is the server's end."""
-    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what a library prints is no answer
-    requests: queue.SimpleQueue[str] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(requests,), daemon=True).start()
+def main(server: Any, parent: int, temporary: Path | None) -> None:
+    """Do the jobs that come through a pipe, one after another, while the parent lives."""
+    with contextlib.suppress(AttributeError):  # Ctrl-C is the server's; a kill reaches what a job starts
+        os.setsid()
+    end_with(parent)
+    os.dup2(2, 1)  # what a library prints is no matter of the server's
+    os.environ |= {"TMPDIR": str(temporary)} if temporary else {}
 
-    def send(message: dict[str, Any]) -> None:
-        print(json.dumps(message, default=_listed), file=answers, flush=True)
+    def send(message: dict[str, Any]) -> None:  # arrays and numbers of NumPy as JSON has them
+        server.send_bytes(json.dumps(message, default=lambda array: array.tolist()).encode())
 
     import sdp_vs_penalty.page.jobs  # noqa: F401  (takes seconds; a request may come meanwhile)
 
-    while True:
-        request = json.loads(requests.get())
-        limit_memory(int(request.get("at_once", 1)))
-        send(do(request, lambda text: send({"progress": text})))
-
-
-def _listed(array: Any) -> Any:
-    """Arrays and numbers of NumPy as JSON has them."""
-    return array.tolist()
-
-
-def _listen(requests: queue.SimpleQueue[str]) -> None:
-    for line in sys.stdin:
-        requests.put(line)
-    os._exit(1)
+    with contextlib.suppress(EOFError, OSError):  # the server has closed its end
+        while True:
+            request = server.recv()
+            limit_memory(int(request.get("at_once", 1)))
+            send(do(request, lambda text: send({"progress": text})))
 
 
 def do(request: dict[str, Any], progress: Any) -> dict[str, Any]:

@@ -237,7 +237,8 @@ def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions):
     assert seconds < 1.0
     assert s.runs == []
     assert s.notice.texts == ("Cancelled: nothing was changed.",)
-    work.process.wait(2.0)
+    work.process.join(2.0)
+    assert not work.process.is_alive()
 
 
 async def put(session: Session, name: str, kind: str, content: bytes = b"x") -> int:
@@ -324,14 +325,13 @@ def test_every_error_of_a_job_is_a_sentence(monkeypatch):
 
 
 def test_a_worker_ends_with_its_server(pool):
-    """The server is killed: its end of the pipe closes, and with it the worker."""
+    """The server's end of the pipe closes, and the worker ends; tests/test_kills.py kills the server."""
     work = pool.worker()
-    assert work.process.stdout is not None
-    work.process.stdin.write(json.dumps(LONG).encode() + b"\n")
-    work.process.stdin.flush()
-    assert work.process.stdout.readline()  # it works
-    work.process.stdin.close()
-    work.process.wait(3.0)
+    work.pipe.send(LONG)
+    assert work.pipe.recv_bytes()  # it works
+    work.pipe.close()
+    work.process.join(10.0)
+    assert not work.process.is_alive()
 
 
 async def pieces(*chunks: bytes) -> AsyncIterator[bytes]:
