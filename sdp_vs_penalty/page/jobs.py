@@ -40,7 +40,6 @@ from sdp_vs_penalty.page.asked import Answer, Asked
 from sdp_vs_penalty.page.run_jobs import look_again, mend, read, real, simulate
 from sdp_vs_penalty.page.summary import drawn_arm, placed, save_arrays, summary
 from sdp_vs_penalty.parallel import Workers
-from sdp_vs_penalty.problem.fields import entries
 from sdp_vs_penalty.problem.load import with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.reports import report as write_report
@@ -64,7 +63,6 @@ def robot(asked: Asked) -> Answer:
         "drawn": drawn_arm(problem.robot, problem.nominal_links, hulls),
         "own_gravity": problem.robot.gravity,
         "known": _known(problem),
-        "bounds": _bounds(problem),
     }
 
 
@@ -77,15 +75,6 @@ def _known(problem: Problem) -> str:
         f"Bounds on {bounds.sum()} of {bounds.size} link parameters; filters of states and torque: "
         f"{', '.join(cutoffs)}. The stage Identify, or a folder with a problem.toml, sets others."
     )
-
-
-def _bounds(problem: Problem) -> list[list[str]]:
-    """Name, ends as text ("" for none) and unit of everything of a link that a bound may be on."""
-    units = ("kg", *["m"] * 3, *["kg m^2"] * 6)
-    return [
-        [name, *(f"{x:.4g}" if np.isfinite(x) else "" for x in problem.box[place]), units[place[1]]]
-        for name, place in entries(problem.robot.links).items()
-    ]
 
 
 def _model(asked: Asked, estimate: Estimate, begin: float) -> Answer:

@@ -13,11 +13,10 @@ import secrets
 import signal
 import socket
 import sys
-import tomllib
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import uvicorn
 from fastapi import Depends, FastAPI, HTTPException, Request, Response
@@ -26,14 +25,9 @@ from nicegui import app as nicegui_app
 from nicegui import ui
 from starlette.requests import ClientDisconnect
 
-from sdp_vs_penalty.data.datasets import DATASETS
-from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.auth_middleware import KEY, LOOPBACK, guarded
-from sdp_vs_penalty.page.run_jobs import real_files
 from sdp_vs_penalty.page.session import Session, internal_error
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.stages import STAGES
@@ -41,8 +35,6 @@ from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
 from sdp_vs_penalty.page.worker import WorkerPool
 from sdp_vs_penalty.reports.pictures import LOOK as PICTURES
-from sdp_vs_penalty.simulation.hidden_runs import MAKERS
-from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 #: Tried first, so that the page can be bookmarked.
 PORT = 8137
@@ -51,40 +43,16 @@ _HERE = Path(__file__).parent
 
 
 class Page:
-    """One server: its sessions, its workers, what there is to choose from."""
+    """One server: its sessions and its workers."""
 
     def __init__(self, folder: Path | None, forms: Forms) -> None:
         self.folder, self.forms = folder, forms
         self.pool = WorkerPool()
         self.sessions = Sessions(self.pool)
-        self.catalogue = _catalogue()
 
     def close(self) -> None:
         self.sessions.close()
         self.pool.close()
-
-
-def _catalogue() -> dict[str, Any]:
-    """Everything that the page offers to choose from."""
-    kinds, methods = effect_types(), estimator_types()
-    files = sorted(problems_folder().glob("*/problem.toml"))
-    robots = [{"name": f.parent.name, "title": tomllib.loads(f.read_text())["title"]} for f in files]
-    return {
-        "problems": robots,
-        "effects": [
-            {"name": name, "explanation": kind.explanation, "frozen_only": kind.frozen_only}
-            for name, kind in kinds.items()
-        ],
-        "methods": [
-            {"name": name, "description": kind.description}
-            for name, kind in methods.items()
-            if not kind.needs_black_box
-        ],
-        "hideable": [name for name in MAKERS if not kinds[name].frozen_only],
-        "whole_robot": [name for name, kind in kinds.items() if kind.whole_robot],
-        "levels": list(LEVELS),
-        "real": {d.problem: d.title for d in DATASETS.values() if real_files(d.name)},
-    }
 
 
 @dataclass(frozen=True)
@@ -254,7 +222,7 @@ def _build(page: Page, session: Session) -> None:
     look = f"{(_HERE / 'look.css').read_text()}\n{PICTURES}\n:is({shown}) {{ display: block; }}"
     ui.add_head_html(f"<style>{look}</style>")
     ui.add_head_html(f"{limits}<script>{(_HERE / 'workbench.js').read_text()}</script>")
-    bench = Workbench(View(session, page.catalogue, page.folder, client, page.forms))
+    bench = Workbench(View(session, page.folder, client, page.forms))
     bench.build()
 
     def leave() -> None:

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from nicegui import ui
 from nicegui.client import Client
 
+from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 
@@ -28,7 +29,6 @@ class View:
     """
 
     session: Session
-    catalogue: Mapping[str, Any]
     folder: Path | None
     client: Client
     forms: Forms
@@ -107,6 +107,11 @@ def spoken(text: str) -> str:
     'Torque beyond the noise; Diagnose names causes.'
     """
     return text.replace("`diagnose`", "Diagnose").replace("`", "")
+
+
+def method_names() -> dict[str, str]:
+    """The methods that take measurements, with what they are."""
+    return {name: k.description for name, k in estimator_types().items() if not k.needs_black_box}
 
 
 def plain_name(effect: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.view import Stage, View, after_model
+from sdp_vs_penalty.page.view import Stage, View, after_model, method_names
 from sdp_vs_penalty.reports.sections import CERTIFICATE
 
 
@@ -13,7 +13,7 @@ from sdp_vs_penalty.reports.sections import CERTIFICATE
 def methods(view: View) -> None:
     """Other methods beside the current model's, on the same runs."""
     session, chosen = view.session, view.methods
-    names = {m["name"]: m["description"] for m in view.catalogue["methods"]}
+    names = method_names()
     with draw.tag("fieldset"):
         draw.tag("legend", "With the effects of the current model")
         with draw.tag("div", style="checks"):

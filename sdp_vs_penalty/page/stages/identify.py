@@ -12,13 +12,23 @@ from nicegui import ui
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.sentences import new_motion
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm import draw_arm, torque_errors
 from sdp_vs_penalty.page.charts import asked_span, ready, residual_chart, torque_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.summary import ModelStep
-from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified, plain_name, spoken
+from sdp_vs_penalty.page.view import (
+    Part,
+    Stage,
+    View,
+    after_model,
+    identified,
+    method_names,
+    plain_name,
+    spoken,
+)
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
 from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
@@ -43,7 +53,7 @@ def _draw_model(view: View) -> None:
 
 def _form(view: View) -> None:
     session = view.session
-    effects = {e["name"]: e for e in view.catalogue["effects"] if not e["frozen_only"]}
+    effects = {name: kind for name, kind in effect_types().items() if not kind.frozen_only}
 
     def tick(name: str, on: bool) -> None:
         chosen = [e for e in session.effects if _name(e) != name] + [name] * on
@@ -54,7 +64,7 @@ def _form(view: View) -> None:
     def boxes(names: Sequence[str]) -> None:
         with draw.tag("div", style="checks"):
             for name in names:
-                on, said = name in map(_name, session.effects), effects[name]["explanation"]
+                on, said = name in map(_name, session.effects), effects[name].explanation
                 draw.check(plain_name(name), on, partial(tick, name), f"effect-{name}", said)
 
     with draw.tag("fieldset"):
@@ -67,10 +77,9 @@ def _form(view: View) -> None:
             boxes(rest)
 
     with draw.tag("div", style="fields method"):
-        options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
+        options = [(name, f"{name}: {said}") for name, said in method_names().items()]
         draw.choice("Method", options, session.method, partial(setattr, session, "method"), "method")
         draw.number("Seed", session.seed, partial(setattr, session, "seed"), "seed")
-    _bounds(view)
     _options(view)
     if session.meaningless:
         anyway = partial(setattr, session, "anyway")
@@ -84,36 +93,6 @@ def _form(view: View) -> None:
         draw.drop("Your model.json", "model")
 
 
-def _bounds(view: View) -> None:
-    """What is known of the links before anything is measured: a row a link, a column a parameter."""
-    (option,) = [o for o in view.forms["identify"] if o.dest == "bounds"]
-    known, options = view.session.arm["bounds"], view.session.options
-
-    def cell(low: str, high: str) -> str:
-        return (
-            f"{low} to {high}"
-            if low and high
-            else f"from {low}"
-            if low
-            else f"to {high}"
-            if high
-            else "-"
-        )
-
-    def put(text: str) -> None:
-        options.pop("bounds", None)
-        options.update({"bounds": text.strip()} if text.strip() else {})
-
-    with draw.details("Bounds of links", "bounds", "bounds" in options):
-        draw.note("c is the centre of mass, I the inertia about it; the field below changes them.")
-        links = [known[k : k + 10] for k in range(0, len(known), 10)]
-        rows = [(f"{k}", *(cell(*x[1:3]) for x in link)) for k, link in enumerate(links, start=1)]
-        heads = [f"{name.replace('1', '')} [{unit}]" for name, _, _, unit in links[0]]
-        draw.table(("link", *heads), rows, "Bounds of the links")
-        now = options.get("bounds", "")
-        draw.text_field(draw.told(option), now, put, "bounds-text", str(option.metavar))
-
-
 def _options(view: View) -> None:
     """Effects as they are written on the command line, and its options."""
     session = view.session
@@ -122,12 +101,12 @@ def _options(view: View) -> None:
         session.effects = [word.strip() for word in text.split(",") if word.strip()]
         session.changed()
 
-    chosen = len(session.options.keys() - {"bounds"})
+    chosen = len(session.options)
     with draw.details(f"More options{f' ({chosen} set)' * bool(chosen)}", "more-options"):
         said = "Effects as text: name[:joints][@shape=value], such as coulomb_friction@v_s=0.01"
         draw.text_field(said, ",".join(session.effects), write, "effects-text", wide=True)
         with draw.tag("div", style="fields"):
-            draw.draw_form([o for o in view.forms["identify"] if o.dest != "bounds"], session.options)
+            draw.draw_form(view.forms["identify"], session.options)
 
 
 def _name(effect: str) -> str:

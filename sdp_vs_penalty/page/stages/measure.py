@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import tomllib
 from functools import partial
 from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.urdf import HEADS
 from sdp_vs_penalty.data.catalogue import DATASETS
+from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
+from sdp_vs_penalty.page.run_jobs import real_files
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES, RUN_SUFFIXES
 from sdp_vs_penalty.page.view import Part, Stage, Verdict, View, plain_name
+from sdp_vs_penalty.simulation.hidden_runs import MAKERS
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 
 def _robot_depends(session: Session) -> Any:
@@ -44,9 +50,9 @@ def _choose(view: View) -> None:
         draw.button("Show me", session.show_me, "show-me", "primary" if robot is None else "")
         draw.note("The whole job on a simulated arm with something hidden, in about a minute.")
     with draw.tag("div", style="tiles", role="group", aria_label="Built-in robots"):
-        for problem in view.catalogue["problems"]:
-            name = problem["name"]
-            _tile(view, name, name, problem["title"])
+        for file in sorted(problems_folder().glob("*/problem.toml")):
+            name = file.parent.name
+            _tile(view, name, name, tomllib.loads(file.read_text())["title"])
         for folder in view.folder_problems():
             _tile(view, str(folder), folder.name, "with the bounds and filters of its problem.toml")
         for file in view.folder_files(ROBOT_SUFFIXES):
@@ -138,12 +144,15 @@ def _from_folder(view: View) -> None:
 
 
 def _simulated(view: View) -> None:
-    hiding, robot = view.hiding, view.session.arm
+    hiding, robot, kinds = view.hiding, view.session.arm, effect_types()
     if not 0 < int(hiding["joint"]) <= robot["n"]:
         hiding["joint"] = str(robot["n"])
-    names = [("none", "Nothing hidden"), *((n, plain_name(n)) for n in view.catalogue["hideable"])]
+    names = [
+        ("none", "Nothing hidden"),
+        *((n, plain_name(n)) for n in MAKERS if not kinds[n].frozen_only),
+    ]
     joints = [(str(k), f"{k} {name}") for k, name in enumerate(robot["joints"], start=1)]
-    levels = [(level, level) for level in view.catalogue["levels"]]
+    levels = [(level, level) for level in LEVELS]
     with draw.tag("div", style="fields"):
         for label, word, options in (
             ("Effect", "effect", names),
@@ -154,8 +163,8 @@ def _simulated(view: View) -> None:
         draw.number("Seed", hiding["seed"], partial(hiding.__setitem__, "seed"), "hide-seed")
 
     def simulate() -> None:
-        whole = hiding["effect"] in view.catalogue["whole_robot"]
-        at = [] if whole else [int(hiding["joint"])]
+        kind = kinds.get(hiding["effect"])
+        at = [] if kind and kind.whole_robot else [int(hiding["joint"])]
         view.session.simulate(hiding["effect"], at, hiding["level"], hiding["seed"])
 
     draw.button("Simulate four runs", simulate, "simulate")
@@ -163,13 +172,13 @@ def _simulated(view: View) -> None:
 
 def _real(view: View) -> None:
     robot = view.session.arm
-    title = view.catalogue["real"].get(robot["source"])
-    if title is not None:
-        draw.note(title)
+    sets = [d for d in DATASETS.values() if d.problem == robot["source"]]
+    if sets and real_files(sets[0].name):
+        draw.note(sets[0].title)
         draw.button("Use the real runs", view.session.real, "real")
-    elif robot["source"] in DATASETS:
+    elif sets:
         draw.note("Not downloaded. Run:")
-        draw.tag("code", f"sdp-vs-penalty fetch {robot['source']}")
+        draw.tag("code", f"sdp-vs-penalty fetch {sets[0].name}")
     else:
         draw.note(f"Public measurements exist for {formatting.words(list(DATASETS))}.")
 
