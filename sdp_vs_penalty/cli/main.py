@@ -23,36 +23,16 @@ from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.files.inputs import opened
 from sdp_vs_penalty.version import __version__
 
-#: Every file of verbs/ with the line that the program's --help shows, by what it is for.
+#: Every file of verbs/, by what it is for; its first line is that of the program's --help.
 VERBS = {
-    "First": {"demo": "The main job in small: a simulated arm, from its log to a better model."},
-    "Measurements": {
-        "fetch": "Download public measurements as RUN.csv files.",
-        "convert": "Convert MATLAB, Parquet, ROS bags and MCAP files to RUN.csv.",
-        "check": "Check runs: units, signs, order, gravity, clock, excitation.",
-        "excite": "Design an exciting trajectory within the robot's limits.",
-        "simulate": "Simulate runs with a hidden effect, or run a model forward.",
-    },
-    "Models": {
-        "identify": "Identify dynamic parameters from runs, with a certificate.",
-        "compare": "Compare models with runs: error and noise of each joint.",
-        "cross-validate": "Judge a method on motion that its models have not seen.",
-        "diagnose": "Name the physical effects that a model is missing.",
-        "add": "Add an effect to a model and identify it again.",
-        "report": "Write a self-contained HTML report.",
-        "verify": "Check proofs of optimality in exact arithmetic.",
-        "export": "Export a model: URDF, MJCF, JSON, NumPy, C header, friction table.",
-        "check-urdf": "Check a URDF's inertials for physical consistency.",
-        "page": "Open the workbench in a browser.",
-        "list": "List problems, effects, methods, solvers, tables and more.",
-    },
-    "Research": {
-        "tables": "Regenerate the paper's tables.",
-        "figures": "Regenerate the paper's figures.",
-        "shootout": "Run SDP solvers and judge their answers by proved bounds.",
-        "export-sdp": "Write the identification SDP for another solver.",
-    },
-}
+    "First": ["demo"],
+    "Measurements": ["fetch", "convert", "check", "excite", "simulate"],
+    "Models": [
+        "identify", "compare", "cross-validate", "diagnose", "add", "report", "verify", "export",
+        "check-urdf", "page", "list",
+    ],
+    "Research": ["tables", "figures", "shootout", "export-sdp"],
+}  # fmt: skip
 
 
 _ABOUT = """Identify a robot's dynamics: the LMI-SDP and penalty-based retrieval, each with
@@ -89,16 +69,20 @@ def _require_memory() -> None:
         )
 
 
+def _file(verb: str) -> Path:
+    return Path(__file__).parent / "verbs" / f"{verb.replace('-', '_')}.py"
+
+
 def _help() -> str:
     """The program's, without importing a verb."""
     said = ["Usage: sdp-vs-penalty [--version] [--debug] COMMAND ...", "", _ABOUT, ""]
     said += ["--debug shows the traceback of an error, of any verb.", ""]
     for purpose, verbs in VERBS.items():
         said.append(f"Commands: {purpose.lower()}")
-        for name, text in verbs.items():
-            said.append(
-                textwrap.fill(f"{name:15} {text}", 80, initial_indent="  ", subsequent_indent=18 * " ")
-            )
+        for name in verbs:
+            _, text, _ = _file(name).read_text().split('"""', 2)
+            line = f"{name:15} {text}"
+            said.append(textwrap.fill(line, 80, initial_indent="  ", subsequent_indent=18 * " "))
     return "\n".join(said)
 
 
@@ -107,7 +91,7 @@ def named(name: str) -> Callable[..., None]:
     names = [name for verbs in VERBS.values() for name in verbs]
     if name not in names:
         raise unknown("command", name, names)
-    return import_module(f"sdp_vs_penalty.cli.verbs.{name.replace('-', '_')}").verb  # type: ignore[no-any-return]
+    return import_module(f"sdp_vs_penalty.cli.verbs.{_file(name).stem}").verb  # type: ignore[no-any-return]
 
 
 def _run(words: Sequence[str]) -> None:

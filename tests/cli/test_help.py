@@ -33,7 +33,7 @@ def test_every_file_of_verbs_is_in_the_programs_help(capsys):
         main(["--help"])
     lines = capsys.readouterr().out.splitlines()
     left = files - {line.split()[0] for line in lines if line.startswith("  ")}
-    assert not left, f"{left} have no line in cli/main.py"
+    assert not left, f"{left} begin with no line for the help"
     assert max(map(len, lines)) <= 80
 
 

@@ -1,4 +1,4 @@
-"""The verb add: effects join the model."""
+"""Add an effect to a model and identify it again."""
 
 from __future__ import annotations
 

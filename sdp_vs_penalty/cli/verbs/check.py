@@ -1,4 +1,4 @@
-"""The verb check: measurements before identification."""
+"""Check runs: units, signs, order, gravity, clock, excitation."""
 
 from __future__ import annotations
 

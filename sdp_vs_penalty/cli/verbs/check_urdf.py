@@ -1,4 +1,4 @@
-"""The verb check-urdf: which inertials are possible."""
+"""Check a URDF's inertials for physical consistency."""
 
 from __future__ import annotations
 

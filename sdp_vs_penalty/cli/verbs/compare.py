@@ -1,4 +1,4 @@
-"""The verb compare: models against runs."""
+"""Compare models with runs: error and noise of each joint."""
 
 from __future__ import annotations
 

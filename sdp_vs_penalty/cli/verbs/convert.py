@@ -1,4 +1,4 @@
-"""The verb convert: measurements of another program."""
+"""Convert MATLAB, Parquet, ROS bags and MCAP files to RUN.csv."""
 
 from __future__ import annotations
 

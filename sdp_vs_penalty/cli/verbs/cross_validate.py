@@ -1,4 +1,4 @@
-"""The verb cross-validate: errors on motion that the models have not seen."""
+"""Judge a method on motion that its models have not seen."""
 
 from __future__ import annotations
 

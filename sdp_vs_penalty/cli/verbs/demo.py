@@ -1,4 +1,4 @@
-"""The verb demo: the main job in small, on a simulated arm."""
+"""The main job in small: a simulated arm, from its log to a better model."""
 
 from __future__ import annotations
 

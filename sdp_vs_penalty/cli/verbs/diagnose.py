@@ -1,4 +1,4 @@
-"""The verb diagnose: which effects a model is missing."""
+"""Name the physical effects that a model is missing."""
 
 from __future__ import annotations
 

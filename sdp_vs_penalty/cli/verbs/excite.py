@@ -1,4 +1,4 @@
-"""The verb excite: an exciting trajectory."""
+"""Design an exciting trajectory within the robot's limits."""
 
 from __future__ import annotations
 

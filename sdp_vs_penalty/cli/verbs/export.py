@@ -1,4 +1,4 @@
-"""The verb export: a model for simulators and controllers."""
+"""Export a model: URDF, MJCF, JSON, NumPy, C header, friction table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb export-sdp: the optimisation problem as a file."""
+"""Write the identification SDP for another solver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb fetch: public measurements."""
+"""Download public measurements as RUN.csv files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb figures: the paper's figures."""
+"""Regenerate the paper's figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb identify: a model from measured runs."""
+"""Identify dynamic parameters from runs, with a certificate."""
 
 from __future__ import annotations
 

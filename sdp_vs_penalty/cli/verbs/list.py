@@ -1,4 +1,4 @@
-"""The verb list: the names that the other verbs take, read from the folders that hold them."""
+"""List problems, effects, methods, solvers, tables and more."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb page: the workbench in a browser."""
+"""Open the workbench in a browser."""
 
 from __future__ import annotations
 

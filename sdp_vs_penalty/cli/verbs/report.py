@@ -1,4 +1,4 @@
-"""The verb report: one self-contained HTML file."""
+"""Write a self-contained HTML report."""
 
 from __future__ import annotations
 

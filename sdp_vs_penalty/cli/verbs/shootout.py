@@ -1,4 +1,4 @@
-"""The verb shootout: solvers judged by a proved interval."""
+"""Run SDP solvers and judge their answers by proved bounds."""
 
 from __future__ import annotations
 

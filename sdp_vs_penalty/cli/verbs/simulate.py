@@ -1,4 +1,4 @@
-"""The verb simulate: runs with a hidden effect, or a model run forward along measured runs."""
+"""Simulate runs with a hidden effect, or run a model forward."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb tables: the paper's tables made again."""
+"""Regenerate the paper's tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb verify: proofs of optima, checked in exact arithmetic."""
+"""Check proofs of optimality in exact arithmetic."""
 
 from __future__ import annotations
 
