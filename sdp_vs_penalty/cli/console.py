@@ -85,9 +85,7 @@ def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], wo
 
 def listing(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A table of words, whose first column is never wrapped: it holds the names to type."""
-    _print(
-        headings, rows, no_wrap=[k == 0 for k in range(len(headings))], overflow=["fold"] * len(headings)
-    )
+    _print(headings, rows, no_wrap=[k == 0 for k in range(len(headings))], overflow=["fold"] * 99)
 
 
 def _print(headings: Iterable[str], rows: Sequence[Sequence[str]], **settings: Sequence[Any]) -> None:

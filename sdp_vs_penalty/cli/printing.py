@@ -14,8 +14,8 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli.console import aligned, details, explain, listing, next_step, say, table
 from sdp_vs_penalty.diagnosis.sentences import event_lines
 from sdp_vs_penalty.estimation.verdict import changes
+from sdp_vs_penalty.exporters.links import LINK_HEADS, link_rows
 from sdp_vs_penalty.formatting import number, plain_unit
-from sdp_vs_penalty.robot import inertia
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.diagnosis.comparison import Comparison
@@ -58,8 +58,9 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
             [k, f"{g['value']:.4g}", f"{1.96 * g['std']:.2g}", plain_unit(g["unit"])] for k, g in gains
         ]
         table("Gains, of the logged torque", ["gain", "value", "+-", "unit"], rows)
-    if len(result.links):
-        links(result)
+    if rows := link_rows(result):
+        heads, *lines = ([*row[:4], *row[5:]] for row in (LINK_HEADS, *rows))  # no centres: too wide
+        table("Links, identified and nominal", heads, lines)
     if fit is not None:
         comparison([fit], result.robot.torque_units, "RMSE on these measurements")
 
@@ -143,40 +144,31 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
     return lines
 
 
-def links(result: Estimate) -> None:
-    """Mass and radius of gyration of each link, against the nominal robot."""
-    at, bodies = result.model.rigid_indices, result.problem.link_bodies
-    both = result.links, result.nominal[at].reshape(-1, 10)
-    masses, spans = zip(*((links[:, 0], inertia.gyration(links)) for links in both), strict=True)
-    rows = [
-        (
-            str(k + 1),
-            *(number(m[k], 4) for m in masses),
-            result.sources[at[10 * k]],
-            *(number(g[k]) for g in spans),
-            body.source,
-        )
-        for k, body in enumerate(bodies)
-    ]
-    heads = ("link", "mass", "nominal", "from", "gyration", "nominal", "body from")
-    table("Links: mass [kg] and radius of gyration [m], identified and nominal", heads, rows)
+def comparison(
+    results: Sequence[Comparison],
+    units: Sequence[str],
+    title: str = "RMSE",
+    names: Sequence[str] = (),
+) -> None:
+    """One row a joint: RMSE beside the noise floor, and R^2 of a single model, of several how the first
+    became the last.
 
-
-def comparison(results: Sequence[Comparison], units: Sequence[str], title: str = "RMSE") -> None:
-    """One row a joint: RMSE beside the noise floor, and R^2 of a single model.
-
-    Several models are columns [1], [2], ... so that figures stay readable in a narrow terminal.
+    Several models are columns [1], [2], ... so that figures stay readable in a narrow terminal, or have
+    ``names``.
     """
-    floor, several = results[0].noise_floor, len(results) > 1
-    heads = [f"RMSE [{k}]" for k in range(1, len(results) + 1)] if several else ["RMSE"]
+    first, last, several = results[0], results[-1], len(results) > 1
+    floor = last.noise_floor
+    heads = list(names) or [f"RMSE [{k}]" for k in range(1, len(results) + 1)] if several else ["RMSE"]
     rows = []
     for j, torque in enumerate(units):
-        cells = [str(j + 1), plain_unit(torque), *(number(result.rmse[j]) for result in results)]
-        cells.append("-" if floor is None else number(floor[j]))
-        rows.append(cells if several else [*cells, f"{results[0].r2[j]:.4f}"])
-    band = f"{title}, below {number(results[0].band_hz)} Hz"
-    table(band, ("joint", "unit", *heads, "noise floor", *([] if several else ["R2"])), rows, words=2)
-    for k, result in enumerate(results if several else [], start=1):
+        old, new = first.rmse[j], last.rmse[j]
+        change = f"{100.0 * (new / old - 1.0) if old > 0.0 else 0.0:+.1f} %"
+        errors = (number(result.rmse[j]) for result in results)
+        cells = [str(j + 1), plain_unit(torque), *errors, change if several else f"{first.r2[j]:.4f}"]
+        rows.append([*cells, "-" if floor is None else number(floor[j])])
+    heads = ["joint", "unit", *heads, "change" if several else "R2", "noise floor"]
+    table(f"{title} below {number(last.band_hz)} Hz", heads, rows, words=2)
+    for k, result in enumerate(results if several and not names else [], start=1):
         say(f"[{k}] {result.name}")
 
 
@@ -307,18 +299,11 @@ def worth_showing(effects: Sequence[Finding]) -> Sequence[Finding]:
 
 def before_after(before: Comparison, after: Comparison, units: Sequence[str], what: str) -> None:
     """What became of each joint's error, the verdict after, and both errors as a table."""
-    floor = after.noise_floor
-    said = changes(before.rmse, after.rmse, floor) or "no joint's error changed by more than 5 %."
+    said = changes(before.rmse, after.rmse, after.noise_floor)
+    said = said or "no joint's error changed by more than 5 %."
     say(f"On {what}: {said}", style="bold")
     verdict(after.verdict)
-    rows = []
-    for j, torque in enumerate(units):
-        old, new = before.rmse[j], after.rmse[j]
-        change = 100.0 * (new / old - 1.0) if old > 0.0 else 0.0
-        cells = [str(j + 1), plain_unit(torque), number(old), number(new), f"{change:+.1f} %"]
-        rows.append([*cells, "-" if floor is None else number(floor[j])])
-    heads = ("joint", "unit", "before", "after", "change", "noise floor")
-    table(f"RMSE below {number(after.band_hz)} Hz", heads, rows, words=2)
+    comparison([before, after], units, names=("before", "after"))
     errors = (number(before.relative_error_percent), number(after.relative_error_percent))
     say(f"all joints together, relative error: {errors[0]} % before, {errors[1]} % after")
 

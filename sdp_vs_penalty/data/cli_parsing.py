@@ -5,16 +5,16 @@ from __future__ import annotations
 from sdp_vs_penalty.errors import InputError
 
 
-def numbers(option: str, text: str, count: int) -> list[float]:
-    """``count`` numbers separated by commas; InputError naming the option otherwise."""
+def numbers(option: str, text: str, count: int | None = None) -> list[float]:
+    """Numbers separated by commas, ``count`` of them where that is given; InputError naming the option
+    otherwise."""
     try:
         values = [float(word) for word in text.split(",")]
     except ValueError:
         values = []
-    if len(values) != count:
-        raise InputError(
-            f"{option} {text!r} is not {count} numbers", f"write {count} numbers separated by commas"
-        )
+    if not values or len(values) != (count or len(values)):
+        many = f"{count} numbers" if count else "numbers"
+        raise InputError(f"{option} {text!r} is not {many}", f"write {many} separated by commas")
     return values
 
 

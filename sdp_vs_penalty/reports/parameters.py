@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.uncertainty import Interval, counts
 from sdp_vs_penalty.exporters.friction_table import friction_curves
+from sdp_vs_penalty.exporters.links import LINK_HEADS, link_rows, seen
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, friction_figure
@@ -69,45 +70,9 @@ def _row(i: Interval, source: str, nominal: float) -> Row:
 
 def cells(row: Row) -> tuple[str, ...]:
     """A parameter as text, in the order of HEADS."""
-    figures = (number(_seen(row[name]), 4) for name in ("value", "low", "high", "nominal"))
+    figures = (number(seen(row[name]), 4) for name in ("value", "low", "high", "nominal"))
     unit = formatting.plain_unit(row["unit"])
     return row["name"], row["verdict"], row["source"], *figures, unit
-
-
-def _seen(value: float | None) -> float | None:
-    """Zero for what rounding alone keeps from it."""
-    return 0.0 if value is not None and abs(value) < ROUNDING else value
-
-
-LINK_HEADS = (
-    "link", "mass [kg]", "nominal", "from", "centre of mass [m]", "gyration [m]", "nominal",
-    "thickness [mm]",
-)  # fmt: skip
-
-
-def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
-    """Mass, centre of mass and radius of gyration of each link beside the nominal ones, as text."""
-    at = estimate.model.rigid_indices
-    if not len(at):
-        return []
-    links, nominal = estimate.links, estimate.nominal[at].reshape(-1, 10)
-    robot, thick = estimate.robot, inertia.thickness(links)
-    gyration = inertia.gyration(links), inertia.gyration(nominal)
-    rows = []
-    for i, link in enumerate(links):
-        com = link[1:4] / link[0] if link[0] > 0.0 else np.full(3, np.nan)
-        rows.append(
-            (
-                f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",
-                number(link[0], 4),
-                number(nominal[i, 0], 4),
-                estimate.sources[at[10 * i]],
-                ", ".join(number(_seen(c)) for c in com),
-                *(number(g[i]) for g in gyration),
-                number(1e3 * thick[i]),
-            )
-        )
-    return rows
 
 
 def caveats(estimate: Estimate) -> list[str]:

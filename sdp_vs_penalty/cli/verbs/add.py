@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.cli.runs import runs_for, words
+from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -94,12 +95,8 @@ def _effects(
     if confident and only is not None:
         raise InputError("--confident and --only exclude each other", "leave one out")
     found = load_diagnosis(findings)
+    wanted = None if only is None else list(map(int, numbers("--only", only)))
     try:
-        numbers = None if only is None else [int(word) for word in only.split(",")]
-    except ValueError:
-        remedy = "write the findings' numbers separated by commas, like 1,3"
-        raise InputError(f"--only {only!r}", remedy) from None
-    try:
-        return found.selected(numbers, confident)
+        return found.selected(wanted, confident)
     except InputError as error:
         raise error.within(findings) from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.data.cli_parsing import numbers
 
 _QUICK_LIMIT = 10.0
 
@@ -50,7 +50,7 @@ def verb(
         _export(export, None if problems is None else _words(problems))
         return
     usual = runner.Shootout.accuracies
-    asked = _accuracies(accuracy) if accuracy else usual[1:2] if quick else usual
+    asked = tuple(numbers("--accuracy", accuracy)) if accuracy else usual[1:2] if quick else usual
     limit = time_limit if time_limit is not None else _QUICK_LIMIT if quick else 60.0
     setup = runner.Shootout(
         out,
@@ -102,12 +102,3 @@ def _list() -> None:
 
 def _words(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
-
-
-def _accuracies(text: str) -> tuple[float, ...]:
-    try:
-        return tuple(float(word) for word in _words(text))
-    except ValueError:
-        raise InputError(
-            f"--accuracy {text!r}", "write numbers separated by commas, like 1e-4,1e-8"
-        ) from None
