@@ -58,8 +58,8 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
             [k, f"{g['value']:.4g}", f"{1.96 * g['std']:.2g}", plain_unit(g["unit"])] for k, g in gains
         ]
         table("Gains, of the logged torque", ["gain", "value", "+-", "unit"], rows)
-    if rows := link_rows(result):
-        heads, *lines = ([*row[:4], *row[5:]] for row in (LINK_HEADS, *rows))  # no centres: too wide
+    if links := link_rows(result):
+        heads, *lines = ([*row[:4], *row[5:]] for row in (LINK_HEADS, *links))  # no centres: too wide
         table("Links, identified and nominal", heads, lines)
     if fit is not None:
         comparison([fit], result.robot.torque_units, "RMSE on these measurements")
