@@ -10,9 +10,9 @@ scale squared. Above one half of what both know, prior variance over the sum, it
 from __future__ import annotations
 
 import platform
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -236,10 +236,10 @@ def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000, seed
 
 
 def versions() -> dict[str, str]:
-    """Versions of everything that took part in a figure."""
-    own, others = platform.python_version(), ("numpy", "scipy", "pin", "clarabel", "cvxpy")
-    found = {"sdp_vs_penalty": __version__, "python": own}
-    return found | {name: metadata.version(name) for name in others}
+    """Versions of everything that may have taken part in a figure: of what is imported."""
+    others = {"pin": "pinocchio"} | {name: name for name in ("numpy", "scipy", "clarabel", "cvxpy")}
+    found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
+    return found | {k: sys.modules[m].__version__ for k, m in others.items() if m in sys.modules}
 
 
 def identify(

@@ -79,7 +79,7 @@ class Sandwich:
         for few in np.array_split(seen, 1 + seen.size * self.directions.shape[1] ** 2 // (1 << 20)):
             w = contrasts[few] @ self.directions
             variance, freedom = self._variances(w)
-            known = self.white * np.einsum("ck,kl,cl->c", w, self.prior, w)
+            known = self.white * np.sum((w @ self.prior) * w, axis=1)
             t, normal = stdtrit(freedom, 0.5 + 0.5 * level), stdtrit(np.inf, 0.5 + 0.5 * level)
             half[few] = np.sqrt(t**2 * variance + normal**2 * known)
         return half
@@ -87,7 +87,7 @@ class Sandwich:
     def _variances(self, w: Array) -> tuple[Array, Array]:
         """Of each w' z, w (c, r): variance from the data (c,), and degrees of freedom (c,)."""
         if self.taken_white:
-            prior = np.einsum("ck,kl,cl->c", w, self.prior, w)
+            prior = np.sum((w @ self.prior) * w, axis=1)
             return self.white * (np.sum(w * w, axis=1) - prior), np.full(len(w), np.inf)
         K, (B, r) = self.kernel, self.scores.shape
         AB, h = np.moveaxis(self.grams @ w.T, 2, 0), w @ self.scores.T  # (c, B, r), (c, B)
@@ -98,7 +98,9 @@ class Sandwich:
         information = own.sum(axis=1)
         expected = information - np.trace(M, axis1=1, axis2=2)
         square = np.sum(own * (K.power(2) @ own.T).T, axis=1)
-        square += np.einsum("ckl,clk->c", M, M) - 2.0 * np.sum(own * np.sum(KAB**2, axis=2), axis=1)
+        square += np.sum(M * M.swapaxes(1, 2), axis=(1, 2)) - 2.0 * np.sum(
+            own * np.sum(KAB**2, axis=2), axis=1
+        )
         found = np.maximum(np.sum(h * (K @ h.T).T, axis=1), 0.0)
         told = (expected > 1e-6 * information) & (square > 0.0)
         safe = np.where(told, expected, 1.0)
@@ -137,12 +139,11 @@ class Sandwich:
 
     def gain_response(self, theta: Array) -> Array:
         """(p, n) change of the estimate theta for a unit relative error of each channel's gain."""
-        torques = []
-        for f in self.regression.factors:
-            column = np.zeros((len(f.triangle), self.regression.joints))
-            column[:, f.joint] = f.triangle[:, :-1] @ theta[f.indices]
-            torques.append(column)
-        return self.response(torques)
+        moved = np.zeros((self.directions.shape[1], self.regression.joints))
+        for f in self.regression.per_joint:
+            rows, weight = f.triangle[:, :-1], self.weights[f.joint] ** 2
+            moved[:, f.joint] = weight * (rows @ theta[f.indices]) @ (rows @ self.directions[f.indices])
+        return np.asarray(self.directions @ moved)
 
 
 def sandwich(regression: Regression, weights: Array, prior_scale: Array | None = None) -> Sandwich:
@@ -160,12 +161,13 @@ def sandwich(regression: Regression, weights: Array, prior_scale: Array | None =
     V = visible(whole.R)[1]
     z = V.T @ (whole.R.T @ whole.rho)
     B, r = len(regression.blocks), V.shape[1]
-    grams, scores = np.zeros((B, r, r)), np.zeros((B, r))
+    grams, scores, own = np.zeros((B, r, r)), np.zeros((B, r)), dict[int, Array]()
     for f in regression.factors:
-        rows = weights[f.joint] * f.triangle
-        seen = rows[:, :-1] @ V[f.indices]
+        if f.joint not in own:
+            own[f.joint] = weights[f.joint] * V[f.indices]
+        rows, seen = weights[f.joint] * f.triangle[:, -1], f.triangle[:, :-1] @ own[f.joint]
         grams[f.block] += seen.T @ seen
-        scores[f.block] += seen.T @ (rows[:, -1] - seen @ z)
+        scores[f.block] += seen.T @ (rows - seen @ z)
     excess = float(np.sum(np.trace(grams, axis1=1, axis2=2)) - np.sum(grams**2))
     inflation = 1.0
     if excess > 1e-6 * r and white > 0.0:

@@ -22,6 +22,7 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
@@ -34,11 +35,12 @@ from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.bounded_least_squares import least_squares
-from sdp_vs_penalty.regression.partial import UNSEEN, partialled, visible
+from sdp_vs_penalty.regression.partial import UNSEEN, deviations, partialled, visible
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.spline import CubicSpline
 
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], NDArray[np.bool_]]
@@ -119,7 +121,7 @@ def estimate_shapes(
     weights = np.ones(model.robot.n)
     if weighting == "noise":
         whole = folds.least_squares()
-        theta = np.linalg.lstsq(whole.R, whole.rho, rcond=1e-10)[0]
+        theta = scipy.linalg.lstsq(whole.R, whole.rho, 1e-10, lapack_driver="gelsy")[0]
         weights = joint_weights(folds, theta)
     profile = _Profile.of(folds, weights, base, banks)
     found = _confirmed(profile, profile.estimates(), folds, weights)
@@ -155,8 +157,8 @@ class _Cells:
 @dataclass(frozen=True)
 class _Bank:
     """One shape constant of one effect on one joint: the value that the model has, the values (K,) whose
-    columns are known (the first and the last are the range), where these (K, k) stand among all others,
-    and of ln u the weights (K,) of each value's columns, a cubic spline."""
+    columns are known (the first and the last are the range), where these (K, k) stand among all
+    others."""
 
     effect: Effect
     joint: int
@@ -164,12 +166,22 @@ class _Bank:
     now: float
     values: Array
     columns: NDArray[np.intp]
-    weights: Any
 
     @cached_property
     def ends(self) -> Array:
         """(2,) of its range, ln u."""
         return np.log(self.values[[0, -1]])
+
+    @cached_property
+    def _spline(self) -> CubicSpline:
+        return CubicSpline(np.log(self.values), np.eye(len(self.values)))
+
+    def weights(self, u: float) -> Array:
+        """(2, K) of each value's columns in those at ln u, and in their derivatives."""
+        k = int(np.searchsorted(self._spline.x[1:-1], u, "right"))
+        d = u - self._spline.x[k]
+        powers = np.array([[d**3, d**2, d, 1.0], [3.0 * d**2, 2.0 * d, 1.0, 0.0]])
+        return np.asarray(powers @ self._spline.powers[:, k])
 
 
 def _with_banks(
@@ -177,8 +189,6 @@ def _with_banks(
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
     """The model with the columns of each open constant at all values of its grid; where all other
     columns stand; the grids."""
-    from scipy.interpolate import CubicSpline
-
     own = [effect for effect, _, _ in wanted]
     fixed = [e for e in model.effects if not any(e is effect for effect in own)]
     first = sum(len(e.parameters) for e in fixed)
@@ -192,8 +202,7 @@ def _with_banks(
         parts.append(_Grid([alone(effect, joint, **{key: value}) for value in grid]))
         columns = first + np.arange(len(parts[-1].parameters)).reshape(len(grid), -1)
         first += columns.size
-        spline = CubicSpline(np.log(grid), np.eye(len(grid)))
-        banks.append(_Bank(alone(effect, joint), joint, key, now, np.array(grid), columns, spline))
+        banks.append(_Bank(alone(effect, joint), joint, key, now, np.array(grid), columns))
     return Model(model.robot, (*fixed, *parts), gains=model.gains, known=model.known), base, banks
 
 
@@ -260,37 +269,44 @@ class _Profile:
         return np.array([np.clip(np.log(b.now), *b.ends) for b in self.banks])
 
     @cached_property
-    def _parts(self) -> tuple[list[Array], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Of each bank (K, k r) its columns at all values, one after the other; of the M columns at one
-        value each, (M, B) whose they are, and which coefficients are not negative."""
+    def _owner(self) -> NDArray[np.intp]:
+        """(M,) whose the columns at one value of each constant are."""
+        return np.repeat(np.arange(len(self.banks)), [b.columns.shape[1] for b in self.banks])
+
+    @cached_property
+    def _parts(self) -> list[Array]:
+        """Of each bank (K, k r) its columns at all values, one after the other."""
         ends = np.cumsum([b.columns.size for b in self.banks])[:-1]
         pairs = zip(self.banks, np.split(self.columns.T, ends), strict=True)
-        parts = [np.ascontiguousarray(x).reshape(len(b.values), -1) for b, x in pairs]
-        owner = np.repeat(
-            np.eye(len(self.banks), dtype=bool), [b.columns.shape[1] for b in self.banks], 0
-        )
-        return parts, owner, np.array([p.lower == 0.0 for b in self.banks for p in b.effect.parameters])
+        return [np.ascontiguousarray(x).reshape(len(b.values), -1) for b, x in pairs]
+
+    def _made(self, u: Array) -> tuple[Array, Array]:
+        """The columns (r, M) at constants ln u (B,), and their derivatives."""
+        pairs = zip(self.banks, self._parts, u.tolist(), strict=True)
+        both = np.concatenate([bank.weights(x) @ part for bank, part, x in pairs], axis=1)
+        A, D = both.reshape(2, -1, len(self.torque)).swapaxes(1, 2)
+        return A, D
+
+    @cached_property
+    def _brakes(self) -> NDArray[np.bool_]:
+        """(M,) which of their coefficients are not negative."""
+        return np.array([p.lower == 0.0 for b in self.banks for p in b.effect.parameters])
 
     def at(self, u: Array) -> tuple[Array, Array]:
         """What is left of the torque (r,) at constants ln u (B,), and its slopes (r, B)."""
         theta, U, D = self._solved(u)
-        slopes = (D * theta) @ self._parts[1]
+        slopes = (D * theta) @ np.eye(len(self.banks))[self._owner]
         return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
 
     def _solved(self, u: Array) -> tuple[Array, Array, Array]:
         """(M,) coefficients of the columns at constants ln u (B,), what they span, and the columns'
         derivatives (r, M). What would push instead of brake is left out."""
-        parts, _, brakes = self._parts
-        both = [
-            np.array([bank.weights(x), bank.weights(x, 1)]) @ part
-            for bank, part, x in zip(self.banks, parts, u.tolist(), strict=True)
-        ]
-        A, D = np.concatenate(both, axis=1).reshape(2, -1, len(self.torque)).swapaxes(1, 2)
-        used, theta = np.ones(len(brakes), bool), np.zeros(len(brakes))
+        A, D = self._made(u)
+        used, theta = np.ones(len(self._brakes), bool), np.zeros(len(self._brakes))
         while True:
             U, V = visible(A[:, used])
             theta[used], theta[~used] = V @ (U.T @ self.torque), 0.0
-            pushes = brakes & (theta < 0.0)
+            pushes = self._brakes & (theta < 0.0)
             if not pushes.any():
                 return theta, U, D
             used &= ~pushes
@@ -302,7 +318,7 @@ class _Profile:
         new.
         """
         u = np.log([s.after for s in found])
-        theta, owner = self._solved(u)[0], self._parts[1]
+        theta = self._solved(u)[0]
         p = len(self.shown) + sum(b.columns.size for b in self.banks)
         parts = [(np.eye(p, len(self.shown)) @ self.shown, -1, False)]
         for k, bank in enumerate(self.banks):
@@ -312,11 +328,12 @@ class _Profile:
                 out[at, np.arange(at.shape[1])] = weights[:, None]
                 return out
 
-            parts.append((placed(bank.weights(self.now[k])), k, False))
+            parts.append((placed(bank.weights(self.now[k])[0]), k, False))
             if found[k].after != found[k].before:
-                parts.append((placed(bank.weights(u[k])), k, True))
+                value, slope = bank.weights(u[k])
+                parts.append((placed(value), k, True))
                 if not found[k].at_end:
-                    turn = placed(bank.weights(u[k], 1)) @ theta[owner[:, k]]
+                    turn = placed(slope) @ theta[self._owner == k]
                     parts.append((turn[:, None], k, True))
         wide = [x.shape[1] for x, _, _ in parts]
         of, new = (np.repeat([part[i] for part in parts], wide) for i in (1, 2))
@@ -327,12 +344,20 @@ class _Profile:
         return float(np.sum(self.at(u)[0] ** 2))
 
     def from_grid(self) -> Array:
-        """(B,) ln u, each in turn at the value of its grid that leaves least."""
-        u = self.now
-        for k, bank in enumerate(self.banks):
-            tried = np.tile(u, (len(bank.values), 1))
-            tried[:, k] = np.log(bank.values)
-            u = tried[np.argmin([self.loss(x) for x in tried])]
+        """(B,) ln u, each in turn at the value of its grid that leaves least; as the model has it where
+        that is next to no gain."""
+        u = self.now.copy()
+        for k, (bank, part) in enumerate(zip(self.banks, self._parts, strict=True)):
+            U = visible(self._made(u)[0][:, self._owner != k])[0]
+            known = part.reshape(*bank.columns.shape, -1)
+            left = known - (known @ U) @ U.T  # (K, k, r)
+            made, gram = left @ self.torque, left @ left.swapaxes(1, 2)
+            theta = np.squeeze(np.linalg.pinv(gram, 1e-12, hermitian=True) @ made[..., None], 2)
+            theta[self._brakes[self._owner == k] & (theta < 0.0)] = 0.0
+            taken = np.sum(theta * (2.0 * made - np.squeeze(gram @ theta[..., None], 2)), axis=1)
+            grid, best = np.log(bank.values), int(np.argmax(taken))
+            gain = taken[best] - taken[np.argmin(np.abs(grid - u[k]))]
+            u[k] = grid[best] if gain > 0.5 * SHAPE_GAIN * self.variance else u[k]
         return u
 
     def best(self, start: Array, free: NDArray[np.intp]) -> Array:
@@ -349,24 +374,28 @@ class _Profile:
             out[free] = x
             return out
 
-        low, high = np.transpose([self.banks[k].ends for k in free])
-        return all_of(least_squares(at, start[free], (low, high), xtol=1e-4, ftol=1e-6, steps=50)[0])
+        ends = np.transpose([self.banks[k].ends for k in free])
+        # A thousandth of what counts as a change.
+        ftol = 1e-3 * SHAPE_GAIN * self.variance / self.loss(start)
+        return all_of(least_squares(at, start[free], (ends[0], ends[1]), 1e-4, ftol, steps=50)[0])
 
     def estimates(self) -> list[ShapeEstimate]:
         """The constants that together explain most; one that the data do not tell stays what it is."""
-        every = np.arange(len(self.banks))
-        u = self.best(self.from_grid(), every)
-        moves = self._gains(u) > SHAPE_GAIN
-        u = self.best(np.where(moves, u, self.now), np.flatnonzero(moves))
-        gains = self._gains(u)
-        moves &= gains > SHAPE_GAIN
-        u = np.where(moves, u, self.now)
-        slopes = self.at(u)[1]
+        u = self.from_grid()
+        moves = u != self.now
+        while True:
+            u = self.best(u, np.flatnonzero(moves))
+            gains = self._gains(u)
+            poor = moves & (gains <= SHAPE_GAIN)
+            if not poor.any():
+                break
+            moves &= ~poor
+            u = np.where(moves, u, self.now)
+        stds = np.sqrt(self.variance) * deviations(self.at(u)[1])
         out = []
         for k, bank in enumerate(self.banks):
             low, high = bank.ends
-            own = float(np.linalg.norm(partialled(np.delete(slopes, k, axis=1), slopes[:, k])))
-            std = np.sqrt(self.variance) / own if own > 0.0 else np.inf
+            std = float(stds[k])
             # As many digits as a written effect has; a spread wider than the range bounds nothing.
             after = float(f"{np.exp(u[k]):.6g}") if moves[k] else bank.now
             std = after * std if std < (high - low) / np.sqrt(12.0) else np.inf
@@ -377,9 +406,10 @@ class _Profile:
 
     def _gains(self, u: Array) -> Array:
         """(B,) what each constant takes from the squared error beside the others, in variances."""
-        least = self.loss(u)
-        each = np.where(np.eye(len(u), dtype=bool), self.now, u)
-        return np.array([self.loss(other) - least for other in each]) / self.variance
+        gains, least = np.zeros(len(u)), self.loss(u)
+        for k in np.flatnonzero(u != self.now):
+            gains[k] = (self.loss(np.where(np.arange(len(u)) == k, self.now, u)) - least) / self.variance
+        return gains
 
 
 def _confirmed(
@@ -397,12 +427,19 @@ def _confirmed(
     size = or_one(np.sqrt(np.diagonal(grams.sum(axis=0))))
     grams /= size * size[:, None]
     rest = grams.sum(axis=0) - grams + UNSEEN * np.eye(len(size))
+    # The columns of no bank, which come first, take what they can in every fit.
+    first, unit = int(np.sum(of < 0)), np.eye(len(size))
+    Z = np.tile(unit[:, first:], (count, 1, 1))
+    Z[:, :first] = -np.linalg.solve(rest[:, :first, :first], rest[:, :first, first:])
+    grams, rest = (Z.swapaxes(1, 2) @ x @ Z for x in (grams, rest))
+    of, new, size = of[first:], new[first:], size[first:]
     fits = np.zeros((len(moved) + 1, count, len(size)))
     for fit, k in zip(fits, (-1, *moved), strict=True):  # none of them, each alone
-        used = np.flatnonzero((of != k) & ~new | (of == k) & (new | (of < 0)))
+        used = np.flatnonzero(np.where(of == k, new, ~new))
         fit[:, used] = np.linalg.solve(rest[:, used[:, None], used], rest[:, used, -1:])[..., 0]
     fits[..., -1] = -1.0
-    loss, apart = (np.einsum("vki,kij,vkj->vk", x, grams, x) for x in (fits, fits[1:] - fits[0]))
+    both = fits, fits[1:] - fits[0]
+    loss, apart = (np.sum(np.squeeze(grams @ x[..., None], 3) * x, axis=2) for x in both)
     scale = size[-1] ** 2
     gains, changes = scale * (loss[0] - loss[1:]), scale * apart
     out = list(found)

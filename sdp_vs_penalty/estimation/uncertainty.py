@@ -227,12 +227,14 @@ def _uncertainty(
     norms = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
     largest = np.fmin(task.bound, np.sqrt(data.tau_squared) / norms)
 
+    apart = np.zeros(p)
+    if known.regression.p > p:
+        # Constants that stay on a grid, or were given, are one step from the least loss.
+        apart = known.solution[:p] - smallest(data.R, data.rho)
+
     def told(base: BaseParameters) -> tuple[Interval, ...]:
         rows = base.rows
-        noise = known.half_widths(_padded(known, rows), LEVEL) / NORMAL_95
-        if known.regression.p > p:
-            # Constants that stay on a grid, or were given, are one step from the least loss.
-            noise = np.hypot(noise, rows @ (known.solution[:p] - smallest(data.R, data.rho)))
+        noise = np.hypot(known.half_widths(_padded(known, rows), LEVEL) / NORMAL_95, rows @ apart)
         other = np.hstack([rows @ extra, rows @ gains @ gain_errors])
         std = np.hypot(noise, np.linalg.norm(other, axis=1))
         return intervals_of(

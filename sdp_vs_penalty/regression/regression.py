@@ -193,29 +193,49 @@ class Regression:
         return replace(self, parameters=self.parameters[k:], factors=tuple(factors))
 
     @cached_property
+    def _often(self) -> NDArray[np.intp]:
+        """(p,) on how many joints' torque each parameter acts."""
+        own = {f.joint: f.indices for f in self.factors}
+        return np.bincount(np.concatenate([np.arange(0), *own.values()]), minlength=self.p)
+
+    @cached_property
     def per_joint(self) -> tuple[Factor, ...]:
-        """All blocks of each joint merged into one factor."""
+        """All blocks of each joint merged into one factor, columns that no other joint has first."""
         merged = []
         for joint in range(self.joints):
             parts = [f for f in self.factors if f.joint == joint]
             if not parts:
                 merged.append(Factor(joint, 0, np.arange(0), np.zeros((0, 1)), 0))
                 continue
-            triangle = triangular([f.triangle for f in parts])
-            merged.append(Factor(joint, 0, parts[0].indices, triangle, sum(f.rows for f in parts)))
+            order = np.argsort(self._often[parts[0].indices] > 1, kind="stable")
+            rows = np.vstack([f.triangle for f in parts])
+            triangle = triangular([rows.take([*order, -1], axis=1)])
+            merged.append(
+                Factor(joint, 0, parts[0].indices[order], triangle, sum(f.rows for f in parts))
+            )
         return tuple(merged)
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
-        """The stack over joints, joint j's rows multiplied by weights[j] (default: all 1)."""
+        """The stack over joints, joint j's rows multiplied by weights[j] (default: all 1).
+
+        The first rows of a joint's triangle hold the columns that no other joint has, and stay what they
+        are; the others are factorised together in the columns that joints share.
+        """
         scale = np.ones(self.joints) if weights is None else np.asarray(weights, float)
-        stack, rows = [], 0
+        own, rest, shared = list[Array](), list[Array](), self._often > 1
         for factor in self.per_joint:
             wide = np.zeros((len(factor.triangle), self.p + 1))
-            wide[:, factor.indices] = factor.triangle[:, :-1]
-            wide[:, -1] = factor.triangle[:, -1]
-            stack.append(scale[factor.joint] * wide)
-            rows += factor.rows
-        return LeastSquares.stacked(stack, rows)
+            wide[:, factor.indices] = scale[factor.joint] * factor.triangle[:, :-1]
+            wide[:, -1] = scale[factor.joint] * factor.triangle[:, -1]
+            first = int(np.sum(~shared[factor.indices]))
+            own.append(wide[:first])
+            rest.append(wide[first:, np.append(shared, True)])
+        both = LeastSquares.stacked(rest, sum(f.rows for f in self.per_joint))
+        wide, alone = np.zeros((len(both.R), self.p)), np.vstack(own)
+        wide[:, shared] = both.R
+        R, rho = np.vstack([alone[:, :-1], wide]), np.append(alone[:, -1], both.rho)
+        squared = both.tau_squared + float(alone[:, -1] @ alone[:, -1])
+        return replace(both, R=R, rho=rho, tau_squared=squared)
 
     def joint_losses(self, theta: ArrayLike) -> Array:
         """(joints,) sum of squared torque errors [(N m)^2] of each joint."""
@@ -363,11 +383,12 @@ def _cells_of_run(
 def _take(found: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.intp]) -> None:
     """Add rows to factors by block and joint, each to the block that ``owner`` (M,) says, or (M, n) for
     each joint."""
-    owners = np.broadcast_to(owner.reshape(len(owner), -1), rows.torque.shape)
     for joint, columns in enumerate(rows.columns):
-        order = np.argsort(owners[:, joint], kind="stable")
-        both = np.column_stack([columns.columns, rows.torque[:, joint]])[order]
-        blocks, begin = np.unique(owners[order, joint], return_index=True)
+        if joint == 0 or owner.ndim == 2:
+            own = owner.reshape(len(owner), -1)[:, joint]
+            order = np.argsort(own, kind="stable")
+            blocks, begin = np.unique(own[order], return_index=True)
+        both = np.column_stack([columns.columns, rows.torque[:, joint]]).take(order, axis=0)
         keys = [(b, joint) for b in blocks.tolist()]
         pieces = np.split(both, begin[1:])
         counts = [len(piece) for piece in pieces]

@@ -29,7 +29,11 @@ def sample_rate(run: Measurements) -> float:
     Stamps that come in bursts have a median step of nothing: the grid on which a run is resampled never
     has more than ten points a sample, pauses apart.
     """
-    steps = _steps(run.t)
+    return run.once("rate", lambda: _rate(run.t))
+
+
+def _rate(t: Array) -> float:
+    steps = _steps(t)
     middle = float(np.median(steps))
     longest = max(_PAUSE, 20.0 * middle)
     mean = float(np.mean(np.minimum(steps, longest)))
@@ -50,6 +54,10 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
     From row to row a noisy position changes as much as it ever does (the ratio is 0.7 for white
     noise, up to 1.5 for the idle joints of a real arm), a smooth motion far less (over 100).
     """
+    return run.once("moving", lambda: _moving(run))
+
+
+def _moving(run: Measurements) -> NDArray[np.bool_]:
     total = square = steps = np.zeros(run.n)
     low, high = np.full(run.n, np.inf), np.full(run.n, -np.inf)
     for _, q in parts(run.q, overlap=1):
@@ -74,17 +82,18 @@ class Movement:
     def __init__(self, run: Measurements, share: float) -> None:
         self.t = run.t
         self.moves = np.zeros(len(run.t), bool)
-        joints = np.flatnonzero(moving_joints(run)).tolist()
-        pieces = [slice(k, k + PART) for k in range(0, len(run.t), PART)]
-        largest, own = np.zeros(len(joints)), list[Array]()
-        for piece in pieces:
-            own = [_travel(run, j, piece) for j in joints]
-            largest = np.maximum(largest, [travel.max() for travel in own])
-        for piece in pieces:
-            if len(pieces) > 1:  # else it is still there
-                own = [_travel(run, j, piece) for j in joints]
-            for travel, farthest in zip(own, largest, strict=True):
-                self.moves[piece] |= travel > share * farthest
+        joints, largest = moving_joints(run), 0.0
+
+        def travel(t: Array) -> Array:
+            """(M, n) how far each joint comes within half a second."""
+            return np.abs(interpolated(t + 0.25, run.t, run.q) - interpolated(t - 0.25, run.t, run.q))
+
+        for _, t in parts(run.t):
+            own = travel(t)
+            largest = np.maximum(largest, own.max(axis=0))
+        for start, t in parts(run.t):
+            own = own if len(t) == len(run.t) else travel(t)  # of a short run it is still there
+            self.moves[start : start + PART] = np.any((own > share * largest) & joints, axis=1)
 
     def at(self, t: Array) -> NDArray[np.bool_]:
         """The same at instants t [s]."""
@@ -94,15 +103,6 @@ class Movement:
 def movement(run: Measurements, share: float) -> Movement:
     """The movement of a run, worked out once."""
     return run.once(("movement", share), lambda: Movement(run, share))
-
-
-def _travel(run: Measurements, j: int, part: slice) -> Array:
-    """How far a joint comes within half a second, at the samples of a part."""
-    t = run.t[part]
-    first, last = np.searchsorted(run.t, [t[0] - 0.25, t[-1] + 0.25])
-    around = slice(max(int(first) - 1, 0), int(last) + 1)
-    known, q = run.t[around], run.q[around, j]
-    return np.abs(np.interp(t + 0.25, known, q) - np.interp(t - 0.25, known, q))
 
 
 def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
