@@ -223,13 +223,15 @@ class Regression:
         """
         scale = np.ones(self.joints) if weights is None else np.asarray(weights, float)
         own, rest, shared = list[Array](), list[Array](), self._often > 1
+        place, count = np.append(np.cumsum(shared) - 1, shared.sum()), int(shared.sum())
         for factor in self.per_joint:
-            wide = np.zeros((len(factor.triangle), self.p + 1))
-            wide[:, factor.indices] = scale[factor.joint] * factor.triangle[:, :-1]
-            wide[:, -1] = scale[factor.joint] * factor.triangle[:, -1]
+            rows, indices = scale[factor.joint] * factor.triangle, np.append(factor.indices, self.p)
             first = int(np.sum(~shared[factor.indices]))
-            own.append(wide[:first])
-            rest.append(wide[first:, np.append(shared, True)])
+            above, below = rows[:first], rows[first:, first:]
+            own.append(np.zeros((len(above), self.p + 1)))
+            own[-1][:, indices] = above
+            rest.append(np.zeros((len(below), count + 1)))
+            rest[-1][:, place[indices[first:]]] = below
         both = LeastSquares.stacked(rest, sum(f.rows for f in self.per_joint))
         wide, alone = np.zeros((len(both.R), self.p)), np.vstack(own)
         wide[:, shared] = both.R
