@@ -33,11 +33,12 @@ COMMANDS = {
     "identify --jobs": "identify two_link --data a.csv b.csv --jobs 2 --out out/model.json",
     "diagnose": "diagnose model.json --data a.csv --json out/findings.json",
     "tables --jobs": "tables III --problem two_link --jobs 2 --out out",
-    "shootout": "shootout --problems 'two_link one-step gyration,two_link one-step plain'"
+    "shootout": "shootout --problems"
+    " 'two_link simulated one-step gyration,two_link simulated one-step plain'"
     " --solvers clarabel,scs --accuracy 1e-4,1e-6 --jobs 2 --out out",
 }
 #: Of each row of a shootout, what differs from run to run: times.
-TIMES = {"seconds", "setup_seconds", "solve_seconds"}
+TIMES = {"seconds"}
 #: Seconds after which no process of a killed command may live.
 GONE = 5.0
 

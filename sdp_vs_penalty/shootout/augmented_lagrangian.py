@@ -9,7 +9,6 @@ Optimization, 2nd ed., section 17.4), minimised by SciPy's L-BFGS-B, conditioned
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -133,15 +132,14 @@ def solve(instance: Instance, accuracy: float) -> Answer:
 
     Claims an optimum where slope, violation and complementarity are within accuracy.
     """
-    start, inside = time.perf_counter(), instance.interior
+    inside = instance.interior
     if inside is None:
-        return no_answer(instance, "no interior point to start from", 0.0)
+        return no_answer(instance, "no interior point to start from")
     data = instance.data
     size = max(data.loss(instance.task.ols), 1e-9 * data.tau_squared, 1e-300)
     chart = Chart.at(instance.sent, inside)
     x, u = chart.variables(inside), np.zeros(len(chart.demands(inside)[0]))
-    weight, worst = _LIGHT, np.inf
-    ready, steps, message, claims = time.perf_counter(), 0, "", "inaccurate"
+    weight, worst, steps, message, claims = _LIGHT, np.inf, 0, "", "inaccurate"
 
     def lagrangian(z: Array, x: Array, turn: Array, u: Array, weight: float) -> tuple[float, Array]:
         theta, factors = chart.theta(x + turn @ z)
@@ -164,8 +162,7 @@ def solve(instance: Instance, accuracy: float) -> Answer:
             break
         if worst > max(accuracy, _FALL * before):
             weight = _HEAVY
-    seconds = time.perf_counter() - ready
-    return Answer(chart.theta(x)[0], claims, message, steps, ready - start, seconds)
+    return Answer(chart.theta(x)[0], claims, message, steps)
 
 
 def _conditioner(chart: Chart, x: Array, R: Array, u: Array, weight: float) -> Array:

@@ -11,18 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.shootout.instance import Instance, in_units
-from sdp_vs_penalty.shootout.standard_instances import recorded, wide_rows
-from sdp_vs_penalty.signals.preprocessing import filtered_rows
-from sdp_vs_penalty.simulation.experiments import experiment
 from sdp_vs_penalty.solvers.objective import Objective
 
 Change = Callable[[Instance], Instance]
-GROUP = "ill-conditioned"
 
 
 def _with_data(instance: Instance, data: LeastSquares) -> Instance:
@@ -91,22 +86,8 @@ def float32_data(made: Instance) -> Instance:
     return _with_data(made, replace(data, R=R, rho=rho))
 
 
-def raw_rows(name: str) -> Instance:
-    """Every filtered row instead of the factor, as users pass them; the same optimum."""
-    problem = load_problem("panda")
-    described = experiment(problem)
-    run = described.training_run(seed=0).window(0.0, 14.0)
-    model, settings = problem.model(described.effects), problem.preprocessing.resolve(run)
-    p, parts = len(model.parameters), filtered_rows(run, model, settings)
-    raw = np.vstack([x for rows in parts for x in wide_rows(rows.columns, rows.torque, p)])
-    data = LeastSquares.stacked([raw], len(raw))
-    regressor = np.ascontiguousarray(raw[:, :p])
-    uncompressed = LeastSquares(regressor, raw[:, p], 0.0, data.tau_squared, len(raw))
-    made = recorded(name, "panda", "simulated", "one-step", "gyration", 14.0)
-    return replace(_with_data(made, data), formulation="rows", raw=uncompressed)
-
-
-#: One thing that users do, or data do to them, and how it is told in the library.
+#: One thing that users do, or data do to them, and how it is told in the library; the last one is not in
+#: it: its file would have other numbers than its proof.
 CHANGES: dict[str, tuple[Change, str]] = {
     "gram kg m": (posed_as("gram"), "as the bare quadratic form of the Gram matrix"),
     "gram g mm": (posed_as("gram", 1e-3, 1e-3), "as the bare quadratic form, in grams and millimetres"),
@@ -131,8 +112,3 @@ CHANGES: dict[str, tuple[Change, str]] = {
     "float32 data": (float32_data, "from data rounded to single precision"),
     "float32 gram": (posed_as("gram in float32"), ""),
 }
-
-
-def changed(name: str, change: str, build: Callable[[str], Instance]) -> Instance:
-    """What ``build`` makes with one of CHANGES."""
-    return CHANGES[change][0](build(name))

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.sdp_fit import essential, interior_point
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.solvers import clarabel
-from sdp_vs_penalty.solvers.certificate import lower_bound
-from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
+from sdp_vs_penalty.solvers.conic import svec
+from sdp_vs_penalty.solvers.identification import RowBuilder, SdpProblem, least_squares_sdp
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
-from sdp_vs_penalty.solvers.unscaled import gram_sdp, rows_sdp
 
 
 @dataclass(frozen=True)
@@ -28,14 +27,13 @@ class Instance:
 
     task : data, constraints and bounds in the instance's own units; what it calls nonconvex is empty.
     formulation : "residual" is ours, centred and scaled; "gram", "gram in float32" and "rows" are what
-        users write. raw : the uncompressed rows that the formulation "rows" poses.
+        users write (:func:`unscaled_sdp`).
     """
 
     name: str
     task: Task
     objective: Objective
     formulation: str = "residual"
-    raw: LeastSquares | None = None
 
     @property
     def constraints(self) -> ConstraintSet:
@@ -55,21 +53,6 @@ class Instance:
             return None
 
     @cached_property
-    def near(self) -> Array:
-        """A point well inside the constraints whose objective is near the optimum: a solver stopped
-        early. Repair towards it costs what a violation is worth, not what a nominal robot is."""
-        inside = self.task.nominal if self.interior is None else self.interior
-        sent = list(self.constraints.convex)
-        least = 1e-6 * self.data.tau_squared
-        sdp = least_squares_sdp(self.objective, sent, inside, self.task.bound, inside, least_loss=least)
-        theta = sdp.theta(clarabel.solve(sdp.conic, 1e-2))
-        if not np.all(np.isfinite(theta)):
-            return inside
-        # Not onto the boundary, where repair would find no room.
-        middle = theta + 1e-2 * (inside - theta)
-        return middle if self.constraints.depth(middle) > 1e-9 else inside
-
-    @cached_property
     def sent(self) -> list[Constraint]:
         """The constraints that solvers get: ours without redundant ones, users' all of them."""
         if self.formulation == "residual":
@@ -79,67 +62,57 @@ class Instance:
     @cached_property
     def sdp(self) -> SdpProblem:
         """The problem as it is posed to conic solvers."""
-        if self.formulation == "gram":
-            return gram_sdp(self.data, self.sent)
-        if self.formulation == "gram in float32":
-            return gram_sdp(self.data, self.sent, np.float32)
-        if self.formulation == "rows":
-            return rows_sdp(self.data if self.raw is None else self.raw, self.sent)
+        if self.formulation != "residual":
+            return unscaled_sdp(self.data, self.sent, self.formulation)
         centre = self.task.nominal if self.interior is None else self.interior
         least = 1e-6 * self.data.tau_squared
         return least_squares_sdp(
             self.objective, self.sent, centre, self.task.bound, centre, least_loss=least
         )
 
-    def lower_bound(self, theta: Array, multipliers: Sequence[Array], slopes: Array | None) -> float:
-        """A rigorous bound below the optimum, from any multipliers of all constraints."""
-        bound = self.task.bound
-        return lower_bound(self.objective, self.constraints, multipliers, theta, bound, slopes)
-
-    def all_multipliers(self, sent: Iterable[Array]) -> list[Array]:
+    def all_multipliers(self, sent: Sequence[Array]) -> list[Array]:
         """Multipliers of all constraints, in order, from those of the ``sent`` ones."""
-        out, found = [], zip(self.sent, sent, strict=True)
-        wanted, multiplier = next(found, (None, None))
-        for c in self.constraints.convex:
-            if c is wanted:
-                out.append(np.asarray(multiplier))
-                wanted, multiplier = next(found, (None, None))
-            else:
-                out.append(np.zeros_like(c.constant))
-        return out
+        found = dict(zip(self.sent, sent, strict=True))
+        return [found.get(c, np.zeros_like(c.constant)) for c in self.constraints.convex]
 
     @cached_property
     def hash(self) -> str:
-        """Sixteen hexadecimal digits over every number of the problem, the form it is posed in included.
-
-        Numbers are rounded to six digits first: libraries of linear algebra differ in the last ones.
-        """
-        digest = hashlib.sha256(f"{self.formulation} {self.name}".encode())
-        data = self.data
-        # Rounding decides the signs of R's rows and, where R lacks rank, what of the residual stands in
-        # the floor. Not so: the columns' sizes and angles to rho, and the least loss of any theta.
-        norms = data.column_norms
-        seen = or_one(norms)
-        size = np.sqrt(data.tau_squared) or 1.0
-        cosines = np.where(norms > 0.0, data.R.T @ data.rho / seen / size, 0.0)
-        digest.update((np.round(cosines, 7) + 0.0).tobytes())
-        arrays = [norms, np.array([data.tau_squared, data.loss(self.task.ols)]), self.task.bound]
-        for c in self.constraints.convex:
-            digest.update(f"{c.family} {c.name} {c.cone} {c.indices.tolist()}".encode())
-            arrays += [c.constant, c.coefficients]
-        if self.objective.entropy is not None:
-            arrays.append(self.objective.entropy.nominal)
-        for array in arrays:
-            digest.update(_six_digits(np.asarray(array, float)).tobytes())
-        return digest.hexdigest()[:16]
+        """Sixteen hexadecimal digits of the problem and the form it is posed in: of objective and
+        constraints at three points, to the six digits that all libraries of linear algebra share."""
+        data, bound, entropy = self.data, self.task.bound, self.objective.entropy
+        numbers = [data.tau_squared, bound.sum()]
+        numbers += [] if entropy is None else [entropy.weight, entropy.nominal.sum()]
+        for x in np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(bound))) * bound:
+            numbers += [data.loss(x), *(c.value(x).sum() for c in self.constraints.convex)]
+        families = [f"{c.family} {c.name} {c.cone}" for c in self.constraints.convex]
+        told = [self.formulation, self.name, *families, *(f"{x:.6g}" for x in numbers)]
+        return hashlib.sha256("\n".join(told).encode()).hexdigest()[:16]
 
 
-def _six_digits(array: Array) -> Array:
-    """Each entry to six digits; what is only rounding beside the largest entry is zero."""
-    size = np.abs(array)
-    kept = size > 1e-12 * size.max(initial=0.0)
-    decade = 10.0 ** np.floor(np.log10(np.where(kept, size, 1.0)))
-    return np.where(kept, np.round(array / decade, 6) * decade, 0.0) + 0.0
+def unscaled_sdp(data: LeastSquares, constraints: Sequence[Constraint], formulation: str) -> SdpProblem:
+    """The problem as users write it, without a centre, without scales of parameters or cones:
+
+    gram   minimise theta^T (R^T R) theta - 2 rho^T R theta, whose constant rho^T rho is left out;
+           "gram in float32" sums R^T R and R^T rho in single precision
+    rows   minimise |z|^2 subject to R theta - z = rho
+    """
+    (r, p), offset = data.R.shape, data.residual_norm**2
+    if formulation == "rows":
+        pieces = RowBuilder(p + r)
+        pieces.rows("zero", sparse.hstack([sparse.csr_matrix(data.R), -sparse.identity(r)]), data.rho)
+        P, q = sparse.diags(np.repeat([0.0, 2.0], [p, r])).tocsc(), np.zeros(p + r)
+    else:
+        single = formulation.endswith("float32")
+        R, rho = (x.astype(np.float32 if single else float) for x in (data.R, data.rho))
+        pieces, offset = RowBuilder(p), offset + float(data.rho @ data.rho)
+        P = sparse.csc_matrix(np.triu(2.0 * (R.T @ R).astype(float)))
+        q = -2.0 * (R.T @ rho).astype(float)
+    placed = []
+    for c in constraints:
+        psd, d = c.cone == "psd", len(c.constant)
+        constant, columns = (svec(x) if psd else x for x in (c.constant, c.coefficients))
+        placed.append(pieces.place(c, np.eye(d) if psd else np.ones(d), constant, columns))
+    return SdpProblem(pieces.problem(P, q), np.zeros(p), np.ones(p), 1.0, tuple(placed), offset)
 
 
 def in_units(instance: Instance, mass: float, length: float) -> Instance:
@@ -147,36 +120,28 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
 
     Torques become tau / (mass length^2); parameters, bounds and constraint rows follow their units.
     """
-    task = instance.task
+    task, data, entropy = instance.task, instance.data, instance.objective.entropy
     m, l = 1.0 / mass, 1.0 / length  # noqa: E741
-    torque = m * l**2
+    torque, corner = m * l**2, np.sqrt(m) * np.array([l, l, l, 1.0])
     factor = np.full(len(task.bound), torque)
-    for indices in task.links:
-        factor[indices] = [m, *[m * l] * 3, *[m * l**2] * 6]
-    data = instance.data
-    changed = LeastSquares(
-        torque * data.R / factor,
-        torque * data.rho,
-        torque * data.residual_norm,
-        torque**2 * data.tau_squared,
-        data.rows,
+    factor[task.links] = [m, *[m * l] * 3, *[m * l**2] * 6]
+    changed = replace(
+        data,
+        R=torque * data.R / factor,
+        rho=torque * data.rho,
+        residual_norm=torque * data.residual_norm,
+        tau_squared=torque**2 * data.tau_squared,
     )
     row_units = {"centre of mass": m * l, "centre of mass cone": m * l, "trace": m * l**2}
     row_units |= dict.fromkeys(("mass", "total mass", "bounding ellipsoid", "body"), m)
 
     def convert(c: Constraint) -> Constraint:
         local = factor[c.indices].reshape(-1, *[1] * c.constant.ndim)
-        if c.cone == "psd":
-            corner = np.sqrt(m) * np.array([l, l, l, 1.0])
-            scale = np.outer(corner, corner)
-        else:
-            scale = np.full(c.constant.shape, row_units.get(c.family, torque))
+        scale = np.outer(corner, corner) if c.cone == "psd" else row_units.get(c.family, torque)
         return replace(c, constant=c.constant * scale, coefficients=c.coefficients * scale / local)
 
     convex = tuple(convert(c) for c in task.constraints.convex)
-    entropy = instance.objective.entropy
     if entropy is not None:
-        corner = np.sqrt(m) * np.array([l, l, l, 1.0])
         links = tuple(c for c in convex if c.family == "pseudo-inertia")
         entropy = Entropy(entropy.weight * torque**2, links, entropy.nominal * np.outer(corner, corner))
     moved = replace(

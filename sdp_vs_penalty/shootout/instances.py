@@ -1,16 +1,16 @@
 """The instances by name, deterministic: which exist is known without building one.
 
-The library is what `shootout --export` writes; the catalogue is what the shootout runs on by itself.
+The library is what `shootout --export` writes; the catalogue is the part of it that the shootout runs on
+by itself.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -29,60 +29,56 @@ _SHAPES = {
     "cones": "centres of mass in second-order cones",
 }
 _STEPS = {"one-step": "torque error", "two-step": "distance of the base parameters from least squares"}
+#: Names of the catalogue, and of them those of --quick.
+_CATALOGUE = (
+    r"two_link simulated (one|two)-step (plain|gyration|regulariser)|"
+    r"panda (simulated|measured) (14 s .*|1 s (one-step .*|two-step gyration))|"
+    r"ur10e (simulated (one|two)|measured one)-step gyration|"
+    rf"chain of (2|7|14|30|60) links gyration 0|panda ({'|'.join(ill_conditioned.CHANGES)})"
+)
+_QUICK = (
+    r"two_link .* gyration|panda simulated 14 s one-step (plain|gyration|regulariser)|"
+    r"chain of [27] links .*|panda (gram g mm|float32 gram|infeasible 1e-3|noise-free)"
+)
 
 
 @dataclass(frozen=True)
 class Entry:
-    """name, group and how to make the instance of a name; sentence : what it is, in the library; quick :
-    part of --quick; measured : needs real data."""
+    """name, group and how to make the instance of a name; sentence : what it is, in the library ("": not
+    one of it); measured : needs real data."""
 
     name: str
     group: str
     make: Callable[[str], Instance]
-    sentence: str = ""
+    sentence: str
     measured: bool = False
-    quick: bool = False
 
     @property
     def folder(self) -> str:
         return f"{self.group}/{re.sub(r'[^a-z0-9]+', '-', self.name.lower()).strip('-')}"
 
+    @property
+    def quick(self) -> bool:
+        """Whether it is part of --quick."""
+        return re.fullmatch(_QUICK, self.name) is not None
+
     def build(self) -> Instance:
         return self.make(self.name)
 
 
-def library() -> list[Entry]:
-    """Every instance of the library, measured ones included, in a fixed order."""
+def everything() -> list[Entry]:
+    """Every instance, measured ones included, in a fixed order."""
     return [*_robots(), *_chains(), *_changed()]
 
 
-#: Of the shootout's own instances those of --quick.
-_QUICK = (
-    r"two_link (one|two)-step gyration|panda simulated 14 s one-step (plain|gyration|regulariser)|"
-    r"chain of [27] links|ill-conditioned (gram g mm|float32 gram|infeasible 1e-3|noise-free)"
-)
+def library() -> list[Entry]:
+    """Those that are exported."""
+    return [entry for entry in everything() if entry.sentence]
 
 
 def catalogue() -> dict[str, Entry]:
-    """Every instance of the shootout, measured ones included, by name: of the library's, and its own."""
-    here = {entry.name: entry for entry in library()}
-    shapes = ("plain", "gyration", "regulariser")
-    names = {f"two_link {s} {x}": f"two_link simulated {s} {x}" for s, x in product(_STEPS, shapes)}
-    panda = r"panda .* (14 s .*|1 s (one-step .*|two-step gyration))"
-    ur10e = "ur10e (simulated (one|two)|measured one)-step gyration"
-    names |= {name: name for name in here if re.fullmatch(f"{panda}|{ur10e}", name)}
-    names |= {f"chain of {n} links": f"chain of {n} links gyration 0" for n in (2, 7, 14, 30, 60)}
-    entries = [replace(here[own], name=name) for name, own in names.items()]
-    group = ill_conditioned.GROUP
-    for change in ill_conditioned.CHANGES:
-        base = partial(_panda, stop=1.0 if change == "rank-deficient" else 14.0)
-        make = partial(ill_conditioned.changed, change=change, build=base)
-        entries.append(Entry(f"{group} {change}", group, make))
-    entries.append(Entry(f"{group} raw rows", group, ill_conditioned.raw_rows))
-    return {e.name: replace(e, quick=bool(re.fullmatch(_QUICK, e.name))) for e in entries}
-
-
-_panda = partial(standard.recorded, robot="panda", source="simulated", step="one-step", shape="gyration")
+    """Those that the shootout runs on by itself, by name."""
+    return {e.name: e for e in everything() if re.fullmatch(_CATALOGUE, e.name)}
 
 
 def _robots() -> Iterator[Entry]:
@@ -91,16 +87,11 @@ def _robots() -> Iterator[Entry]:
         sources = ("simulated",) if robot == "two_link" else ("simulated", "measured")
         stops = (14.0, 7.0, 3.0, 1.0) if robot == "panda" else (np.inf,)
         for source, stop, step, shape in product(sources, stops, _STEPS, _SHAPES):
-            of: dict[str, Any] = {
-                "robot": robot,
-                "source": source,
-                "step": step,
-                "shape": shape,
-                "stop": stop,
-            }
             seconds = f" {stop:g} s" if np.isfinite(stop) else ""
             said = f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
-            name, make = f"{robot} {source}{seconds} {step} {shape}", partial(standard.recorded, **of)
+            made = {"robot": robot, "source": source, "step": step, "shape": shape}
+            make = partial(standard.recorded, **made, stop=stop)
+            name = f"{robot} {source}{seconds} {step} {shape}"
             yield Entry(name, robot, make, said, source == "measured")
 
 
@@ -122,20 +113,27 @@ def _chain(name: str, n: int, shape: str = "gyration", draw: int = 0) -> Instanc
 
 def _changed() -> Iterator[Entry]:
     """Regular instances with one thing changed that users or data do."""
+    simulated = partial(standard.recorded, source="simulated", step="one-step", shape="gyration")
     bases: dict[str, Callable[[str], Instance]] = {
-        "two_link": partial(_panda, robot="two_link"),
-        "panda": partial(_panda, stop=14.0),
-        "ur10e": partial(_panda, robot="ur10e"),
+        "two_link": partial(simulated, robot="two_link"),
+        "panda": partial(simulated, robot="panda", stop=14.0),
+        "ur10e": partial(simulated, robot="ur10e"),
         "chain of 7 links": partial(_chain, n=7),
         "chain of 14 links": partial(_chain, n=14),
     }
-    for robot, build in bases.items():
-        for change, (_, words) in ill_conditioned.CHANGES.items():
-            # One has the numbers of another; two_link's factor has no more rows than twenty.
-            if words and (change, robot) != ("rank-deficient", "two_link"):
-                said = f"{robot} with links at least 2 cm thick, {words}."
-                make = partial(ill_conditioned.changed, change=change, build=build)
-                yield Entry(f"{robot} {change}", ill_conditioned.GROUP, make, said)
+    for (robot, base), (change, (make, words)) in product(
+        bases.items(), ill_conditioned.CHANGES.items()
+    ):
+        if (change, robot) != ("rank-deficient", "two_link"):  # its factor has no more rows than twenty
+            said = words and f"{robot} with links at least 2 cm thick, {words}."
+            built = partial(_built, make, base)
+            yield Entry(f"{robot} {change}", "ill-conditioned", built, said)
+
+
+def _built(
+    change: Callable[[Instance], Instance], base: Callable[[str], Instance], name: str
+) -> Instance:
+    return change(base(name))
 
 
 def selected(
@@ -145,17 +143,15 @@ def selected(
 
     Raises InputError for a group that does not exist.
     """
-    everything = list(entries)
-    known = list(dict.fromkeys(e.group for e in everything))
+    there = list(entries)
+    known = list(dict.fromkeys(e.group for e in there))
     for group in groups:
-        if group not in known and all(group != e.name for e in everything):
+        if group not in known and all(group != e.name for e in there):
             raise InputError(
                 f"--problems {group!r} is unknown",
                 f"choose from {', '.join(known)} and the names of `sdp-vs-penalty shootout --list`",
             )
-    chosen = [
-        e for e in everything if (e.group in groups and (e.quick or not quick)) or e.name in groups
-    ]
+    chosen = [e for e in there if (e.group in groups and (e.quick or not quick)) or e.name in groups]
     here = real_data_folder() is not None
     return [e for e in chosen if here or not e.measured], [e for e in chosen if e.measured and not here]
 
@@ -163,7 +159,7 @@ def selected(
 @lru_cache(maxsize=4)
 def instance(name: str) -> Instance:
     """Build an instance; the last few are kept."""
-    entries = {e.name: e for e in library()} | catalogue()
+    entries = {e.name: e for e in everything()}
     if name not in entries:
         raise InputError(f"instance {name!r} is unknown", "see `sdp-vs-penalty shootout --list`")
     return entries[name].build()

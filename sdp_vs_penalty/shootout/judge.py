@@ -9,17 +9,20 @@ it saw. The classes are those of the table in summary.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 
 from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.estimators.sdp_fit import interior_point, solve_sdp
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
 from sdp_vs_penalty.shootout.instance import Instance
-from sdp_vs_penalty.shootout.reference import Reference
 from sdp_vs_penalty.solvers import verified
+from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.conic import ConicProblem, unsvec
 
 CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
@@ -27,6 +30,42 @@ CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash"
 #: How far beyond what was asked an answer may be and still count as right: solvers stop by errors scaled
 #: in their own ways, of which ten times is the usual spread.
 SLACK = 10.0
+
+
+@dataclass(frozen=True)
+class Reference:
+    """lower <= optimum <= upper, both rigorous; scale : what gaps are relative to.
+
+    verdict : "feasible" (a strictly feasible point is proved), "infeasible" (proved) or "unknown".
+    """
+
+    verdict: str
+    lower: float
+    upper: float
+    scale: float
+
+    @property
+    def gap(self) -> float:
+        return (self.upper - self.lower) / self.scale
+
+
+def reference(instance: Instance) -> Reference:
+    """Bound the optimum of an instance by our own path."""
+    task, constraints, theta = instance.task, instance.constraints, None
+    try:
+        interior = interior_point(task, constraints)
+    except InputError as error:
+        proved = isinstance(error, Infeasible) and error.proof is not None
+        return Reference("infeasible" if proved else "unknown", 0.0, np.inf, 1.0)
+    lower = 0.0 if instance.objective.entropy is None else -np.inf
+    with suppress(InputError):
+        fit = solve_sdp(task, instance.objective, constraints, "clarabel", LmiSdp.accuracy)
+        theta, lower = fit.theta, max(lower, fit.lower)
+    start = interior if theta is None else theta
+    point = verified.feasible_point(constraints.convex, start, interior)
+    upper = np.inf if point is None else verified.upper_bound(instance.objective, point)
+    scale = instance.data.loss_scale(interior if point is None else point)
+    return Reference("feasible", lower, upper, max(scale, 1e-300))
 
 
 @dataclass(frozen=True)
@@ -42,8 +81,6 @@ class Answer:
     claims: str
     status: str
     iterations: int
-    setup_seconds: float
-    solve_seconds: float
     multipliers: Sequence[Array] | None = None
     entropy_slopes: Array | None = None
     dimacs: float | None = None
@@ -52,38 +89,29 @@ class Answer:
 
 @dataclass(frozen=True)
 class Judgement:
-    """class of a run; objective_error, violation : of the answer as returned, relative; gap : certified,
-    after repair towards a point near the optimum.
-
-    lower, upper : the interval that contains the optimum after this run; own_lower : the bound that
-    follows from the contestant's own multipliers.
-    """
+    """class of a run; objective_error, violation : of the answer as returned, relative; own_gap : from
+    the proved upper bound to what the contestant's own multipliers prove, relative."""
 
     kind: str
-    objective_error: float
-    violation: float
-    gap: float
-    lower: float
-    upper: float
-    own_lower: float
-    dimacs: float | None = None
+    objective_error: float = np.inf
+    violation: float = np.inf
+    own_gap: float = np.inf
+    dimacs: float = np.inf
     remark: str = ""
 
 
-def no_answer(instance: Instance, error: InputError | str, seconds: float) -> Answer:
+def no_answer(instance: Instance, error: InputError | str) -> Answer:
     """Nothing, or a claim of infeasibility where the error proves it."""
     nothing = np.full(len(instance.task.bound), np.nan)
     claims = "infeasible" if isinstance(error, Infeasible) and error.proof else "failed"
-    return Answer(nothing, claims, str(error), 0, 0.0, seconds)
+    return Answer(nothing, claims, str(error), 0)
 
 
 def judge(instance: Instance, reference: Reference, answer: Answer, asked: float) -> Judgement:
     """Classify one answer; ``asked`` is the accuracy that was asked for."""
-    error, violation, upper = _primal(instance, reference, answer.theta)
-    own = _dual(instance, answer)
-    lower = max(reference.lower, own)
-    gap = (upper - lower) / reference.scale if reference.verdict == "feasible" else np.inf
-    numbers = (error, violation, gap, lower, min(upper, reference.upper), own, answer.dimacs)
+    error, violation = _primal(instance, reference, answer.theta)
+    own = (reference.upper - _dual(instance, answer)) / reference.scale
+    numbers = error, violation, own, np.inf if answer.dimacs is None else answer.dimacs
     if answer.claims in ("failed", "inaccurate"):
         return Judgement(answer.claims, *numbers)
     kind, remark = classified(reference, answer.claims, error, violation, asked)
@@ -115,22 +143,19 @@ def classified(
     return "silently_wrong", what
 
 
-def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[float, float, float]:
-    """Relative distance of the objective from the interval, relative violation, repaired upper bound."""
+def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[float, float]:
+    """Relative distance of the objective from the interval, and relative violation."""
     if not np.all(np.isfinite(theta)):
-        return np.inf, np.inf, np.inf
+        return np.inf, np.inf
     interior = instance.interior
     inside = instance.task.nominal if interior is None else interior
     violation = relative_violation(instance.constraints.convex, theta, inside, instance.task.bound)
-    if interior is None or reference.verdict != "feasible":
-        return np.inf, violation, np.inf
+    if reference.verdict != "feasible":
+        return np.inf, violation
     value = instance.objective.value(theta)
     if not np.isfinite(value):  # where the entropy is not defined: the least squares alone
         value = instance.data.loss(theta)
-    error = max(value - reference.upper, reference.lower - value, 0.0) / reference.scale
-    point = verified.feasible_point(instance.constraints.convex, theta, instance.near)
-    upper = np.inf if point is None else verified.upper_bound(instance.objective, point)
-    return error, violation, upper
+    return max(value - reference.upper, reference.lower - value, 0.0) / reference.scale, violation
 
 
 def dimacs_error(problem: ConicProblem, x: Array, z: Array) -> float:
@@ -184,11 +209,10 @@ def _dual(instance: Instance, answer: Answer) -> float:
         return -np.inf
     if slopes is not None and not np.all(np.isfinite(slopes)):
         slopes = None
-    try:
-        value = instance.lower_bound(answer.theta, own, slopes)
-    except np.linalg.LinAlgError:
-        return -np.inf
-    return value if np.isfinite(value) else -np.inf
+    posed = instance.objective, instance.constraints, own, answer.theta, instance.task.bound
+    with suppress(np.linalg.LinAlgError):
+        return float(np.nan_to_num(lower_bound(*posed, slopes), nan=-np.inf))
+    return -np.inf
 
 
 def relative_violation(

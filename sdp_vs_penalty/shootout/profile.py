@@ -9,51 +9,45 @@ from __future__ import annotations
 
 import importlib.util
 import io
-from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas
 
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.shootout.judge import SLACK
-from sdp_vs_penalty.shootout.results import Row
 
 
-def reached(row: Row, accuracy: float) -> bool:
-    """Whether a run claims success rightly at this accuracy."""
-    if row["claimed"] != "optimal":
-        return bool(row["claimed"] == "infeasible" and row["class"] == "right")
-    if not np.isfinite(row["lower"]):
-        return False
-    return bool(max(row["objective_error"], row["violation"]) <= SLACK * accuracy)
+def reached(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
+    """Whether each run claims success rightly at this accuracy."""
+    error = runs[["objective_error", "violation"]].max(axis=1)
+    near = np.isfinite(runs["lower"]) & (error <= SLACK * accuracy)
+    refuted = (runs["claimed"] == "infeasible") & (runs["class"] == "right")
+    return refuted | (runs["claimed"] == "optimal") & near
 
 
-def at_accuracy(rows: Sequence[Row], accuracy: float) -> list[Row]:
+def at_accuracy(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     """The runs asked for this accuracy, and those of contestants that cannot be asked."""
-    return [r for r in rows if r["settings"] == "default" or r["accuracy"] == accuracy]
+    return runs[(runs["settings"] == "default") | (runs["accuracy"] == accuracy)]
 
 
-def accuracies(rows: Sequence[Row]) -> list[float]:
-    """What was asked for, loose to tight."""
-    return sorted({r["accuracy"] for r in rows if r["settings"] != "default"}, reverse=True)
+def accuracies(runs: pandas.DataFrame) -> list[float]:
+    """What was asked for, loose to tight; 1e-8 where nobody could be asked."""
+    asked = runs.loc[runs["settings"] != "default", "accuracy"].unique()
+    return sorted(asked, reverse=True) or [1e-8]
 
 
-def profile(rows: Sequence[Row], accuracy: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def profile(runs: pandas.DataFrame, accuracy: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Of each solver (ratios, shares): the corners of its step."""
-    asked, count = at_accuracy(rows, accuracy), len({r["problem"] for r in rows})
-    right = [(r["solver"], r["problem"], max(r["seconds"], 1e-6)) for r in asked if reached(r, accuracy)]
-    best: dict[str, float] = {}
-    for _, problem, seconds in right:
-        best[problem] = min(seconds, best.get(problem, np.inf))
-    out = {}
-    for solver in sorted({r["solver"] for r in asked}):
-        ratios = np.sort([seconds / best[p] for name, p, seconds in right if name == solver])
-        out[solver] = ratios, np.arange(1, len(ratios) + 1) / count
-    return out
+    asked, count = at_accuracy(runs, accuracy), runs["problem"].nunique()
+    right = asked[reached(asked, accuracy)]
+    seconds = right["seconds"].clip(lower=1e-6)
+    ratio = seconds / seconds.groupby(right["problem"]).transform("min")
+    steps = {s: np.sort(ratio[right["solver"] == s]) for s in sorted(asked["solver"].unique())}
+    return {solver: (x, np.arange(1, len(x) + 1) / count) for solver, x in steps.items()}
 
 
-def plot_profile(rows: Sequence[Row], path: Path, least: float = 0.8) -> bool:
+def plot_profile(runs: pandas.DataFrame, path: Path, least: float = 0.8) -> bool:
     """SVG of the solvers that ran on this share of the problems at least, an accuracy a panel; False
     without matplotlib."""
     if importlib.util.find_spec("matplotlib") is None:
@@ -63,15 +57,15 @@ def plot_profile(rows: Sequence[Row], path: Path, least: float = 0.8) -> bool:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    asked = accuracies(rows) or [1e-8]
-    ran = {(r["solver"], r["problem"]) for r in rows if not r["solver"].endswith(" certified")}
-    count = Counter(solver for solver, _ in ran)
-    shown = sorted(s for s, k in count.items() if k >= least * max(count.values()))
+    asked = accuracies(runs)
+    alone = runs[~runs["solver"].str.endswith(" certified")]
+    count = alone.groupby("solver")["problem"].nunique()
+    shown = sorted(count.index[count >= least * count.max()])
     with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
         size = (3.2 * len(asked) + 1.6, 3.4)
         figure, axes = plt.subplots(1, len(asked), figsize=size, sharey=True, layout="constrained")
         for panel, accuracy in zip(np.atleast_1d(axes), asked, strict=True):
-            curves = profile(rows, accuracy)
+            curves = profile(runs, accuracy)
             for k, solver in enumerate(shown):
                 ratios, shares = curves.get(solver, (np.zeros(0), np.zeros(0)))
                 ends = np.append(ratios, 1e5), np.append(shares, shares[-1:] if len(shares) else 0.0)

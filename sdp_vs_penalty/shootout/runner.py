@@ -15,6 +15,7 @@ from sdp_vs_penalty.files import alone, read_text, write_text
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.shootout.contestants import Contestant, chosen
 from sdp_vs_penalty.shootout.instances import GROUPS, Entry, catalogue, instance, selected
+from sdp_vs_penalty.shootout.judge import Reference
 from sdp_vs_penalty.shootout.results import Results
 from sdp_vs_penalty.shootout.work import Assignment, perform
 
@@ -80,20 +81,20 @@ def _run(setup: Shootout, say: Progress) -> Outcome:
     if dropped := results.keep({name: found["hash"] for name, found in references.items()}):
         notes.append(f"{dropped} runs of instances that have changed since were dropped")
     tasks, not_applicable = _pending(setup, entries, contestants, references, results)
-    total = sum(len(task.accuracies) for task in tasks)
-    groups = {e.name: e.group for e in entries}
-    versions = {c.name: c.version() for c in contestants}
-    about = {"machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores", "seed": 0}
-    done = 0
+    done, total = 0, sum(len(task.accuracies) for task in tasks)
+    groups, versions = {e.name: e.group for e in entries}, {c.name: c.version() for c in contestants}
+    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     say("runs", done, total)
     for task, rows in spread(perform, tasks, setup.scheduler, jobs):
+        assert task.reference is not None
+        about = {name: getattr(task, name) for name in ("problem", "hash", "solver")}
+        about |= {"group": groups[task.problem], "version": versions[task.solver], "machine": machine}
+        about |= {"lower": task.reference.lower, "upper": task.reference.upper}
         for row in rows:
             if "error" in row:
                 notes.append(f"{task.problem}, {task.solver}: {row['error']}")
                 continue
-            named = {name: getattr(task, name) for name in ("problem", "hash", "solver")}
-            more = {"group": groups[task.problem], "version": versions[task.solver]}
-            results.add({**row, **named, **more, **about})
+            results.add(row | about)
             done += 1
         say(f"{task.solver} on {task.problem}", done, total)
     return Outcome(results, absent, not_applicable, notes)
@@ -111,12 +112,10 @@ def _references(
         except ValueError:
             raise InputError("not JSON", "delete it, and the intervals are proved again", path) from None
     current = {e.name: instance(e.name).hash for e in entries}
-    todo = [n for n, h in current.items() if known.get(n, {}).get("hash") != h]
-    limits = setup.time_limit, setup.memory
-    tasks = [Assignment(n, "", (), (), current[n], None, *limits) for n in todo]
+    todo = {n: h for n, h in current.items() if known.get(n, {}).get("hash") != h}
+    tasks = [Assignment(n, h, setup.time_limit, setup.memory) for n, h in todo.items()]
     say("proving intervals", 0, len(tasks))
-    for done, (task, replies) in enumerate(spread(perform, tasks, setup.scheduler, jobs), start=1):
-        reply = replies[0]
+    for done, (task, (reply,)) in enumerate(spread(perform, tasks, setup.scheduler, jobs), start=1):
         if "error" in reply:
             raise InputError(
                 f"instance {task.problem!r} cannot be used: {reply['error']}",
@@ -135,23 +134,20 @@ def _pending(
     references: dict[str, dict[str, Any]],
     results: Results,
 ) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
-    done = results.keys
-    tasks, left_out = [], []
+    done, tasks, left_out = results.keys, [], []
     for entry in entries:
         made = instance(entry.name)
+        known = Reference(**references[entry.name]["reference"])
         for contestant in contestants:
-            reason = contestant.refuses(made)
-            if reason is not None:
+            if reason := contestant.refuses(made):
                 left_out.append((entry.name, contestant.name, reason))
                 continue
             # From loose to tight; one for a contestant that cannot be asked.
             asked = sorted(set(setup.accuracies), reverse=True)
             asked = asked if contestant.tunable else [contestant.promise]
-            pairs = [(a, contestant.settings(a)) for a in asked]
-            pairs = [(a, s) for a, s in pairs if (entry.name, made.hash, contestant.name, s) not in done]
-            if pairs:
-                accuracies, settings = zip(*pairs, strict=True)
-                known = references[entry.name]["reference"]
-                what = entry.name, contestant.name, accuracies, settings, made.hash, known
-                tasks.append(Assignment(*what, setup.time_limit, setup.memory))
+            what = entry.name, made.hash, contestant.name
+            new = tuple(a for a in asked if (*what, contestant.settings(a)) not in done)
+            if new:
+                limits = setup.time_limit, setup.memory
+                tasks.append(Assignment(*what[:2], *limits, contestant.name, new, known))
     return tasks, left_out

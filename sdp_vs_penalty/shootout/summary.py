@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas
 
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
@@ -19,31 +20,26 @@ from sdp_vs_penalty.problem.load import load_problem, problem_names
 from sdp_vs_penalty.shootout.contestants import Contestant
 from sdp_vs_penalty.shootout.judge import CLASSES
 from sdp_vs_penalty.shootout.profile import accuracies, at_accuracy, plot_profile, reached
-from sdp_vs_penalty.shootout.results import Row, table_text
+from sdp_vs_penalty.shootout.results import Row
 
-_COLUMNS = (
-    "solver", "settings", "runs", "success_percent", *CLASSES, "mean_seconds", "median_objective_error",
-    "median_violation", "median_own_gap", "median_dimacs", "attempts", "version",
-)  # fmt: skip
 _HEADINGS = {
     "success_percent": "right %", "silently_wrong": "silently wrong", "mean_seconds": "time [ms]",
-    "median_objective_error": "error", "median_violation": "violation", "median_own_gap": "dual gap",
-    "median_dimacs": "DIMACS",
+    "objective_error": "error", "own_gap": "dual gap", "dimacs": "DIMACS",
 }  # fmt: skip
 #: What is told of the answers called optimal: the median, each for itself.
-_FIGURES = ("objective_error", "violation", "own_gap", "dimacs")
+_FIGURES = ["objective_error", "violation", "own_gap", "dimacs"]
+#: Links and accuracy of the question that the summary answers first.
+_LINKS, _ACCURACY = 7, 1e-6
 
 
-def summary_rows(rows: Sequence[Row], time_limit: float) -> list[Row]:
+def summary_rows(runs: pandas.DataFrame, time_limit: float) -> list[Row]:
     """One row for each solver and settings: how often right, how often silently wrong, how fast."""
-    groups: dict[tuple[str, str], list[Row]] = {}
-    for r in sorted(rows, key=lambda r: (r["solver"], r["settings"] != "default", -r["accuracy"])):
-        groups.setdefault((r["solver"], r["settings"]), []).append(r)
+    ordered = runs.sort_values(["solver", "accuracy"], ascending=[True, False])
     out = []
-    for (solver, settings), mine in groups.items():
-        counts = {kind: sum(r["class"] == kind for r in mine) for kind in CLASSES}
-        times = [r["seconds"] if r["class"] == "right" else time_limit for r in mine]
-        claims = [r for r in mine if r["claimed"] == "optimal"]
+    for (solver, settings), mine in ordered.groupby(["solver", "settings"], sort=False):
+        counts = mine["class"].value_counts().reindex(CLASSES, fill_value=0)
+        times = mine["seconds"].where(mine["class"] == "right", time_limit)
+        claims = mine.loc[mine["claimed"] == "optimal", _FIGURES].replace(np.inf, np.nan)
         out.append(
             {
                 "solver": solver,
@@ -52,17 +48,12 @@ def summary_rows(rows: Sequence[Row], time_limit: float) -> list[Row]:
                 "success_percent": 100.0 * counts["right"] / len(mine),
                 **counts,
                 "mean_seconds": shifted_geometric_mean(times),
-                **{f"median_{k}": _median([r[k] for r in claims]) for k in _FIGURES},
-                "attempts": f"{np.mean([r['attempts'] for r in mine]):.1f}",
-                "version": mine[-1]["version"],
+                **claims.median(),
+                "attempts": f"{mine['attempts'].mean():.1f}",
+                "version": mine["version"].iloc[-1],
             }
         )
     return out
-
-
-def _median(values: Sequence[float]) -> float:
-    finite = [v for v in values if np.isfinite(v)]
-    return float(np.median(finite)) if finite else float("nan")
 
 
 def shifted_geometric_mean(seconds: Sequence[float], shift: float = 0.01) -> float:
@@ -87,111 +78,97 @@ def _short(name: str, value: object) -> str:
     return "-" if np.isnan(value) else f"{value:.1e}"
 
 
-def by_problem(rows: Sequence[Row]) -> str:
+def by_problem(runs: pandas.DataFrame) -> str:
     """Markdown: problems down, solvers across, the class at the tightest accuracy asked for.
 
     Beside a wrong answer stands the larger of its error and its violation, both relative.
     """
-    solvers = sorted({r["solver"] for r in rows})
-    tightest = {(r["problem"], r["solver"]): r for r in sorted(rows, key=lambda r: -r["accuracy"])}
-
-    def said(row: Row | None) -> str:
-        if row is None or row["class"] != "silently_wrong":
-            return "n/a" if row is None else str(row["class"])
-        worst = max(row["objective_error"], row["violation"])
-        return "**WRONG**" + (f" {worst:.0e}" if np.isfinite(worst) else "")
-
-    problems = dict.fromkeys(r["problem"] for r in rows)
-    lines = [[p, *(said(tightest.get((p, s))) for s in solvers)] for p in problems]
-    return "\n".join(markdown_table(["problem", *solvers], lines)) + "\n"
+    tightest = runs.sort_values("accuracy").drop_duplicates(["problem", "solver"])
+    worst = tightest[["objective_error", "violation"]].max(axis=1)
+    wrong = [f"**WRONG** {x:.0e}" if np.isfinite(x) else "**WRONG**" for x in worst]
+    said = np.where(tightest["class"] == "silently_wrong", wrong, tightest["class"])
+    grid = tightest.assign(said=said).pivot(index="problem", columns="solver", values="said")
+    grid = grid.fillna("n/a").loc[runs["problem"].unique()].reset_index()
+    return "\n".join(markdown_table(list(grid.columns), grid.to_numpy().tolist())) + "\n"
 
 
-def _links(row: Row, robots: Mapping[str, int]) -> int | None:
+def _links(problem: str, group: str, robots: Mapping[str, int]) -> int | None:
     """How many links a standard problem has, by its robot or name; None for an ill-conditioned one."""
-    named = re.match(r"chain of (\d+)", row["problem"])
-    return int(named.group(1)) if named else robots.get(row["group"])
+    named = re.match(r"chain of (\d+)", problem)
+    return int(named.group(1)) if named else robots.get(group)
 
 
-def ranking(rows: Sequence[Row], size: int, accuracy: float) -> list[Row]:
-    """The contestants on arms of ``size`` links, those that reach the accuracy most often first.
+def ranking(runs: pandas.DataFrame, accuracy: float, links: int | None = None) -> list[Row]:
+    """The contestants, on arms of so many links (None: on everything), those that reach the accuracy
+    most often first.
 
     run : on how many of the ``problems`` it ran: log det cannot be posed to all, time ran out for some.
     seconds : the median where it was right.
     """
-    robots = {name: load_problem(name).robot.n for name in problem_names()}
-    mine = at_accuracy([r for r in rows if _links(r, robots) == size], accuracy)
+    mine = at_accuracy(runs, accuracy)
+    if links is not None:
+        robots = {name: load_problem(name).robot.n for name in problem_names()}
+        pairs = zip(mine["problem"], mine["group"], strict=True)
+        mine = mine[[_links(*pair, robots) == links for pair in pairs]]
     out = []
-    for solver in sorted({r["solver"] for r in mine}):
-        runs = [r for r in mine if r["solver"] == solver]
-        right = [r for r in runs if reached(r, accuracy)]
+    for solver, own in mine.groupby("solver"):
+        right = reached(own, accuracy)
         out.append(
             {
                 "solver": solver,
-                "right": len(right),
-                "run": len({r["problem"] for r in runs}),
-                "problems": len({r["problem"] for r in mine}),
-                "silently wrong": sum(r["class"] == "silently_wrong" for r in runs),
-                "seconds": float(np.median([r["seconds"] for r in right])) if right else np.inf,
-                "attempts": float(np.mean([r["attempts"] for r in runs])),
+                "right": int(right.sum()),
+                "run": own["problem"].nunique(),
+                "problems": mine["problem"].nunique(),
+                "silently wrong": int((own["class"] == "silently_wrong").sum()),
+                "seconds": float(own.loc[right, "seconds"].median()),
+                "attempts": float(own["attempts"].mean()),
             }
         )
-    return sorted(out, key=lambda r: (-r["right"], r["silently wrong"], r["seconds"]))
+    return sorted(out, key=lambda r: (-r["right"], r["silently wrong"], np.nan_to_num(r["seconds"])))
 
 
-def answer(rows: Sequence[Row], size: int = 7, accuracy: float = 1e-6) -> str:
-    """Markdown: which solver for seven links at 1e-6, and why; empty where nothing was run on them."""
-    table = ranking(rows, size, accuracy)
-    if not table:
-        return ""
-    best = table[0]
+def advice(table: Sequence[Row], where: str) -> list[str]:
+    """Sentences from a ranking that is not empty: which solver to take, and whose answers to check."""
+    best, worst = table[0], max(table, key=lambda r: r["silently wrong"])
     enough = [r for r in table if r["right"] >= 0.9 * best["right"] and not r["silently wrong"]]
     quick = min(enough, key=lambda r: r["seconds"], default=best)
+    said = [
+        f"Take {best['solver']}: right on {best['right']} of {best['problems']} problems {where}, "
+        f"{best['silently wrong']} times silently wrong, {milliseconds(best['seconds'])} ms (median).",
+        "The fastest of those never silently wrong and right at least nine tenths as often is "
+        f"{quick['solver']}: {quick['right']} of {quick['problems']}, "
+        f"{milliseconds(quick['seconds'])} ms.",
+    ]
+    if worst["silently wrong"]:
+        of = f"{worst['silently wrong']} of {worst['run']}"
+        said.append(f"Check every answer of {worst['solver']}: silently wrong on {of}.")
+    return said
+
+
+def answer(runs: pandas.DataFrame) -> str:
+    """Markdown: which solver for seven links at 1e-6, and why; empty where nothing was run on them."""
+    if not (table := ranking(runs, _ACCURACY, _LINKS)):
+        return ""
     cells = [
         (r["solver"], *(str(r[k]) for k in ("right", "run", "silently wrong")),
          milliseconds(r["seconds"]), f"{r['attempts']:.1f}")
         for r in table
     ]  # fmt: skip
     heads = ("solver", "right", "of problems run", "silently wrong", "median [ms]", "attempts")
-    text = [
-        f"Take **{best['solver']}**: right on {best['right']} of {best['problems']} problems of "
-        f"{size} links at {accuracy:.0e}, {best['silently wrong']} times silently wrong, "
-        f"{milliseconds(best['seconds'])} ms (median). The fastest of those never silently wrong and "
-        f"right at least nine tenths as often is **{quick['solver']}**: {quick['right']} of "
-        f"{quick['problems']}, {milliseconds(quick['seconds'])} ms.",
-        "",
-        *markdown_table(heads, cells),
-    ]
-    return "\n".join(text) + "\n"
+    words = " ".join(advice(table, f"of {_LINKS} links at {_ACCURACY:.0e}"))
+    return "\n".join([words, "", *markdown_table(heads, cells)]) + "\n"
 
 
-def sentences(rows: Sequence[Row], time_limit: float) -> list[str]:
-    """From the data alone: who is right most often, and who claims success wrongly."""
-    table = summary_rows(rows, time_limit)
-    if not table:
-        return []
-    best = max(table, key=lambda r: (r["success_percent"], -r["silently_wrong"], -r["mean_seconds"]))
-    first = (
-        f"Most often right is {_named(best)}: {best['right']} of {best['runs']} runs, "
-        f"{best['silently_wrong']} silently wrong, {milliseconds(best['mean_seconds'])} ms on average."
-    )
-    worst = max(table, key=lambda r: (r["silently_wrong"] / r["runs"], r["runs"]))
-    if not worst["silently_wrong"]:
-        return [first, f"No solver claimed success wrongly in any of {len(rows)} runs."]
-    return [
-        first,
-        f"Check every answer of {_named(worst)}: it claimed success wrongly in "
-        f"{worst['silently_wrong']} of {worst['runs']} runs, and all solvers together in "
-        f"{sum(r['silently_wrong'] for r in table)} of {len(rows)}.",
-    ]
-
-
-def _named(row: Row) -> str:
-    return row["solver"] if row["settings"] == "default" else f"{row['solver']} at {row['settings']}"
+def sentences(runs: pandas.DataFrame) -> list[str]:
+    """Advice from all runs at the tightest accuracy asked for."""
+    tightest = accuracies(runs)[-1]
+    table = ranking(runs, tightest)
+    return advice(table, f"at {tightest:.0e}") if table else []
 
 
 def write_summary(
     folder: Path,
-    rows: Sequence[Row],
+    runs: pandas.DataFrame,
     time_limit: float,
     absent: dict[str, str],
     not_applicable: Sequence[tuple[str, str, str]],
@@ -201,28 +178,29 @@ def write_summary(
 
     people : the contestants by name, whose settings are told.
     """
-    table = summary_rows(rows, time_limit)
+    table = summary_rows(runs, time_limit)
     missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
     for (solver, reason), count in sorted(Counter(x[1:] for x in not_applicable).items()):
         missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
-    asked = accuracies(rows)
-    ran = [people[name] for name in sorted({r["solver"] for r in rows}) if name in people]
-    told = [[c.name, c.told(a)] for c in ran if c.tunable for a in (*asked[:1], *asked[-1:])]
-    cells = [[_short(h, row[h]) for h in _COLUMNS] for row in table]
+    asked = accuracies(runs)
+    ran = [people[name] for name in sorted(runs["solver"].unique()) if name in people]
+    told = [[c.name, c.told(a)] for c in ran if c.tunable for a in dict.fromkeys((asked[0], asked[-1]))]
+    heads = [_HEADINGS.get(h, h) for h in table[0]] if table else []
+    cells = [[_short(h, x) for h, x in row.items()] for row in table]
     text = Path(__file__).with_suffix(".md").read_text()  # a file beside this one
     said = text.format(
-        sentences="".join(f"- {sentence}\n" for sentence in sentences(rows, time_limit)),
-        minutes=sum(r["seconds"] for r in rows) / 60.0,
+        sentences="".join(f"- {sentence}\n" for sentence in sentences(runs)),
+        minutes=runs["seconds"].sum() / 60.0,
         limit=time_limit,
-        answer=answer(rows),
+        answer=answer(runs),
         told="\n".join(markdown_table(["solver", "told"], told)),
-        table="\n".join(markdown_table([_HEADINGS.get(h, h) for h in _COLUMNS], cells)),
-        problems=by_problem(rows),
+        table="\n".join(markdown_table(heads, cells)),
+        problems=by_problem(runs),
         left_out="".join(f"- {line}.\n" for line in missing),
-        machines=", ".join(sorted({r["machine"] for r in rows})),
+        machines=", ".join(sorted(runs["machine"].unique())),
     )
     paths = [folder / name for name in ("summary.md", "summary.csv")]
     write_text(paths[0], said)
-    write_text(paths[1], table_text(_COLUMNS, table))
+    write_text(paths[1], pandas.DataFrame(table).to_csv(index=False, lineterminator="\n"))
     picture = folder / "profile.svg"
-    return [*paths, picture] if plot_profile(rows, picture) else paths
+    return [*paths, picture] if plot_profile(runs, picture) else paths

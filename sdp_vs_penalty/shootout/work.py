@@ -26,8 +26,7 @@ from sdp_vs_penalty.parallel import end_with
 from sdp_vs_penalty.shootout.contestants import Contestant, contestants
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import instance
-from sdp_vs_penalty.shootout.judge import Answer, Judgement, judge, no_answer
-from sdp_vs_penalty.shootout.reference import Reference, reference
+from sdp_vs_penalty.shootout.judge import Answer, Judgement, Reference, judge, no_answer, reference
 
 Row = dict[str, Any]
 #: Seconds that the proof of a reference may take.
@@ -41,13 +40,12 @@ class Assignment:
     time_limit [s] and memory [GB] are for each run."""
 
     problem: str
-    solver: str
-    accuracies: tuple[float, ...]
-    settings: tuple[str, ...]
     hash: str
-    reference: dict[str, Any] | None
     time_limit: float
     memory: float
+    solver: str = ""
+    accuracies: tuple[float, ...] = ()
+    reference: Reference | None = None
 
 
 def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
@@ -60,7 +58,7 @@ def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
                 "asked for: use the same version and data on all machines"
             )
         # Work that belongs to no contestant: done before the fork, so that children have it.
-        _ = made.interior, made.near, made.constraints.groups, made.task.ols
+        _ = made.interior, made.constraints.groups, made.task.ols
         return task, list(_runs(task, made)) if task.solver else [_proved(made, task.memory)]
     except Exception as error:  # an answer must come: the other side waits for it
         return task, [{"error": f"{type(error).__name__}: {error}"}]
@@ -78,58 +76,48 @@ def _runs(task: Assignment, made: Instance) -> Iterator[Row]:
     _ = made.sdp if made.sent is not None else None
     contestant, stopped = contestants()[task.solver], ""
     contestant.warm_up()  # what a first use pays for
-    for accuracy, settings in zip(task.accuracies, task.settings, strict=True):
-        why = f"not run: {stopped} exceeded the time limit"
-        row = {"class": "timeout", "seconds": task.time_limit, "remark": why}
-        if not stopped:
-            row = run(task, contestant, made, accuracy)
-            stopped = settings if row["class"] == "timeout" else ""
-        yield {"settings": settings, "accuracy": accuracy, **row}
+    for accuracy in task.accuracies:
+        if stopped:
+            answer, seconds = _nothing(made, ""), task.time_limit
+            verdict = Judgement("timeout", remark=f"not run: {stopped} exceeded the time limit")
+        else:
+            answer, seconds, verdict = run(task, contestant, made, accuracy)
+        settings = contestant.settings(accuracy)
+        stopped = stopped or (settings if verdict.kind == "timeout" else "")
+        row = asdict(verdict)
+        yield {
+            **{"settings": settings, "accuracy": accuracy, "class": row.pop("kind"), "seconds": seconds},
+            **{"claimed": answer.claims, "status": " ".join(answer.status.split())},
+            **{"iterations": answer.iterations, "attempts": answer.attempts, **row},
+        }
 
 
-def run(task: Assignment, contestant: Contestant, made: Instance, asked: float) -> Row:
-    """The row of runs.csv of one run; its seconds are processor time of set-up and solve."""
+def run(
+    task: Assignment, contestant: Contestant, made: Instance, asked: float
+) -> tuple[Answer, float, Judgement]:
+    """One run: the answer, its seconds of processor time, and what it is worth."""
     assert task.reference is not None
-    known = Reference(**task.reference)
     kind, payload, seconds = in_child(
         lambda: _timed(contestant, made, asked), task.time_limit, task.memory
     )
-    if kind == "ended" and (used := payload.setup_seconds + payload.solve_seconds) > task.time_limit:
-        kind, payload, seconds = "timeout", f"took {used:.2g} s of processor time", used
     if kind == "ended":
-        answer = payload
-        verdict = judge(made, known, answer, asked)
-    else:
-        answer = replace(no_answer(made, payload, seconds), claims="", attempts=0)
-        verdict = Judgement(kind, np.inf, np.inf, np.inf, known.lower, known.upper, -np.inf)
-    told = ("status", "iterations", "attempts", "setup_seconds", "solve_seconds")
-    row = asdict(verdict)
-    own = (verdict.upper - row.pop("own_lower")) / known.scale
-    return {
-        "claimed": answer.claims,
-        "seconds": answer.setup_seconds + answer.solve_seconds,
-        **{name: getattr(answer, name) for name in told},
-        "class": row.pop("kind"),
-        **row,
-        "own_gap": own if np.isfinite(own) else np.inf,
-        "dimacs": np.inf if verdict.dimacs is None else verdict.dimacs,
-    }
+        answer, seconds = payload
+        if seconds <= task.time_limit:
+            return answer, seconds, judge(made, task.reference, answer, asked)
+        kind, payload = "timeout", f"took {seconds:.2g} s of processor time"
+    return _nothing(made, payload), seconds, Judgement(kind)
 
 
-def _timed(contestant: Contestant, made: Instance, asked: float) -> Answer:
-    """The answer, its seconds in processor time, programs that it ran included: machines are shared.
+def _nothing(made: Instance, words: str) -> Answer:
+    return replace(no_answer(made, words), claims="", attempts=0)
 
-    A contestant's own clock says which part of the call is set-up and which solve; both are cut to the
-    share of the call in which the processor worked.
-    """
-    clock, used = time.perf_counter(), _processor()
+
+def _timed(contestant: Contestant, made: Instance, asked: float) -> tuple[Answer, float]:
+    """The answer, and the processor time [s] of the whole call, programs that it ran included: machines
+    are shared."""
+    used = _processor()
     answer = contestant.solve(made, asked)
-    share = min(1.0, (_processor() - used) / max(time.perf_counter() - clock, 1e-9))
-    return replace(
-        answer,
-        setup_seconds=share * answer.setup_seconds,
-        solve_seconds=share * answer.solve_seconds,
-    )
+    return answer, _processor() - used
 
 
 def _processor() -> float:

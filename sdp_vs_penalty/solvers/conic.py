@@ -55,9 +55,13 @@ class Solution:
     claims: str
     status: str
     iterations: int
-    setup_seconds: float
-    solve_seconds: float
     seen: tuple[ConicProblem, Array, Array] | None = None
+
+    @classmethod
+    def none(cls, problem: ConicProblem, status: str) -> Solution:
+        """What a solver that gave up returned."""
+        x, z = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
+        return cls(x, z, "failed", status, 0)
 
 
 @cache

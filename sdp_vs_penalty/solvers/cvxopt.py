@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-from sdp_vs_penalty.solvers.rewrite import full_matrices, linear_objective, reject, reorder
+from sdp_vs_penalty.solvers.rewrite import full_matrices, linear_objective, reject, reorder, sizes
 
 NAME = "cvxopt"
 EXTRA = "solvers"
@@ -35,48 +34,25 @@ def solve(problem: ConicProblem, accuracy: float = 1e-7) -> Solution:
     from cvxopt import solvers
 
     reject(problem, {"exp"})
-    start = time.perf_counter()
-    kinds = ("zero", "nonnegative", "soc", "psd")
-    ordered = linear_objective(problem).then(lambda p: reorder(p, kinds))
-    p = ordered.problem
-    full, dims = full_matrices(p)
-    equal = sum(c.size for c in p.cones if c.kind == "zero")
-    made = full.problem
-    sparse_matrix = _to_cvxopt(made.A)
-    right = cvxopt.matrix(made.b)
-    ready = time.perf_counter()
-    settings = {**options(accuracy), "show_progress": False}
+    ordered = linear_objective(problem).then(reorder)
+    p, dims = ordered.problem, sizes(ordered.problem.cones)
+    full, equal = full_matrices(p), dims["z"]
+    made, coo = full.problem, full.problem.A.tocoo()
+    rows, columns = coo.row.astype(int), coo.col.astype(int)
+    A, b = cvxopt.spmatrix(coo.data, rows, columns, coo.shape), cvxopt.matrix(made.b)
+    parts = A[equal:, :], b[equal:], {k: dims[k] for k in "lqs"}, A[:equal, :], b[:equal]
+    told = {**options(accuracy), "show_progress": False}
     try:
-        result = solvers.conelp(
-            cvxopt.matrix(made.q),
-            sparse_matrix[equal:, :],
-            right[equal:],
-            dims,
-            sparse_matrix[:equal, :],
-            right[:equal],
-            kktsolver="ldl",
-            options=settings,
-        )
-    except (ValueError, ArithmeticError, ZeroDivisionError) as error:
-        end = time.perf_counter()
-        nothing = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
-        return Solution(*nothing, "failed", str(error), 0, ready - start, end - ready)
-    end = time.perf_counter()
+        result = solvers.conelp(cvxopt.matrix(made.q), *parts, kktsolver="ldl", options=told)
+    except (ValueError, ArithmeticError) as error:
+        return Solution.none(problem, str(error))
     status = result["status"]
     x = _array(result["x"], len(made.q))
     z = np.concatenate([_array(result["y"], equal), _array(result["z"], len(made.b) - equal)])
     seen = (p, *full.back(x, z))
     x, z = ordered.back(*seen[1:])
-    iterations = int(result["iterations"])
-    return Solution(x, z, _CLAIMS[status], status, iterations, ready - start, end - ready, seen)
+    return Solution(x, z, _CLAIMS[status], status, int(result["iterations"]), seen)
 
 
 def _array(values: Any, size: int) -> NDArray[np.float64]:
     return np.full(size, np.nan) if values is None else np.array(values, float).ravel()
-
-
-def _to_cvxopt(matrix: Any) -> Any:
-    import cvxopt
-
-    coo = matrix.tocoo()
-    return cvxopt.spmatrix(coo.data, coo.row.astype(int), coo.col.astype(int), matrix.shape)

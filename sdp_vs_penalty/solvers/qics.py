@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
-from sdp_vs_penalty.solvers.rewrite import full_matrices, linear_objective, reorder
+from sdp_vs_penalty.solvers.rewrite import full_matrices, linear_objective, reorder, sizes
 
 NAME = "qics"
 EXTRA = "solvers"
@@ -38,16 +37,14 @@ def solve(problem: ConicProblem, accuracy: float = 1e-10) -> Solution:
     """Solve to the accuracy asked for (gap and feasibility)."""
     import qics
 
-    start = time.perf_counter()
-    kinds = ("zero", "nonnegative", "soc", "psd", "exp")
-    ordered = linear_objective(problem).then(lambda p: reorder(p, kinds))
+    ordered = linear_objective(problem).then(reorder)
     p = ordered.problem
-    full, _ = full_matrices(p)
-    made = full.problem
-    equal = sum(c.size for c in p.cones if c.kind == "zero")
+    full, equal = full_matrices(p), sizes(p.cones)["z"]
+    made, cones = full.problem, []
+    # y exp(x / y) <= z exactly if -x >= y log(y / z): the first of each three rows with another sign.
+    exponential = len(made.b) - 3 * sizes(p.cones)["ep"]
     signs = np.ones(len(made.b))
-    cones = []
-    at = equal
+    signs[exponential::3] = -1.0
     for cone in p.cones:
         if cone.kind == "nonnegative":
             cones.append(qics.cones.NonNegOrthant(cone.size))
@@ -56,37 +53,19 @@ def solve(problem: ConicProblem, accuracy: float = 1e-10) -> Solution:
         elif cone.kind == "psd":
             cones.append(qics.cones.PosSemidefinite(cone.size))
         elif cone.kind == "exp":
-            # y exp(x / y) <= z exactly if -x >= y log(y / z)
             cones.append(qics.cones.ClassRelEntr(1))
-            signs[at] = -1.0
-        at += 0 if cone.kind == "zero" else cone.size**2 if cone.kind == "psd" else cone.size
-    matrix = sparse.diags(signs) @ made.A.tocsr()
-    right = signs * made.b
-    model = qics.Model(
-        made.q[:, None],
-        A=matrix[:equal],
-        b=right[:equal, None],
-        G=sparse.csr_matrix(matrix[equal:]),
-        h=right[equal:, None],
-        cones=cones,
-    )
-    solver = qics.Solver(model, verbose=0, **options(accuracy))
-    ready = time.perf_counter()
-    info = solver.solve()
-    end = time.perf_counter()
+    A, b = sparse.csr_matrix(sparse.diags(signs) @ made.A), (signs * made.b)[:, None]
+    parts = {"A": A[:equal], "b": b[:equal], "G": A[equal:], "h": b[equal:]}
+    model = qics.Model(made.q[:, None], **parts, cones=cones)
+    info = qics.Solver(model, verbose=0, **options(accuracy)).solve()
     x = np.asarray(info["x_opt"]).ravel()
-    z = signs * np.concatenate([np.asarray(info["y_opt"]).ravel(), _stacked(info["z_opt"])])
+    duals = info["y_opt"], getattr(info["z_opt"], "vec", info["z_opt"])  # as versions of QICS have it
+    z = signs * np.concatenate([np.asarray(dual, float).ravel() for dual in duals])
     seen = (p, *full.back(x, z))
     x, z = ordered.back(*seen[1:])
     status = f"{info['sol_status']} ({info['exit_status']})"
     claims = _CLAIMS.get(info["sol_status"], "failed")
-    return Solution(x, z, claims, status, int(info["num_iter"]), ready - start, end - ready, seen)
-
-
-def _stacked(point: object) -> np.ndarray:
-    """All cones' entries in one vector, whatever container this version of QICS returns."""
-    vector = getattr(point, "vec", point)
-    return np.asarray(vector, float).ravel()
+    return Solution(x, z, claims, status, int(info["num_iter"]), seen)
 
 
 def warm_up() -> None:

@@ -10,14 +10,18 @@ x and z of the original, so that a solver is judged on the problem that was pose
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, triangle
+
+#: Kinds of cones in the order of SCS and CVXOPT.
+KINDS = ("zero", "nonnegative", "soc", "psd", "exp")
 
 
 class NotApplicableError(ValueError):
@@ -183,7 +187,7 @@ def arrows(problem: ConicProblem) -> Rewritten:
     return Rewritten(made, lambda x, z: (x, change.T @ z))
 
 
-def reorder(problem: ConicProblem, kinds: tuple[str, ...]) -> Rewritten:
+def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
     """The cones sorted by kind, in the order given; nonnegative and zero cones are merged."""
     starts = np.cumsum([0, *(c.rows for c in problem.cones)])
     order, cones = [np.zeros(0, np.intp)], []
@@ -214,8 +218,20 @@ def _zeros(rows: int, columns: int) -> sparse.csr_matrix:
     return sparse.csr_matrix((rows, columns))
 
 
-def full_matrices(problem: ConicProblem) -> tuple[Rewritten, dict[str, object]]:
-    """Rows of psd cones become d^2 entries; with the sizes of the cones under CVXOPT's names.
+def sizes(cones: Sequence[Cone]) -> dict[str, Any]:
+    """How large the cones are, under the names that SCS and CVXOPT share."""
+    of = {kind: [c.size for c in cones if c.kind == kind] for kind in KINDS}
+    return {
+        "z": sum(of["zero"]),
+        "l": sum(of["nonnegative"]),
+        "q": of["soc"],
+        "s": of["psd"],
+        "ep": len(of["exp"]),
+    }
+
+
+def full_matrices(problem: ConicProblem) -> Rewritten:
+    """Rows of psd cones become d^2 entries.
 
     The rewritten problem keeps the cones of the original: its rows no longer match Cone.rows. A
     solver may return any matrix; back takes its lower triangle, which is what CVXOPT fills.
@@ -232,12 +248,7 @@ def full_matrices(problem: ConicProblem) -> tuple[Rewritten, dict[str, object]]:
     out = sparse.block_diag(maps, format="csr")
     home = sparse.block_diag(backs, format="csr")
     made = replace(problem, A=sparse.csc_matrix(out @ problem.A), b=out @ problem.b)
-    dims: dict[str, object] = {
-        "l": sum(c.size for c in problem.cones if c.kind == "nonnegative"),
-        "q": [c.size for c in problem.cones if c.kind == "soc"],
-        "s": [c.size for c in problem.cones if c.kind == "psd"],
-    }
-    return Rewritten(made, lambda x, z: (x, home @ z)), dims
+    return Rewritten(made, lambda x, z: (x, home @ z))
 
 
 def _expand(cone: Cone) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:

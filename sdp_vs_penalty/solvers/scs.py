@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
-from sdp_vs_penalty.solvers.rewrite import reorder
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.rewrite import reorder, sizes
 
 NAME = "scs"
 EXTRA = "solvers"
@@ -34,46 +31,19 @@ def solve(problem: ConicProblem, accuracy: float = 1e-7) -> Solution:
     """Solve to the accuracy asked for (absolute and relative residuals)."""
     import scs
 
-    start = time.perf_counter()
-    ordered = reorder(problem, ("zero", "nonnegative", "soc", "psd", "exp"))
-    p = ordered.problem
-    lower = _placed(p.cones, _from_upper)
-    count = {kind: [c.size for c in p.cones if c.kind == kind] for kind in CONES}
+    ordered = reorder(problem)
+    p, rows, start = ordered.problem, [np.zeros(0, np.intp)], 0
+    for cone in p.cones:
+        i, j = np.triu_indices(cone.size)  # entry (j, i), j >= i: column i of the lower triangle
+        rows.append(start + (j * (j + 1) // 2 + i if cone.kind == "psd" else np.arange(cone.rows)))
+        start += cone.rows
+    lower = np.concatenate(rows)
     data = {"P": p.P, "A": p.A.tocsr()[lower].tocsc(), "b": p.b[lower], "c": p.q}
-    cone = {
-        "z": sum(count["zero"]),
-        "l": sum(count["nonnegative"]),
-        "q": count["soc"],
-        "s": count["psd"],
-        "ep": len(count["exp"]),
-    }
-    solver = scs.SCS(data, cone, verbose=False, **options(accuracy))
-    ready = time.perf_counter()
-    result = solver.solve()
-    end = time.perf_counter()
+    result = scs.SCS(data, sizes(p.cones), verbose=False, **options(accuracy)).solve()
     z = np.empty(len(lower))
     z[lower] = result["y"]
     x, z = ordered.back(np.array(result["x"]), z)
     info = result["info"]
     word, _, more = info["status"].partition(" ")
     claims = "inaccurate" if word == "solved" and more else _CLAIMS.get(word, "failed")
-    return Solution(x, z, claims, info["status"], int(info["iter"]), ready - start, end - ready)
-
-
-def upper_triangles(cones: Sequence[Cone]) -> NDArray[np.intp]:
-    """SCS's rows in our order: a matrix's upper triangle column by column."""
-    return _placed(cones, lambda d: np.argsort(_from_upper(d)))
-
-
-def _from_upper(d: int) -> NDArray[np.intp]:
-    """Of SCS's entries, a matrix's lower triangle column by column, our numbers."""
-    i, j = np.triu_indices(d)  # entry (j, i), j >= i: column i of the lower triangle
-    return np.asarray(j * (j + 1) // 2 + i)
-
-
-def _placed(cones: Sequence[Cone], order: Callable[[int], NDArray[np.intp]]) -> NDArray[np.intp]:
-    rows, start = [np.zeros(0, np.intp)], 0
-    for cone in cones:
-        rows.append(start + (order(cone.size) if cone.kind == "psd" else np.arange(cone.rows)))
-        start += cone.rows
-    return np.concatenate(rows)
+    return Solution(x, z, claims, info["status"], int(info["iter"]))

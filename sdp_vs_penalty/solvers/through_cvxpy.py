@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from typing import Any
 
@@ -37,18 +36,17 @@ def solve(problem: ConicProblem, solver: str, settings: dict[str, Any]) -> Solut
     """Build the CVXPY problem, solve it by CVXPY's solver of that name, read x and z back."""
     import cvxpy as cp
 
-    start = time.perf_counter()
     x = cp.Variable(len(problem.q))
     objective = problem.q @ x
     if problem.P.nnz:
         objective = objective + 0.5 * cp.sum_squares(quadratic_factor(problem) @ x)
-    full, _ = full_matrices(problem)
+    full = full_matrices(problem).problem
     constraints = []
     at = 0
     for cone in problem.cones:
         rows = slice(at, at + (cone.size**2 if cone.kind == "psd" else cone.rows))
         at = rows.stop
-        slack = full.problem.b[rows] - sparse.csr_matrix(full.problem.A)[rows] @ x
+        slack = full.b[rows] - sparse.csr_matrix(full.A)[rows] @ x
         constraints.append(_membership(cone, slack))
     model = cp.Problem(cp.Minimize(objective), constraints)
     try:
@@ -56,23 +54,12 @@ def solve(problem: ConicProblem, solver: str, settings: dict[str, Any]) -> Solut
             warnings.simplefilter("ignore")
             model.solve(solver=solver, **settings)
     except cp.error.SolverError as error:
-        nothing = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
-        return Solution(*nothing, "failed", str(error), 0, time.perf_counter() - start, 0.0)
-    total = time.perf_counter() - start
-    stats = model.solver_stats
-    solve_seconds = float(stats.solve_time or 0.0)
+        return Solution.none(problem, str(error))
     missing = np.full(len(problem.q), np.nan)
     values = missing if x.value is None else np.asarray(x.value, float)
     z = np.concatenate([_dual(c, m) for c, m in zip(problem.cones, constraints, strict=True)])
-    return Solution(
-        values,
-        z,
-        CLAIMS.get(model.status, "failed"),
-        model.status,
-        int(stats.num_iters or 0),
-        total - solve_seconds,
-        solve_seconds,
-    )
+    claims, steps = CLAIMS.get(model.status, "failed"), int(model.solver_stats.num_iters or 0)
+    return Solution(values, z, claims, model.status, steps)
 
 
 def _membership(cone: Cone, slack: Any) -> Any:

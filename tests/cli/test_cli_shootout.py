@@ -19,10 +19,10 @@ from sdp_vs_penalty.solvers import solver
 
 def test_shootout_writes_its_tables(tmp_path, capsys):
     out = tmp_path / "s"
-    choice = ("--solvers", "clarabel,lmi-sdp", "--problems", "two_link one-step plain")
+    choice = ("--solvers", "clarabel,lmi-sdp", "--problems", "two_link simulated one-step plain")
     assert run_cli("shootout", *choice, "--accuracy", "1e-6", "--jobs", 1, "--out", out) == 0
     said = capsys.readouterr().out
-    assert "Most often right" in said
+    assert "Take " in said
     for name in ("runs.csv", "summary.md", "summary.csv"):
         assert str(out / name) in said
         assert (out / name).is_file()
@@ -48,8 +48,8 @@ def test_list_names_instances_and_solvers(capsys):
     assert run_cli("shootout", "--list") == 0
     said = capsys.readouterr().out
     for name in (
-        "ill-conditioned gram g mm",
-        "chain of 60 links",
+        "panda gram g mm",
+        "chain of 60 links gyration 0",
         "log-cholesky L-BFGS",
         "sdpa-program",
     ):

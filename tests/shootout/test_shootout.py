@@ -6,9 +6,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
+import pandas
 import pytest
 
 from sdp_vs_penalty import InputError
@@ -16,19 +17,29 @@ from sdp_vs_penalty.shootout import profile, standard_instances, summary
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.shootout.instances import catalogue, instance, selected
-from sdp_vs_penalty.shootout.judge import CLASSES, Answer, dimacs_error, judge, relative_violation
-from sdp_vs_penalty.shootout.reference import Reference, reference
-from sdp_vs_penalty.shootout.results import table_text
+from sdp_vs_penalty.shootout.judge import (
+    CLASSES,
+    Answer,
+    Reference,
+    dimacs_error,
+    judge,
+    reference,
+    relative_violation,
+)
 from sdp_vs_penalty.shootout.work import Assignment, in_child, run
 from sdp_vs_penalty.solvers import clarabel
 
 CONTESTANTS = contestants()
-SMALL = ("two_link one-step gyration", "two_link two-step gyration", "chain of 2 links")
+SMALL = (
+    "two_link simulated one-step gyration",
+    "two_link simulated two-step gyration",
+    "chain of 2 links gyration 0",
+)
 
 
 @pytest.fixture(scope="module")
 def two_link() -> Instance:
-    return instance("two_link one-step gyration")
+    return instance("two_link simulated one-step gyration")
 
 
 @pytest.fixture(scope="module")
@@ -89,14 +100,14 @@ def test_units_change_numbers_only(two_link, mass):
     assert theirs.lower / torque**2 == pytest.approx(ours.lower, rel=1e-6)
 
 
-@pytest.mark.parametrize("name", ["ill-conditioned infeasible 1e-3", "ill-conditioned infeasible 1e-6"])
+@pytest.mark.parametrize("name", ["panda infeasible 1e-3", "panda infeasible 1e-6"])
 def test_infeasible_instances_are_proved_infeasible(name):
     made = instance(name)
     assert made.interior is None
     known = reference(made)
     assert known.verdict == "infeasible"
     nothing = np.zeros(len(made.task.bound))
-    says = Answer(nothing, "infeasible", "", 1, 0.0, 0.0)
+    says = Answer(nothing, "infeasible", "", 1)
     assert judge(made, known, says, 1e-6).kind == "right"
     assert judge(made, known, replace(says, claims="optimal"), 1e-6).kind == "silently_wrong"
     assert judge(made, known, replace(says, claims="unbounded"), 1e-6).kind == "silently_wrong"
@@ -105,8 +116,7 @@ def test_infeasible_instances_are_proved_infeasible(name):
 def test_the_default_path_is_right(two_link, proved, best):
     verdict = judge(two_link, proved, best, 1e-8)
     assert verdict.kind == "right"
-    assert verdict.gap <= 1e-8
-    assert proved.lower <= verdict.upper
+    assert 0.0 <= verdict.own_gap <= 1e-8
 
 
 def test_planted_wrong_answers_are_found(two_link, proved, best):
@@ -154,8 +164,8 @@ def test_every_contestant_on_every_small_instance(name, problem):
     verdict = judge(made, reference(made), answer, 1e-6)
     assert verdict.kind in CLASSES
     assert answer.status
-    # Whatever is claimed, our bounds hold: no answer is better than the proved optimum.
-    assert verdict.upper >= verdict.lower * (1.0 - 1e-12)
+    # Whatever is claimed, our bounds hold: no multipliers prove more than the proved optimum.
+    assert verdict.own_gap >= -1e-12
     if name in ("lmi-sdp", "clarabel", "penalty", "csdp", "sdpa"):
         # Where the optimum is 0 no multipliers lie inside of the cones; whether SDPA then ends early,
         # and says so, depends on the processor's BLAS (with two of seven kernels of OpenBLAS).
@@ -172,7 +182,7 @@ def test_the_forms_users_write_have_the_same_optimum(two_link):
         answer = CONTESTANTS["clarabel"].solve(posed, 1e-9)
         verdict = judge(posed, known, answer, 1e-3)
         assert verdict.kind == "right"
-        assert verdict.own_lower >= 0.99 * known.lower
+        assert verdict.own_gap <= 0.01
     single = replace(two_link, formulation="gram in float32")
     difference = abs(single.sdp.conic.P - replace(two_link, formulation="gram").sdp.conic.P).max()
     assert difference > 0.0
@@ -180,7 +190,7 @@ def test_the_forms_users_write_have_the_same_optimum(two_link):
 
 def test_conic_errors_see_each_kind_of_mistake(two_link):
     """Zero at the optimum; each error by itself, planted; of the entropic problem too."""
-    for made in (two_link, instance("two_link one-step regulariser")):
+    for made in (two_link, instance("two_link simulated one-step regulariser")):
         conic = made.sdp.conic
         answer = clarabel.solve(conic, 1e-10)
         assert dimacs_error(conic, answer.x, answer.z) < 1e-7
@@ -233,25 +243,21 @@ def test_a_run_ends_in_its_own_process():
 
 
 def test_seconds_are_processor_time(two_link, proved, best):
-    """Of two contestants that say half a second, one sleeps and the other's program computes."""
+    """Of two contestants that take half a second, one sleeps and the other's program computes."""
     busy = "import time\nwhile time.process_time() < 0.5: pass"
 
     def seconds(wait: Callable[[], object]) -> float:
         def solve(made: Instance, accuracy: float) -> Answer:
             wait()
-            return replace(best, setup_seconds=0.1, solve_seconds=0.4)
+            return best
 
-        task = Assignment("", "", (), (), "", asdict(proved), 20.0, 1.0)
-        row = run(task, replace(CONTESTANTS["lmi-sdp"], solve=solve), two_link, 1e-6)
-        assert row["class"] == "right"
-        assert row["setup_seconds"] == pytest.approx(0.2 * row["seconds"])
-        return float(row["seconds"])
+        task = Assignment("", "", 20.0, 1.0, reference=proved)
+        _, used, verdict = run(task, replace(CONTESTANTS["lmi-sdp"], solve=solve), two_link, 1e-6)
+        assert verdict.kind == "right"
+        return used
 
     assert seconds(lambda: time.sleep(0.5)) < 0.1
-    alone = time.perf_counter()
-    spun = seconds(lambda: subprocess.run([sys.executable, "-c", busy], check=True))
-    elapsed = time.perf_counter() - alone
-    assert 0.5 * 0.5 / elapsed <= spun <= 0.5
+    assert 0.5 <= seconds(lambda: subprocess.run([sys.executable, "-c", busy], check=True)) < 2.0
 
 
 def test_names_that_do_not_exist_are_refused(monkeypatch):
@@ -279,23 +285,24 @@ def _run(problem: str, solver: str, **changes: object) -> dict[str, object]:
 
 def test_summary_of_known_runs(tmp_path):
     liar = {"class": "silently_wrong", "seconds": 0.01}
-    rows = [
+    rows = pandas.DataFrame([
         _run("a", "good"), _run("b", "good", seconds=0.4),
         _run("a", "fast", seconds=0.05),
         _run("b", "fast", **{"class": "failed", "claimed": "failed", "seconds": 0.01}),
         _run("a", "liar", **liar, objective_error=0.3), _run("b", "liar", **liar, objective_error=0.2),
-    ]  # fmt: skip
+    ])  # fmt: skip
     table = {r["solver"]: r for r in summary.summary_rows(rows, 10.0)}
     assert table["good"]["success_percent"] == 100.0
     assert table["fast"]["success_percent"] == 50.0
     assert table["liar"]["silently_wrong"] == 2
-    assert table["liar"]["median_objective_error"] == pytest.approx(0.25)
-    assert np.isnan(table["liar"]["median_own_gap"])
+    assert table["liar"]["objective_error"] == pytest.approx(0.25)
+    assert np.isnan(table["liar"]["own_gap"])
     expected = np.exp(np.mean(np.log([0.11, 0.41]))) - 0.01
     assert table["good"]["mean_seconds"] == pytest.approx(expected)
-    first, second = summary.sentences(rows, 10.0)
-    assert "good at 1e-06: 2 of 2 runs" in first
-    assert "liar at 1e-06: it claimed success wrongly in 2 of 2 runs" in second
+    first, second, third = summary.sentences(rows)
+    assert "Take good: right on 2 of 2 problems at 1e-06, 0 times silently wrong" in first
+    assert "is good: 2 of 2" in second
+    assert "Check every answer of liar: silently wrong on 2 of 2" in third
     curves = profile.profile(rows, 1e-6)
     np.testing.assert_allclose(curves["good"][0], [1.0, 2.0])
     np.testing.assert_allclose(curves["good"][1], [0.5, 1.0])
@@ -310,30 +317,18 @@ def test_summary_of_known_runs(tmp_path):
 
 
 def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time():
-    rows = [
+    rows = pandas.DataFrame([
         _run("a", "slow"), _run("b", "slow", seconds=0.3),
         _run("a", "quick", seconds=0.001),
         _run("b", "quick", **{"seconds": 0.001, "objective_error": 1.0, "class": "silently_wrong"}),
         _run("chain of 14 links", "other", group="chains"),
         _run("ill-conditioned a", "other", group="ill-conditioned"),
-    ]  # fmt: skip
-    table = summary.ranking(rows, 7, 1e-6)
+    ])  # fmt: skip
+    table = summary.ranking(rows, 1e-6, 7)
     assert [(r["solver"], r["right"], r["silently wrong"]) for r in table] == [
         ("slow", 2, 0),
         ("quick", 1, 1),
     ]
     assert table[0]["seconds"] == pytest.approx(0.2)
-    assert "Take **slow**: right on 2 of 2" in summary.answer(rows)
+    assert "Take slow: right on 2 of 2 problems of 7 links" in summary.answer(rows)
     assert summary.answer(rows[-2:]) == ""
-
-
-def test_written_intervals_contain_what_was_proved():
-    rng = np.random.default_rng(0)
-    for value in (*rng.normal(size=200) * 10.0 ** rng.integers(-9, 9, 200), 768.30886830123, -1e-17):
-        row = dict.fromkeys(("lower", "upper"), float(value)) | {"gap": abs(float(value))}
-        low, high, gap = (
-            float(x) for x in table_text(("lower", "upper", "gap"), [row]).splitlines()[1].split(",")
-        )
-        assert low <= value <= high
-        assert gap >= abs(value)
-        assert high - low <= 3e-9 * abs(value)

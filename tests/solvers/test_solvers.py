@@ -109,7 +109,6 @@ def test_primal_and_dual_certify_the_optimum(name):
     assert -1e-12 <= gap <= (2e-2 if name == "dsdp" else 1e-4)
     assert violation <= 1e-4
     assert solution.iterations > 0
-    assert solution.solve_seconds > 0.0
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -67,9 +67,9 @@ def verb(
         outcome = runner.run(setup, lambda what, done, total: say(f"{done} of {total}: {what}"))
     for note in outcome.notes:
         console.warn(note)
-    rows, left_out = outcome.results.rows, outcome.not_applicable
-    written = summary.write_summary(out, rows, limit, outcome.absent, left_out, contestants())
-    for sentence in summary.sentences(rows, limit):
+    runs, left_out = outcome.results.runs, outcome.not_applicable
+    written = summary.write_summary(out, runs, limit, outcome.absent, left_out, contestants())
+    for sentence in summary.sentences(runs):
         console.say(sentence)
     for path in (outcome.results.path, *written):
         console.written(path)
