@@ -94,11 +94,11 @@ def solvers() -> Listing:
 
 
 def tables() -> Listing:
-    from sdp_vs_penalty.paper.tables import table_modules
+    from sdp_vs_penalty.paper.tables import makers
 
     rows: Rows = [
-        (name, ", ".join(getattr(home, "PROBLEMS", ())), (home.__doc__ or "").strip().splitlines()[0])
-        for name, home in table_modules().items()
+        (name, ", ".join(maker.problems), (maker.about or "").strip().splitlines()[0])
+        for name, maker in makers().items()
     ]
     return ("name", "only for", "what it is"), rows
 

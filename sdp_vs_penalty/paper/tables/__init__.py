@@ -1,8 +1,4 @@
-"""The comparison tables, one file each: a file with NAME, and build(study) is its registration.
-
-A module defines NAME ("III"), build(study) -> Table, and where it applies only to some problems
-PROBLEMS, a tuple of their names.
-"""
+"""The comparison tables, one file each: a file with a :class:`Maker` is its registration."""
 
 from __future__ import annotations
 
@@ -10,15 +6,14 @@ import csv
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Table, is_measured
+from sdp_vs_penalty.paper.tables.table import Maker, Table, is_measured
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.plugins import marked
+from sdp_vs_penalty.plugins import by_word, modules
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 
@@ -28,38 +23,38 @@ DEFAULT_PROBLEM = "panda"
 
 
 @cache
-def table_modules() -> dict[str, ModuleType]:
+def makers() -> dict[str, Maker]:
     """Every table of the package by its name."""
-    return marked(__name__, __path__)
+    found = (value for home in modules(__name__, __path__) for value in vars(home).values())
+    return by_word((maker.name, maker) for maker in found if isinstance(maker, Maker))
 
 
 def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
     """The tables as data. Raises InputError for a table that does not exist for the problem."""
     chosen = _chosen(names or DEFAULT_TABLES)
-    for module in chosen:
-        where = getattr(module, "PROBLEMS", (study.problem.name,))
-        if study.problem.name not in where:
+    for maker in chosen:
+        if maker.problems and study.problem.name not in maker.problems:
             raise InputError(
-                f"table {module.NAME} belongs to {' and '.join(where)}",
+                f"table {maker.name} belongs to {' and '.join(maker.problems)}",
                 "choose it with --problem, or leave the table out",
             )
     out = []
-    for module in chosen:
-        study.progress(f"table {module.NAME}")
-        out.append(module.build(study))
+    for maker in chosen:
+        study.progress(f"table {maker.name}")
+        out.append(maker.build(study))
     return out
 
 
 def all_tables() -> tuple[str, ...]:
     """Every table that does not take minutes of its own."""
-    return tuple(name for name, home in table_modules().items() if not getattr(home, "SLOW", False))
+    return tuple(name for name, maker in makers().items() if not maker.slow)
 
 
-def _chosen(names: Sequence[str]) -> list[ModuleType]:
-    known = {name.lower(): module for name, module in table_modules().items()}
+def _chosen(names: Sequence[str]) -> list[Maker]:
+    known = {name.lower(): maker for name, maker in makers().items()}
     for name in names:
         if name.lower() not in known:
-            raise unknown("table", name, table_modules())
+            raise unknown("table", name, makers())
     return list(dict.fromkeys(known[name.lower()] for name in names))
 
 
@@ -84,11 +79,11 @@ def make_tables(
     exist, before anything is computed or written.
     """
     groups: dict[Any, list[str]] = {}
-    for module in _chosen(names or DEFAULT_TABLES):
+    for maker in _chosen(names or DEFAULT_TABLES):
         # The default problem where the table applies to it, else its own.
-        where = getattr(module, "PROBLEMS", (DEFAULT_PROBLEM,))
+        where = maker.problems or (DEFAULT_PROBLEM,)
         own = DEFAULT_PROBLEM if DEFAULT_PROBLEM in where else where[0]
-        groups.setdefault(own if problem is None else "", []).append(module.NAME)
+        groups.setdefault(own if problem is None else "", []).append(maker.name)
     made = []
     for name, group in groups.items():
         study = Study(as_problem(problem or name), budget, seed, progress, workers)

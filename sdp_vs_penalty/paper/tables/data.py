@@ -11,12 +11,9 @@ import numpy as np
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.paper.tables.study import Data, Study, refitted, torque_errors
-from sdp_vs_penalty.paper.tables.table import Row, Table
+from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
-
-NAME = "data"
-SLOW = True
 
 #: With a joint prior: the observations that `lmi-sdp` adds, so that each optimiser stands in the table
 #: with them and without.
@@ -51,7 +48,7 @@ def build(study: Study) -> Table:
                 }
                 rows.append({**about, **_errors(study, data, windows, method)})
     return Table.of(
-        NAME,
+        "data",
         f"How much data each method needs: {study.problem.title}",
         study.sentence,
         rows,
@@ -150,3 +147,6 @@ def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Ro
         for word, of in (("median", np.median), ("min", np.min), ("max", np.max)):
             out[f"{name}_{word}"] = float(of(np.array(pairs)[:, k])) if pairs else None
     return out
+
+
+TABLE = Maker("data", __doc__, build, slow=True)

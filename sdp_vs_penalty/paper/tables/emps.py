@@ -13,14 +13,10 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import FOLDS, Study, torque_errors
-from sdp_vs_penalty.paper.tables.table import Row, Table
+from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
 from sdp_vs_penalty.problem.published import VARIABLE, real_data_folder
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
-
-NAME = "emps"
-SLOW = True
-PROBLEMS = ("emps",)
 
 #: What the simulation is refined with: of the effects tried on halves of the tracking run alone, the one
 #: whose free run on the other half improved most for one parameter more.
@@ -52,7 +48,7 @@ def build(study: Study) -> Table:
         rows.append(_row(study, f"{method}, asymmetric", _constants(estimate), *runs))
     errors = [float(row["position_rmse_pulses_mm"] or np.inf) for row in rows]
     return Table.of(
-        NAME,
+        "emps",
         "EMPS, the electro-mechanical positioning system of nonlinearbenchmark.org",
         "Measured: both public files, 24.8 s at 1 kHz each; estimated from the first (tracking), judged "
         "on both. The second follows the same reference with force pulses.",
@@ -124,3 +120,6 @@ def simulated(run: Measurements, constants: tuple[float, ...], substeps: int = 4
             v = np.sign(free) * max(abs(free) - h * coulomb / mass, 0.0)
             q += h * v
     return out
+
+
+TABLE = Maker("emps", __doc__, build, ("emps",), slow=True)

@@ -5,27 +5,24 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Table
+from sdp_vs_penalty.paper.tables.table import Maker, Table
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import errata, published_links, published_values, real_file
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols, base_parameters
 from sdp_vs_penalty.robot import inertia
 
-NAME = "errata"
-PROBLEMS = ("panda", "two_link")
-
 
 def build(study: Study) -> Table:
     del study  # of the paper as a whole: both of its robots
     rows = []
-    for name in PROBLEMS:
+    for name in TABLE.problems:
         problem = load_problem(name)
         for erratum in errata(problem):
             said = {name: getattr(erratum, name) for name in ("number", "where", "printed", "corrected")}
             rows.append(said | {"what_shows_it": _EVIDENCE[erratum.number - 1](problem)})
     return Table.of(
-        NAME,
+        "errata",
         "Errata: where the paper contradicts itself",
         "Gaz et al., RA-L 2019, supplementary material revised October 15th, 2019. The published tables "
         "are kept as printed; what is computed from them uses the corrections of numbers 1, 2 and 5, "
@@ -115,3 +112,6 @@ def _cylinder(problem: Problem) -> str:
 
 #: In the order of the errata's numbers, from 1.
 _EVIDENCE = (_c6z, _row_17, _square, _cylinder, _row_2, _delta, _authors_bound, _empty_rows)
+
+
+TABLE = Maker("errata", __doc__, build, ("panda", "two_link"))

@@ -1,8 +1,9 @@
-"""What Tables VII, VIII and IX share: links' parameters about their centres of mass, row by row."""
+"""Tables VII, VIII and IX: links' parameters about their centres of mass, row by row."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 
 import numpy as np
 from scipy.optimize import approx_fprime
@@ -11,7 +12,7 @@ from sdp_vs_penalty.estimation.constants import DATA_SHARE
 from sdp_vs_penalty.estimation.identify import DATA, data_share
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import Data, Study
-from sdp_vs_penalty.paper.tables.table import Cell, Row, Table, text
+from sdp_vs_penalty.paper.tables.table import Cell, Maker, Row, Table, text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import barycentric_names, box_tables, errata
 from sdp_vs_penalty.robot import inertia
@@ -115,3 +116,13 @@ def _bounds(problem: Problem) -> Iterator[Row]:
     for link, box in enumerate(problem.box, start=1):
         for name, (lower, upper), unit in zip(barycentric_names(link), box, units, strict=True):
             yield {"parameter": name, "lower": float(lower), "upper": float(upper), "unit": unit}
+
+
+def _maker(name: str, title: str, letters: str, *problems: str) -> Maker:
+    build = partial(link_table, name=name, title=title, chosen=lambda parameter: parameter[0] in letters)
+    return Maker(name, f"Table {name}: {title}, published and ours.", build, problems)
+
+
+VII = _maker("VII", "parameters", "mcI", "two_link")
+VIII = _maker("VIII", "masses and centres of mass", "mc")
+IX = _maker("IX", "inertias about the centres of mass", "I")

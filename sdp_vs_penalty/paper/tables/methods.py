@@ -9,11 +9,8 @@ from sdp_vs_penalty.estimation.identify import consistent, positive_mass_matrice
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.paper.tables.study import FOLDS, WITH_PRIOR, Data, Frozen, Result, Study
-from sdp_vs_penalty.paper.tables.table import Row, Table
+from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
 from sdp_vs_penalty.robot import inertia
-
-NAME = "methods"
-SLOW = True
 
 
 def build(study: Study) -> Table:
@@ -25,7 +22,7 @@ def build(study: Study) -> Table:
     last = [row for row in rows if row["data"] == rows[-1]["data"]]
     errors = [f"{row['method']} {row['unseen_error_percent']:.3g} %" for row in last]
     return Table.of(
-        NAME,
+        "methods",
         f"Methods compared on {study.problem.title}",
         study.sentence,
         rows,
@@ -113,3 +110,6 @@ def _row(study: Study, data: Data, method: str, optimum: float) -> Row:
 
 def _excess(loss: float, optimum: float) -> float:
     return 100.0 * (loss / optimum - 1.0)
+
+
+TABLE = Maker("methods", __doc__, build, slow=True)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.files import as_csv, write_text
+from sdp_vs_penalty.formatting import markdown_table
 
 if TYPE_CHECKING:
     import pandas
@@ -25,7 +25,7 @@ Row = dict[str, Any]
 _WRAPPED = 80
 #: Of the characters that LaTeX has as commands.
 _NAMED = "backslash asciicircum asciitilde less greater bar"
-_NUMBER = re.compile(r"([-+]?)(\d+)(?:\.(\d*))?(?:[eE]([-+]?)(\d+))?")
+_NUMBER = re.compile(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
 _LATEX = str.maketrans(
     {c: rf"\{c}" for c in "{}$&#_%"}
     | {c: rf"\text{name}{{}}" for c, name in zip("\\^~<>|", _NAMED.split(), strict=True)}
@@ -38,6 +38,18 @@ class Column:
 
     name: str
     digits: int = 4
+
+
+@dataclass(frozen=True)
+class Maker:
+    """How a table is made: build(study) -> Table; about : what it is, in its first line; problems : the
+    names of those that it is about (none: any); slow : whether `tables --all` leaves it out."""
+
+    name: str
+    about: str | None
+    build: Callable[[Any], Table]
+    problems: tuple[str, ...] = ()
+    slow: bool = False
 
 
 @dataclass(frozen=True)
@@ -105,57 +117,51 @@ class Table:
         return [self.title, self.gist or self.caption.split(". ")[0].rstrip(".") + ".", size]
 
     def markdown(self) -> str:
-        cells = self.cells()
-        numeric = _numeric_columns(cells, len(self.columns))
+        cells = [[c.replace("|", "\\|").replace("\n", " ") for c in row] for row in self.cells()]
+        head, _, *rows = markdown_table([column.name for column in self.columns], cells)
+        sides = ["---:" if n else ":---" for n in _numeric_columns(cells, len(self.columns))]
+        notes = ["", *(f"- {note}" for note in self.notes)] if self.notes else []
         lines = [
             f"# {self.title}",
             "",
             self.caption,
             "",
-            _markdown_row([column.name for column in self.columns]),
-            _markdown_row(["---:" if n else ":---" for n in numeric], escape=False),
-            *(_markdown_row(row) for row in cells),
+            head,
+            f"| {' | '.join(sides)} |",
+            *rows,
+            *notes,
         ]
-        if self.notes:
-            lines += ["", *(f"- {note}" for note in self.notes)]
         return "\n".join(lines) + "\n"
 
     def latex(self) -> str:
         cells = self.cells()
-        numeric = _numeric_columns(cells, len(self.columns))
         infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
         layout, columns = [], []
-        for column, is_number in zip(zip(*cells, strict=True), numeric, strict=True):
-            if is_number:
-                plain = [plain_number(cell) for cell in column]
-                layout.append(number_column(plain))
-                columns.append([infinite.get(cell, cell) for cell in plain])
-            else:
-                wrapped = max(map(len, column)) > _WRAPPED
-                layout.append(r">{\raggedright\arraybackslash}p{26em}" if wrapped else "l")
-                columns.append([escape_latex(cell) for cell in column])
+        for column, number in zip(
+            zip(*cells, strict=True), _numeric_columns(cells, len(self.columns)), strict=True
+        ):
+            wrapped = max(map(len, column)) > _WRAPPED
+            text_column = r">{\raggedright\arraybackslash}p{26em}" if wrapped else "l"
+            layout.append("S[table-alignment-mode=marker]" if number else text_column)
+            columns.append([infinite.get(c, c) if number else escape_latex(c) for c in column])
         header = " & ".join(_latex_header(column.name) for column in self.columns)
-        body = [f"    {' & '.join(row)} \\\\" for row in zip(*columns, strict=True)]
-        caption = " ".join([self.caption, *self.notes])
-        return "\n".join(
-            [
-                r"% Needs \usepackage{array,booktabs,siunitx,graphicx}.",
-                r"\begin{table*}",
-                r"  \centering",
-                rf"  \caption{{{escape_latex(self.title)}. {escape_latex(caption)}}}",
-                rf"  \label{{tab:{self.name}}}",
-                r"  \resizebox{\textwidth}{!}{%",
-                rf"  \begin{{tabular}}{{{' '.join(layout)}}}",
-                r"    \toprule",
-                rf"    {header} \\",
-                r"    \midrule",
-                *body,
-                r"    \bottomrule",
-                r"  \end{tabular}}",
-                r"\end{table*}",
-                "",
-            ]
-        )
+        body = "\n".join(f"    {' & '.join(row)} \\\\" for row in zip(*columns, strict=True))
+        caption = escape_latex(" ".join([self.caption, *self.notes]))
+        return rf"""% Needs \usepackage{{array,booktabs,siunitx,graphicx}}.
+\begin{{table*}}
+  \centering
+  \caption{{{escape_latex(self.title)}. {caption}}}
+  \label{{tab:{self.name}}}
+  \resizebox{{\textwidth}}{{!}}{{%
+  \begin{{tabular}}{{{" ".join(layout)}}}
+    \toprule
+    {header} \\
+    \midrule
+{body}
+    \bottomrule
+  \end{{tabular}}}}
+\end{{table*}}
+"""
 
     def write(self, folder: str | Path) -> list[Path]:
         """Write the three forms, each whole or not at all; the paths, CSV first."""
@@ -192,24 +198,6 @@ def is_measured(names: Sequence[str], rows: Iterable[Sequence[Cell]]) -> bool:
     return any(word == "measured" or word.startswith(("measured,", "measured ")) for word in words)
 
 
-def number_column(cells: Sequence[str]) -> str:
-    """siunitx's column type S with the format that the widest of these numbers needs."""
-    found = [match for match in map(_NUMBER.fullmatch, cells) if match]
-    sign, exponent_sign = ("-" if any(m[k] == "-" for m in found) else "" for k in (1, 4))
-    whole, decimals = (max((len(m[k] or "") for m in found), default=0) for k in (2, 3))
-    exponent = max((len(m[5].lstrip("0") or "0") for m in found if m[5]), default=0)
-    power = f"e{exponent_sign}{exponent}" if exponent else ""
-    return f"S[table-format={sign}{whole or 1}.{decimals}{power}]"
-
-
-def plain_number(cell: str, longest: int = 6) -> str:
-    """A number without its power of ten up to the ``longest``, all digits kept: 5.46e-01 -> 0.546."""
-    match = _NUMBER.fullmatch(cell)
-    if match is None or match[5] is None or int(match[5]) > longest:
-        return cell
-    return f"{Decimal(cell):f}"
-
-
 def _latex_header(name: str) -> str:
     """The data set on a line of its own, so that columns stay narrow."""
     for ending in ("_simulated", "_measured"):
@@ -226,9 +214,3 @@ def _numeric_columns(cells: Sequence[Sequence[str]], count: int) -> list[bool]:
     """Columns in which every cell that is not empty is a number (or infinite), and one is."""
     filled = [[r[k] for r in cells if r[k] not in ("", "inf", "-inf")] for k in range(count)]
     return [bool(column) and all(map(_NUMBER.fullmatch, column)) for column in filled]
-
-
-def _markdown_row(cells: Sequence[str], escape: bool = True) -> str:
-    if escape:
-        cells = [cell.replace("|", "\\|").replace("\n", " ") for cell in cells]
-    return "| " + " | ".join(cells) + " |"

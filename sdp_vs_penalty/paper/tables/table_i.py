@@ -17,12 +17,9 @@ from sdp_vs_penalty.paper.sigmoid_friction import (
     residual_rms,
 )
 from sdp_vs_penalty.paper.tables.study import Data, Study
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
+from sdp_vs_penalty.paper.tables.table import Cell, Column, Maker, Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import filtered_torque, rows_per_sample
-
-NAME = "I"
-PROBLEMS = ("panda",)
 
 _UNITS = ("N*m", "s/rad", "rad/s")
 _LINEAR = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
@@ -56,7 +53,7 @@ def build(study: Study) -> Table:
             for name, errors in _held_out(study, data)
         ]
     return Table(
-        NAME,
+        "I",
         f"Table I: sigmoid friction of {study.problem.title}",
         study.sentence,
         tuple(columns),
@@ -148,3 +145,6 @@ def _ordinary(study: Study, data: Data, effects: str) -> tuple[float, Array]:
     train = own.regression.least_squares()
     theta = np.asarray(np.linalg.lstsq(train.R, train.rho, rcond=1e-10)[0], float)
     return train.loss(theta), np.sqrt(own.errors(theta)[0])
+
+
+TABLE = Maker("I", __doc__, build, ("panda",))

@@ -6,10 +6,7 @@ import numpy as np
 
 from sdp_vs_penalty.estimation.excitation import Excitation, Limits, Regressor, excite
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Row, Table
-
-NAME = "II"
-PROBLEMS = ("panda",)
+from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
 
 
 def build(study: Study) -> Table:
@@ -35,7 +32,7 @@ def build(study: Study) -> Table:
         for which, trajectory in trajectories.items():
             add(f"condition number ({label})", which, regressor.condition(trajectory))
     return Table.of(
-        NAME,
+        "II",
         f"Table II: exciting trajectory of {study.problem.title}",
         "Published coefficients, and trajectories optimised by this program; nothing here is measured.",
         rows,
@@ -71,3 +68,6 @@ def optimised(study: Study) -> dict[str, Excitation]:
         )
         for name, limit in limits.items()
     }
+
+
+TABLE = Maker("II", __doc__, build, ("panda",))

@@ -9,11 +9,9 @@ import numpy as np
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
 from sdp_vs_penalty.paper.tables.study import Data, Study
-from sdp_vs_penalty.paper.tables.table import Row, Table
+from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
 from sdp_vs_penalty.problem.published import box_tables, published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols
-
-NAME = "III"
 
 _CONDITION, _ERROR = "condition number", "relative error [%]"
 #: Figures of the paper's two fits that are in its text: condition number, relative error [%].
@@ -37,7 +35,7 @@ def build(study: Study) -> Table:
         for row, key in zip(rows, keys, strict=True):
             row[name] = values.get(key)
     return Table.of(
-        NAME,
+        "III",
         f"Table III: base parameters of {study.problem.title}",
         study.sentence,
         rows,
@@ -136,3 +134,6 @@ def _estimates(study: Study, data: Data, base: tuple[str, ...]) -> dict[str, dic
             percent = dict(zip(keys, 100.0 * std / np.abs(pi), strict=True))
             out[f"sigma_pct_ols_{data.label}"] = percent
     return out
+
+
+TABLE = Maker("III", __doc__, build)

@@ -9,12 +9,11 @@ from sdp_vs_penalty.effects.effect import Array, Effect, JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.paper.tables.study import FOLDS, TEST_START, TRAIN_STOP, Frozen, Study
-from sdp_vs_penalty.paper.tables.table import Cell, Row, Table
+from sdp_vs_penalty.paper.tables.table import Cell, Maker, Row, Table
 from sdp_vs_penalty.problem.published import box_tables, published_links
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.simulation.experiments import sigmoid_friction
 
-NAME = "IV"
 #: Rows whose sensitivity to the filter is told.
 _SHOWN = ("p_hat", "delta", "ols")
 
@@ -57,7 +56,7 @@ def build(study: Study) -> Table:
             rows.append(_row(f"{name}_{ending}", mse.tolist(), relative, None, label))
     units = " and ".join(sorted({f"({unit.replace('*', ' ')})^2" for unit in robot.torque_units}))
     return Table.of(
-        NAME,
+        "IV",
         f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other motion",
         f"{study.sentence} {_judgement(study)}",
         rows,
@@ -150,3 +149,6 @@ def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
         f"The filter matters: behind {settings.torque_cutoff:g} and {wide.torque_cutoff:g} Hz the "
         f"errors on unseen motion are {', '.join(errors)}."
     )
+
+
+TABLE = Maker("IV", __doc__, build)

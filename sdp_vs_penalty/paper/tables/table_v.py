@@ -9,7 +9,7 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.paper.tables.study import Data, Study
-from sdp_vs_penalty.paper.tables.table import Row, Table
+from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.engines import engine_types
@@ -21,8 +21,6 @@ from sdp_vs_penalty.simulation.engines.comparison import (
     play,
 )
 
-NAME = "V"
-PROBLEMS = ("panda",)
 #: Time step along the real run, and what is left out of the comparison at its start [s].
 MEASURED_STEP, _SETTLE = 2e-3, 0.1
 #: The method whose links the engines get.
@@ -102,7 +100,7 @@ def build(study: Study) -> Table:
     rows += [_row(x, n) for x in (*study.once(sinusoidal_runs), *study.once(measured_runs))]
     formulations = "; ".join(f"{name}: {kind.formulation}" for name, kind in engine_types().items())
     return Table.of(
-        NAME,
+        "V",
         f"Table V: physics engines with the identified {study.problem.title}",
         study.sentence,
         rows,
@@ -139,3 +137,6 @@ def _row(result: EngineResult, n: int) -> Row:
     }
     about = {"engine": f"{result.engine} {result.version}".strip()}
     return {**about, **torque, "motion": result.motion, **figures, "status": result.status}
+
+
+TABLE = Maker("V", __doc__, build, ("panda",))

@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Row, Table
-
-NAME = "VI"
-PROBLEMS = ("two_link",)
+from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
 
 
 def build(study: Study) -> Table:
@@ -20,9 +17,12 @@ def build(study: Study) -> Table:
         ours = {"a_m_ours": float(a), "alpha_rad_ours": float(alpha), "d_m_ours": float(d)}
         rows.append({**row, **ours})
     return Table.of(
-        NAME,
+        "VI",
         f"Table VI: Denavit-Hartenberg parameters of {study.problem.title}",
         "Standard (distal) convention; nothing here is simulated or measured.",
         rows,
         ("theta_i = q_i without offset.",),
     )
+
+
+TABLE = Maker("VI", __doc__, build, ("two_link",))

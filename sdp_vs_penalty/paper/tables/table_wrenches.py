@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Row, Table
+from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
 from sdp_vs_penalty.paper.wrenches import COMPONENTS, wrench_study
 from sdp_vs_penalty.robot.arrays import Array
-
-NAME = "wrenches"
-PROBLEMS = ("two_link",)
 
 
 def build(study: Study) -> Table:
@@ -39,7 +36,7 @@ def build(study: Study) -> Table:
         for k, (component, unit) in enumerate(COMPONENTS.items())
     ]
     return Table.of(
-        NAME,
+        "wrenches",
         f"Internal joint wrenches of {study.problem.title}",
         study.sentence,
         rows,
@@ -67,3 +64,6 @@ def build(study: Study) -> Table:
         ),
         digits=3,
     )
+
+
+TABLE = Maker("wrenches", __doc__, build, ("two_link",))

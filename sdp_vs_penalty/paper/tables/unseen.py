@@ -11,11 +11,7 @@ from sdp_vs_penalty.estimation.cross_validation import CrossValidation, Fold
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import FOLDS, TEST_START, TRAIN_STOP, Study
-from sdp_vs_penalty.paper.tables.table import Cell, Row, Table
-
-NAME = "unseen"
-SLOW = True
-PROBLEMS = ("panda",)
+from sdp_vs_penalty.paper.tables.table import Cell, Maker, Row, Table
 
 _METHODS = tuple(dict.fromkeys(("ols", "lmi-sdp-plain", "lmi-sdp-entropic", DEFAULT_METHOD)))
 #: What joins the problem's effects, one after the other.
@@ -37,7 +33,7 @@ def build(study: Study) -> Table:
             told[method, added] = found[FOLDS]["relative_error_percent"]
     usual, friction, all_of_it = (told[DEFAULT_METHOD, added] for added in _ADDED)
     return Table.of(
-        NAME,
+        "unseen",
         f"Errors on unseen motion of {study.problem.title}",
         f"Measured: the authors' real run ({len(study.run.t)} samples).",
         rows,
@@ -75,3 +71,6 @@ def _rows(study: Study, run: Measurements, method: str, added: str) -> list[Row]
         | {f"rmse_joint_{j}": float(e) for j, e in enumerate(x.rmse, start=1)}
         for name, x in judged
     ]
+
+
+TABLE = Maker("unseen", __doc__, build, ("panda",), slow=True)

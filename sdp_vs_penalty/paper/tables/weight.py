@@ -8,10 +8,7 @@ from typing import Any
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.paper.tables.methods import certified_optimum
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Table
-
-NAME = "weight"
-SLOW = True
+from sdp_vs_penalty.paper.tables.table import Maker, Table
 
 #: Final weights [(N m)^2 per kg m^2, kg or m]; the authors' is 40. Runs of each.
 WEIGHTS, _RUNS = (40.0, 126.0, 400.0, 1260.0, 4000.0), 2
@@ -40,7 +37,7 @@ def build(study: Study) -> Table:
                 }
             )
     return Table.of(
-        NAME,
+        "weight",
         f"The penalty method's weight on {study.problem.title}",
         study.sentence,
         rows,
@@ -66,3 +63,6 @@ def _gist(rows: list[dict[str, Any]]) -> str:
             found = f"from xi = {row['weight_xi']:g} on all runs are feasible"
             return f"{said}; {found}, {row['excess_loss_percent']:.2g} % over the optimum."
     return f"{said}; no weight makes all runs feasible."
+
+
+TABLE = Maker("weight", __doc__, build, slow=True)
