@@ -75,13 +75,6 @@ class BarycentricPart:
         out[np.arange(len(out))[:, None], self.indices] = local
         return out
 
-    def second(self, multiplier: Array) -> Array:
-        """Hessian of <multiplier, F(x)>, (p, p), multiplier (k,)."""
-        out = np.zeros((self.width, self.width))
-        for k in np.flatnonzero(multiplier):
-            out[np.ix_(self.indices[k], self.indices[k])] += 2.0 * multiplier[k] * self.forms[k]
-        return out
-
 
 @dataclass(frozen=True)
 class BarycentricBox:

@@ -8,8 +8,10 @@ convex as they are. For constraints F_i(x) in cones K_i (self-dual), weight w an
 is smooth; S <- Pi_K(S - w F(x)) after each minimisation makes the minimiser feasible at a finite w, and
 S tends to the multipliers, from which the certificate bounds the optimum (Powell 1969, Hestenes 1969,
 Rockafellar 1974: the augmented Lagrangian). The weight grows tenfold while the violation does not fall
-to a quarter. Each minimisation is a damped semismooth Newton method (Zhao, Sun, Toh, SIAM J. Optim.
-2010): the curvatures of loss and penalty differ by ten orders of magnitude.
+to a quarter. Each minimisation is one of nonlinear least squares, by MINPACK's Levenberg-Marquardt
+method; its Gauss-Newton steps are semismooth Newton steps (Zhao, Sun, Toh, SIAM J. Optim. 2010;
+:func:`projected_rows`). A weak pull to the last x keeps its rows of full rank where the data leave
+directions open (Rockafellar 1976: the proximal method of multipliers).
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-import scipy.linalg
+from scipy import optimize
 
 from sdp_vs_penalty.estimators.barycentric import BarycentricPart, barycentric_box
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
@@ -32,16 +34,18 @@ from sdp_vs_penalty.robot.constraint import (
     Constraint,
     ConstraintSet,
     project,
-    projection_curvature,
+    projected_rows,
 )
 from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.objective import Objective
 
 #: The first weight, in units of (scaled loss) / (scaled distance)^2, and the largest.
 _FIRST_WEIGHT, _LARGEST_WEIGHT = 0.1, 1e10
-#: Stages, and Newton steps of each, at most. One that is cut short lets the weight grow too
-#: early: with 60, runs on columns that torque hardly tells apart (rotors, links) ended .8 % too high.
+#: Stages, and evaluations of each, at most. One that is cut short lets the weight grow too early: with
+#: 60, runs on columns that torque hardly tells apart (rotors, links) ended .8 % too high.
 _STEPS = 300
+#: Weight of the pull to the last stage's x, in scaled units; each stage takes back what it cost.
+_PROXIMAL = 1e-6
 
 
 @dataclass(frozen=True)
@@ -80,25 +84,17 @@ class AffinePart:
         """dF/dx, (rows, p), rows in the order of F.ravel()."""
         return self.matrix
 
-    def second(self, multiplier: Array) -> float:
-        """Hessian of <multiplier, F(x)>, (p, p); 0.0 where F is affine."""
-        return 0.0
 
-
-#: Constraints of one kind: F(x) (g, ...) in a cone, with first and second derivatives.
+#: Constraints of one kind: F(x) (g, ...) in a cone, with its derivative.
 Part = AffinePart | BarycentricPart
 
 
 @dataclass(frozen=True)
 class ShiftedPenalty:
-    """L(x; S, w) with f(x) = |R x - rho|^2 + residual_norm^2, all scaled.
-
-    ``shifts`` has one array a part.
-    """
+    """L(x; S, w) with f(x) = |R x - rho|^2, all scaled; ``shifts`` has one array a part."""
 
     R: Array
     rho: Array
-    constant: float
     parts: tuple[Part, ...]
 
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
@@ -106,98 +102,53 @@ class ShiftedPenalty:
         pairs = zip(self.parts, shifts, strict=True)
         return [project(part.cone, shift - weight * part.values(x)) for part, shift in pairs]
 
-    def value_and_gradient(
-        self, x: Array, shifts: Sequence[Array], weight: float
-    ) -> tuple[float, Array]:
-        """L and its gradient 2 R^T (R x - rho) - sum_i J_i^T Pi_K(S_i - w F_i)."""
-        residual = self.R @ x - self.rho
-        value = float(residual @ residual) + self.constant
-        gradient = 2.0 * (residual @ self.R)
-        new = self.shifted(x, shifts, weight)
-        for part, shift, z in zip(self.parts, shifts, new, strict=True):
-            value += (float(np.vdot(z, z)) - float(np.vdot(shift, shift))) / (2.0 * weight)
-            gradient -= z.ravel() @ part.jacobian(x)
-        return value, gradient
-
-    def largest_curvature(self, x: Array, weight: float) -> Array:
-        """(p, p) the Hessian if every constraint were active: an upper bound of it where F is affine."""
-        rows = [np.sqrt(2.0) * self.R, *(np.sqrt(weight) * part.jacobian(x) for part in self.parts)]
-        out = np.sum([J.T @ J for J in rows], axis=0)
-        out[np.diag_indices_from(out)] += 1e-12 * or_one(out.max(initial=0.0))
-        return np.asarray(out)
-
-    def hessian(self, x: Array, shifts: Sequence[Array], weight: float) -> Array:
-        """An element of L's generalised Hessian (p, p)."""
-        out = 2.0 * self.R.T @ self.R
+    def rows(self, x: Array, shifts: Sequence[Array], weight: float) -> tuple[Array, Array]:
+        """r (m,) with L = |r|^2 up to a constant, and J (m, p): 2 J^T r is L's gradient, and 2 J^T J an
+        element of its generalised Hessian where F is affine."""
+        residuals, slopes = [self.R @ x - self.rho], [self.R]
         for part, shift in zip(self.parts, shifts, strict=True):
-            moved = shift - weight * part.values(x)
-            jacobian = part.jacobian(x).reshape(len(moved), -1, len(x))
-            out += weight * projection_curvature(part.cone, moved, jacobian)
-            out -= part.second(project(part.cone, moved))
-        return out
+            jacobian = part.jacobian(x).reshape(len(shift), -1, len(x))
+            r, J = projected_rows(part.cone, shift - weight * part.values(x), jacobian)
+            residuals.append(r / np.sqrt(2.0 * weight))
+            slopes.append(-np.sqrt(0.5 * weight) * J)
+        return np.concatenate(residuals), np.concatenate(slopes)
 
 
 def minimise(
     penalty: ShiftedPenalty, x: Array, tolerance: float
-) -> tuple[Array, list[Array], dict[str, float]]:
+) -> tuple[Array, list[Array], dict[str, Any]]:
     """Continue weight and shifts from x until violation and complementarity are below tolerance, in the
-    scaled units of the parts: x (p,), the shifts (multipliers) there, and what was spent."""
-    shifts, weight = [np.zeros_like(part.values(x)) for part in penalty.parts], _FIRST_WEIGHT
-    residual, accuracy = np.inf, 1e-2
-    evaluations = iterations = 0
-    for _ in range(_STEPS):
-        x, more, steps = newton(penalty, x, shifts, weight, accuracy)
-        evaluations, iterations = evaluations + more, iterations + steps
+    scaled units of the parts: x (p,), the shifts (multipliers) there, and what was spent; converged :
+    whether the last minimisation ended by itself."""
+    shifts, weight, residual = (
+        [np.zeros_like(part.values(x)) for part in penalty.parts],
+        _FIRST_WEIGHT,
+        np.inf,
+    )
+    near = np.sqrt(_PROXIMAL) * np.eye(len(x))
+    told = {"method": "lm", **dict.fromkeys(("ftol", "xtol", "gtol"), 1e-14), "max_nfev": _STEPS}
+    evaluations = stages = 0
+
+    def rows(z: Array, x: Array, shifts: list[Array], weight: float) -> tuple[Array, Array]:
+        r, J = penalty.rows(z, shifts, weight)
+        return np.concatenate([r, near @ (z - x)]), np.concatenate([J, near])
+
+    while stages < _STEPS:
+        now = x, shifts, weight
+        found = optimize.least_squares(
+            lambda *z: rows(*z)[0], x, lambda *z: rows(*z)[1], args=now, **told
+        )
+        x, evaluations, stages = found.x, evaluations + int(found.nfev), stages + 1
         moved = penalty.shifted(x, shifts, weight)
         changes = (np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True))
         previous, residual = residual, float(max(changes, default=0.0)) / weight
         shifts = moved
-        if residual <= tolerance and accuracy <= 1e-6:
+        if max(residual, _PROXIMAL * np.abs(x - now[0]).max(initial=0.0)) <= tolerance:
             break
         if residual > 0.25 * previous and weight < _LARGEST_WEIGHT:
             weight *= 10.0
-        accuracy = max(0.1 * accuracy, 1e-8)
-    spent = {"residual": residual, "weight": weight, "evaluations": evaluations}
-    return x, shifts, {**spent, "iterations": iterations}
-
-
-def newton(
-    penalty: ShiftedPenalty, x: Array, shifts: Sequence[Array], weight: float, accuracy: float
-) -> tuple[Array, int, int]:
-    """Minimise L(.; S, w) from x by Newton steps, damped (Levenberg, Marquardt) in the metric of the
-    largest curvature, so that no choice of variables matters; returns x, evaluations and steps.
-
-    Stops at a gradient below ``accuracy`` (scaled units) or where rounding hides any descent.
-    """
-    value, gradient = penalty.value_and_gradient(x, shifts, weight)
-    evaluations, damping, metric = 1, 0.0, penalty.largest_curvature(x, weight)
-    for step in range(_STEPS):
-        if np.abs(gradient).max(initial=0.0) <= accuracy:
-            return x, evaluations, step
-        hessian = penalty.hessian(x, shifts, weight)
-        while True:
-            direction, damping = _descent(hessian, gradient, metric, damping)
-            slope = float(gradient @ direction)
-            if -slope <= 1e-15 * abs(value) or damping > 1e3:
-                return x, evaluations, step
-            new_value, new_gradient = penalty.value_and_gradient(x + direction, shifts, weight)
-            evaluations += 1
-            if new_value <= value + 1e-4 * slope:
-                break
-            damping = max(10.0 * damping, 1e-10)
-        x, value, gradient, damping = x + direction, new_value, new_gradient, 0.1 * damping
-    return x, evaluations, _STEPS
-
-
-def _descent(hessian: Array, gradient: Array, metric: Array, damping: float) -> tuple[Array, float]:
-    """-(H + t metric)^-1 g and t: the first of damping times 1, 100, ... that is definite."""
-    damping = max(damping, 1e-14)
-    while True:
-        try:
-            factor = scipy.linalg.cho_factor(hessian + damping * metric, check_finite=False)
-            return -scipy.linalg.cho_solve(factor, gradient, check_finite=False), damping
-        except np.linalg.LinAlgError:
-            damping *= 100.0
+    spent = {"residual": residual, "weight": weight, "evaluations": evaluations, "stages": stages}
+    return x, shifts, {**spent, "converged": bool(found.success)}
 
 
 @dataclass(frozen=True)
@@ -316,8 +267,7 @@ class ScaledProblem:
         if constraints.nonconvex:
             parts.append(BarycentricPart.of(constraints.nonconvex, theta_scale, interior))
         root = np.sqrt(loss_scale)
-        scaled = data.R * theta_scale / root, data.rho / root, data.residual_norm**2 / loss_scale
-        penalty = ShiftedPenalty(*scaled, tuple(parts))
+        penalty = ShiftedPenalty(data.R * theta_scale / root, data.rho / root, tuple(parts))
         return cls(penalty, theta_scale, loss_scale, received)
 
     def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> list[Array]:

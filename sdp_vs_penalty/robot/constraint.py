@@ -85,14 +85,19 @@ def project(cone: str, value: Array) -> Array:
     return np.maximum(value, 0.0)
 
 
-def projection_curvature(cone: str, values: Array, directions: Array) -> Array:
-    """sum_g A_g^T dPi(M_g) A_g, (p, p): dPi an element of the generalised derivative of the projection.
+def projected_rows(cone: str, values: Array, directions: Array) -> tuple[Array, Array]:
+    """The projections of M (g, ...) as rows r (m,), |r|^2 = sum |Pi(M)|^2, and J (m, p) with
+    J^T r = sum A^T Pi(M) and J^T J = sum A^T dPi(M) A, dPi an element of the generalised derivative.
 
-    values M (g, ...) and directions A (g, entries, p). Positive semidefinite; it is the Hessian of
-    1/2 sum |Pi(M + A x)|^2 wherever that has one. For matrices dPi(M)[H] = U (Omega o U^T H U) U^T
-    with the divided differences Omega of max(., 0) (Malick, Sendov, Set-Valued Analysis 2006).
+    directions A (g, entries, p). For M + A x that is the gradient and an element of the generalised
+    Hessian of 1/2 sum |Pi(M + A x)|^2: Gauss-Newton steps on r are semismooth Newton steps. For matrices
+    dPi(M)[H] = U (Omega o U^T H U) U^T with the divided differences Omega of max(., 0) (Malick, Sendov,
+    Set-Valued Analysis 2006).
     """
     group, _, width = directions.shape
+    if cone == "nonnegative":
+        positive = np.maximum(values.ravel(), 0.0)
+        return positive, directions.reshape(-1, width) * (positive > 0.0)[:, None]
     if cone == "psd":
         d = values.shape[-1]
         eigenvalues, u = np.linalg.eigh(values)
@@ -104,30 +109,23 @@ def projection_curvature(cone: str, values: Array, directions: Array) -> Array:
         omega = np.where(close, step, rise / np.where(close, 1.0, gap))
         h = directions.reshape(group, d, d, width).transpose(0, 3, 1, 2)
         rotated = np.swapaxes(u, 1, 2)[:, None] @ h @ u[:, None]
-        half = (np.sqrt(omega)[:, None] * rotated).transpose(0, 2, 3, 1).reshape(-1, width)
-    elif cone == "soc":
-        s, norm = values[:, 0], np.linalg.norm(values[:, 1:], axis=1)
-        on_axis = norm <= 1e-14 * np.abs(s)
-        ray = values[:, 1:] / np.where(on_axis, 1.0, norm)[:, None]
-        # In the frame (axis, ray, across the ray) the derivative has eigenvalues 1 and 0 along
-        # (1, +-ray) / sqrt(2), and (1 + s / |u|) / 2, at most 1 and at least 0, across.
-        along = np.clip(np.where(on_axis, np.sign(s), s + norm), 0.0, None) > 0.0
-        against = s - norm > 0.0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            across = np.where(on_axis, s > 0.0, np.clip(0.5 * (1.0 + s / norm), 0.0, 1.0))
-        a_axis = directions[:, 0]
-        a_ray = np.einsum("gi,gip->gp", ray, directions[:, 1:])
-        a_rest = directions[:, 1:] - ray[:, :, None] * a_ray[:, None]
-        half = np.concatenate(
-            [
-                along[:, None] * (a_axis + a_ray) / np.sqrt(2.0),
-                against[:, None] * (a_axis - a_ray) / np.sqrt(2.0),
-                (np.sqrt(across)[:, None, None] * a_rest).reshape(-1, width),
-            ]
-        )
-    else:
-        half = directions.reshape(-1, width)[values.ravel() > 0.0]
-    return half.T @ half
+        rows = (np.sqrt(omega)[:, None] * rotated).transpose(0, 2, 3, 1).reshape(-1, width)
+        return (positive[:, :, None] * np.eye(d)).ravel(), rows
+    s, norm = values[:, 0], np.linalg.norm(values[:, 1:], axis=1)
+    on_axis = norm <= 1e-14 * np.abs(s)
+    ray = values[:, 1:] / np.where(on_axis, 1.0, norm)[:, None]
+    # In the frame (axis, ray, across the ray) the derivative has eigenvalues 1 and 0 along
+    # (1, +-ray) / sqrt(2), and (1 + s / |u|) / 2, at most 1 and at least 0, across.
+    ends = np.maximum(np.array([np.where(on_axis, s, s + norm), s - norm]), 0.0) / np.sqrt(2.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        across = np.where(on_axis, s > 0.0, np.clip(0.5 * (1.0 + s / norm), 0.0, 1.0))
+    a_ray = np.einsum("gi,gip->gp", ray, directions[:, 1:])
+    both = np.array([directions[:, 0] + a_ray, directions[:, 0] - a_ray]) / np.sqrt(2.0)
+    rest = np.sqrt(across)[:, None, None] * (directions[:, 1:] - ray[:, :, None] * a_ray[:, None])
+    rows = np.concatenate(
+        [(both * (ends > 0.0)[:, :, None]).reshape(-1, width), rest.reshape(-1, width)]
+    )
+    return np.concatenate([ends.ravel(), np.zeros(rest.shape[0] * rest.shape[1])]), rows
 
 
 @dataclass(frozen=True, eq=False)

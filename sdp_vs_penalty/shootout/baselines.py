@@ -69,5 +69,5 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
     runs = fit.details["runs"]
     best = min(runs, key=lambda run: run["objective"])
     claims = "optimal" if best["residual"] <= accuracy else "inaccurate"
-    status, steps = f"residual {best['residual']:.1e}", int(best["iterations"])
+    status, steps = f"residual {best['residual']:.1e}", int(best["stages"])
     return Answer(fit.theta, claims, status, steps, fit.multipliers, attempts=len(runs))

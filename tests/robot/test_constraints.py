@@ -9,7 +9,7 @@ from random_robots import link_parameters
 from sdp_vs_penalty import Problem
 from sdp_vs_penalty.robot import Body, ConstraintSet, cone_margin, inertia, project
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.robot.constraint import projection_curvature, smallest_eigenvalue
+from sdp_vs_penalty.robot.constraint import projected_rows, smallest_eigenvalue
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=40, deadline=None, derandomize=True)
@@ -78,7 +78,7 @@ def test_projection_is_the_nearest_point_of_the_cone(cone, seed):
 @pytest.mark.parametrize("cone", CONES)
 @quick
 @given(seed=seeds)
-def test_the_projections_curvature_is_the_hessian_of_half_its_square(cone, seed):
+def test_rows_have_the_gradient_and_hessian_of_half_the_projections_square(cone, seed):
     """Of f(x) = 1/2 sum |P(M + A x)|^2, whose gradient is sum A^T P(M + A x); by central differences."""
     rng = np.random.default_rng(seed)
     values = np.stack([random_value(rng, cone) for _ in range(3)])
@@ -89,8 +89,10 @@ def test_the_projections_curvature_is_the_hessian_of_half_its_square(cone, seed)
 
     h = 1e-6
     numeric = np.stack([(gradient(h * e) - gradient(-h * e)) / (2.0 * h) for e in np.eye(2)])
-    exact = projection_curvature(cone, values, A.reshape(3, -1, 2))
-    np.testing.assert_allclose(exact, numeric, rtol=1e-4, atol=1e-5)
+    r, J = projected_rows(cone, values, A.reshape(3, -1, 2))
+    np.testing.assert_allclose(J.T @ J, numeric, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(J.T @ r, gradient(np.zeros(2)), atol=1e-12)
+    assert r @ r == pytest.approx(np.sum(project(cone, values) ** 2))
 
 
 def test_worst_violation_of_each_family_in_its_own_units():
