@@ -54,7 +54,7 @@ from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof, write_proof
-from sdp_vs_penalty.solvers.verified import feasible_point, violations
+from sdp_vs_penalty.solvers.verified import violations
 from sdp_vs_penalty.version import __version__
 
 DATA = "data"
@@ -173,8 +173,6 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     theta, upper, lower, gap = fit.theta, None, None, None
     if fit.multipliers is not None and fit.interior is not None:
         theta = repair(fit.constraints, theta, fit.interior)
-        written = feasible_point(fit.constraints.convex, theta, fit.interior, as_written=True)
-        theta = theta if written is None else written
     # The loss is the same, but a link's known parameter may have been moved by constraints and priors.
     theta = task.model.with_known(theta)
     if fit.multipliers is not None and fit.interior is not None:

@@ -17,13 +17,13 @@ from scipy import sparse
 
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
-from sdp_vs_penalty.estimators.sdp_fit import interior_point, solve_sdp
+from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
 from sdp_vs_penalty.shootout.instance import Instance
-from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.conic import ConicProblem, unsvec
+from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
 
 CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
 
@@ -49,23 +49,30 @@ class Reference:
         return (self.upper - self.lower) / self.scale
 
 
+def proved(instance: Instance) -> tuple[str, Proof | None]:
+    """ "optimum proved", "proved infeasible" or "not proved", and the proof in rational arithmetic."""
+    task, constraints = instance.task, instance.constraints
+    names = [p.name for p in task.model.parameters]
+    with suppress(InputError, ValueError, np.linalg.LinAlgError):
+        # Nothing in between: what the rational checker does not accept is not called proved.
+        try:
+            fit = solve_sdp(task, instance.objective, constraints, "clarabel", LmiSdp.accuracy)
+            assert fit.multipliers is not None
+            known = fit.multipliers, fit.theta, task.bound, fit.entropy_slopes, names
+            return "optimum proved", optimum_proof(instance.objective, constraints, *known)
+        except Infeasible as error:
+            if error.proof is not None:
+                return "proved infeasible", infeasibility_proof(*error.proof, task.bound, names)
+    return "not proved", None
+
+
 def reference(instance: Instance) -> Reference:
-    """Bound the optimum of an instance by our own path."""
-    task, constraints, theta = instance.task, instance.constraints, None
-    try:
-        interior = interior_point(task, constraints)
-    except InputError as error:
-        proved = isinstance(error, Infeasible) and error.proof is not None
-        return Reference("infeasible" if proved else "unknown", 0.0, np.inf, 1.0)
-    lower = 0.0 if instance.objective.entropy is None else -np.inf
-    with suppress(InputError):
-        fit = solve_sdp(task, instance.objective, constraints, "clarabel", LmiSdp.accuracy)
-        theta, lower = fit.theta, max(lower, fit.lower)
-    start = interior if theta is None else theta
-    point = verified.feasible_point(constraints.convex, start, interior)
-    upper = np.inf if point is None else verified.upper_bound(instance.objective, point)
-    scale = instance.data.loss_scale(interior if point is None else point)
-    return Reference("feasible", lower, upper, max(scale, 1e-300))
+    """The proved interval of an instance, or the proof that there is none."""
+    status, proof = proved(instance)
+    if proof is None or status == "proved infeasible":
+        return Reference("unknown" if proof is None else "infeasible", 0.0, np.inf, 1.0)
+    scale = instance.data.loss_scale(np.array(proof["theta"], float))
+    return Reference("feasible", float(proof["lower"]), float(proof["upper"]), max(scale, 1e-300))
 
 
 @dataclass(frozen=True)

@@ -17,16 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.errors import Infeasible, InputError
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
-from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
-from sdp_vs_penalty.exporters.sdp import export_sdp, proof_of
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.files import as_csv, write_bytes, write_text
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import Entry
+from sdp_vs_penalty.shootout.judge import proved
 from sdp_vs_penalty.shootout.runner import Shootout
 from sdp_vs_penalty.solvers.conic import ConicProblem
-from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, write_proof
+from sdp_vs_penalty.solvers.proof import write_proof
 from sdp_vs_penalty.solvers.rewrite import linear_objective
 
 #: The data card and the citation that go with a library are files beside this one.
@@ -99,21 +98,6 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
 
 
 _FILES = ("problem.cbf", "problem.dat-s", "problem.npz")
-
-
-def proved(instance: Instance) -> tuple[str, Proof | None]:
-    """ "optimum proved", "proved infeasible" or "not proved", and the proof."""
-    try:
-        task, constraints = instance.task, instance.constraints
-        fit = solve_sdp(task, instance.objective, constraints, "clarabel", LmiSdp.accuracy)
-        return "optimum proved", proof_of(task, fit, instance.name)
-    except Infeasible as error:
-        if error.proof is None:
-            return "not proved", None
-        return "proved infeasible", infeasibility_proof(*error.proof, instance.task.bound)
-    except (InputError, ValueError, TypeError, np.linalg.LinAlgError):
-        # Nothing in between: what the rational checker does not accept is not called proved.
-        return "not proved", None
 
 
 def _npz(problem: ConicProblem) -> bytes:

@@ -2,8 +2,8 @@
 
 In the manner of Jansson, Chaykin, Keil ("Rigorous error bounds for the optimal value in
 semidefinite programming", SIAM J. Numer. Anal. 2007): any numbers a solver returns are turned into
-a lower bound on the optimum over {theta feasible, |theta_k| <= B_k}, and into a point that is
-feasible beyond doubt, hence an upper bound. R, rho, residual_norm and the constraint arrays are taken as
+a lower bound on the optimum over {theta feasible, |theta_k| <= B_k}; whether a point is feasible is
+decided beyond doubt. R, rho, residual_norm and the constraint arrays are taken as
 exact, as the doubles they are.
 
 Lower side. A multiplier is used as V V^T, which is positive semidefinite whatever V's entries are,
@@ -164,20 +164,14 @@ def proves_infeasible(
     return lower_bound(nothing, Entries.of(alike(constraints)), multipliers, np.zeros(0), bound) > 0.0
 
 
-def certainly_feasible(
-    constraints: Sequence[Constraint], theta: Array, as_written: bool = False
-) -> bool:
-    """Whether theta satisfies all constraints, decided in rational arithmetic; as_written : also the
-    shortest decimal text of each number, which is what a file holds."""
+def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
+    """Whether theta satisfies all constraints, decided in rational arithmetic."""
     margin, size = margins(constraints, theta)
-    numbers = [{int(k): Fraction(float(theta[k])) for c in constraints for k in c.indices}]
-    if as_written:
-        numbers.append({k: Fraction(repr(float(theta[k]))) for k in numbers[0]})
+    exact = {int(k): Fraction(float(theta[k])) for c in constraints for k in c.indices}
     return all(
         verify_proof.inside(c.cone, _exact_value(c, exact))
         for c, well in zip(constraints, margin > _WELL_INSIDE * size, strict=True)
         if not well
-        for exact in numbers
     )
 
 
@@ -195,47 +189,7 @@ def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
 _WELL_INSIDE = 1e-9
 
 
-def feasible_point(
-    constraints: Sequence[Constraint], theta: Array, interior: Array, as_written: bool = False
-) -> Array | None:
-    """The first point on the way from theta to an interior point that is certainly feasible; theta
-    itself, nearly always: on a boundary rounding may put its last digit outside."""
-    for step in (0.0, *10.0 ** (0.5 * np.arange(-32, 1))):
-        point = theta + step * (interior - theta) if step else theta
-        if certainly_feasible(constraints, point, as_written):
-            return point
-    return None
-
-
-def upper_bound(objective: Objective, theta: Array) -> float:
-    """A number that is certainly >= objective(theta); without linear terms."""
-    data = objective.least_squares
-    R, rho, x = (np.asarray(a, Long) for a in (data.R, data.rho, theta))
-    gamma = _gamma(len(theta) + len(rho))
-    worst = np.abs(R @ x - rho) + gamma * (np.abs(R) @ np.abs(x) + np.abs(rho)) + _TINY
-    value = -_down(-(worst @ worst + Long(data.residual_norm) ** 2) * (1 + gamma))
-    if objective.entropy is None or not np.isfinite(value):
-        return value
-    entropy = _entropy_at_most(objective.entropy, theta)
-    return np.inf if entropy is None else -_down(-Fraction(value) - entropy)
-
-
-def _entropy_at_most(entropy: Entropy, theta: Array) -> Fraction | None:
-    """The entropy in rational numbers, logarithms to fifty digits; None where it is infinite."""
-    exact, value = [Fraction(float(x)) for x in theta], Fraction(0)
-    for link, inverse, log_det in zip(entropy.links, *entropy.nominal_terms, strict=True):
-        matrix = _exact_value(link, exact)
-        determinant = verify_proof.determinant(matrix)
-        if not determinant:
-            return None
-        trace = verify_proof.dot([Fraction(x) for x in inverse.ravel().tolist()], matrix)
-        value += trace - verify_proof.log_below(determinant) + Fraction(float(log_det)) - 4
-    return Fraction(entropy.weight) * value
-
-
-def _exact_value(
-    constraint: Constraint, theta: Mapping[int, Fraction] | Sequence[Fraction]
-) -> list[Fraction]:
+def _exact_value(constraint: Constraint, theta: Mapping[int, Fraction]) -> list[Fraction]:
     """F(theta) in rational numbers, entry by entry; a matrix's symmetric part."""
     out = [Fraction(float(x)) for x in constraint.constant.ravel()]
     for k, coefficient in zip(constraint.indices, constraint.coefficients, strict=True):
