@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.version import __version__
@@ -69,8 +68,6 @@ def __getattr__(name: str) -> Any:
     found = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
     if name in _CHECKED:
         found = importlib.import_module(f"{__name__}.checked").with_check(found)
-    if isinstance(found, FunctionType):
-        found = importlib.import_module(f"{__name__}.checked").with_suggestions(found)
     return globals().setdefault(name, found)
 
 

@@ -297,18 +297,3 @@ def test_what_follows_the_clock_is_predicted_at_a_time(files):
     with pytest.raises(InputError, match="drift_offset depends on time: pass t"):
         found.predict(rest, rest, rest)
     assert found.predict(rest, rest, rest, t=np.arange(3.0)).shape == (3, 2)
-
-
-def test_a_misspelt_keyword_is_named_and_signatures_hold_no_addresses():
-    import inspect
-
-    import sdp_vs_penalty
-
-    with pytest.raises(TypeError, match=r"has no argument 'efects': did you mean 'effects'"):
-        sdp_vs_penalty.identify("two_link", [], efects="rigid_body")
-    with pytest.raises(TypeError, match=r"add\(\) has no argument 'zzz': it has estimate"):
-        sdp_vs_penalty.add("m.json", "rotor_inertia", [], zzz=1)
-    for name in sdp_vs_penalty.__all__:
-        verb = getattr(sdp_vs_penalty, name)
-        if inspect.isfunction(verb):
-            assert " at 0x" not in str(inspect.signature(verb)), name

@@ -42,7 +42,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
         for hit in event.hits:
             name, _, link = hit.object_name.partition("-")
             if name in ("link", "measured") and link.isdigit():
-                view.look(joint=min(int(link), len(view.session.arm["joints"]) - 1))
+                view.look(joint=min(int(link), len(view.session.robot["joints"]) - 1))
                 return
 
     reach = sum(float(np.linalg.norm(j["at"])) for j in joints) or 0.5
@@ -55,7 +55,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
             on_click=clicked,
             camera=ui.scene.perspective_camera(fov=_ANGLE),
         ) as scene:
-            shapes = view.session.arm["drawn"]["shapes"]
+            shapes = view.session.robot["drawn"]["shapes"]
             groups = [g for look in _LOOKS[arms] for g in _one_arm(scene, about, shapes, reach, *look)]
         frame.props["data-arm"] = scene.id
         scene.props["role"] = "img"

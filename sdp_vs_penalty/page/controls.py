@@ -48,6 +48,11 @@ def tile(name: str, said: str, do: Handler, key: str, style: str = "", **attribu
         tag("span", said)
 
 
+def tiles(label: str) -> Any:
+    """A group of tiles, to be filled by ``with``."""
+    return tag("div", style="tiles", role="group", aria_label=label)
+
+
 def choice(
     label: str,
     options: Sequence[tuple[str, str]],

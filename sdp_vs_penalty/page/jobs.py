@@ -36,8 +36,7 @@ from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.exporters import sdp
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.files import write_bytes, write_text
-from sdp_vs_penalty.page.asked import Answer, Asked
-from sdp_vs_penalty.page.run_jobs import look_again, mend, read, real, simulate
+from sdp_vs_penalty.page.run_jobs import Answer, Asked, look_again, mend, read, real, simulate
 from sdp_vs_penalty.page.summary import drawn_arm, placed, save_arrays, summary
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import with_bounds, with_filters

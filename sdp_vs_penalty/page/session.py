@@ -69,14 +69,14 @@ class Session:
     One job at a time: a verb starts its work in the background and returns. Kept while the server runs,
     also of a closed tab.
 
-    robot : the answer about it, with ``source``; runs : see run_jobs.keep; history : models, the last
-    one current; undone : those that were left, the last one first to come back.
+    robot : the answer about it, with ``source``, or nothing; runs : see run_jobs.keep; history : models,
+    the last one current; undone : those that were left, the last one first to come back.
     """
 
     token: str
     folder: Path
     pool: WorkerPool
-    robot: dict[str, Any] | None = None
+    robot: dict[str, Any] = field(default_factory=dict)
     runs: list[dict[str, Any]] = field(default_factory=list)
     effects: list[str] = field(default_factory=list)
     method: str = DEFAULT_METHOD
@@ -100,6 +100,8 @@ class Session:
     #: The arguments of the command that makes the simulated runs.
     made_by: list[str] | None = None
     left_at: float = field(default_factory=time.monotonic)
+    #: The stage and the part where what is new can be seen.
+    new: tuple[str, str] | None = None
     #: Whether a tab has shown it yet.
     shown: bool = False
     #: How often a control was moved in vain: it has to be drawn anew as it is.
@@ -123,12 +125,6 @@ class Session:
         if not self.history:
             raise InputError("No model yet", "identify one first")
         return self.history[-1]
-
-    @property
-    def arm(self) -> dict[str, Any]:
-        """``robot``, in steps that come after it was chosen."""
-        assert self.robot is not None
-        return self.robot
 
     @property
     def meaningless(self) -> list[str]:
@@ -186,7 +182,7 @@ class Session:
 
     def commands(self) -> list[str]:
         """The same on the command line, in the folder where the files of the shown names are."""
-        if self.robot is None or not self.history:
+        if not self.robot or not self.history:
             return []
         robot = self.robot["file"] or self.robot["source"]
         data = ["--data", *(r["given"] for r in self.runs if r["use"] in ("train", "split"))]
@@ -283,7 +279,7 @@ class Session:
         answer = await self._job("robot", robot={"source": source})
         # What is dropped is said and kept, so that it can be brought back.
         self.dropped = {name: getattr(self, name) for name in _OF_A_ROBOT}
-        if self.robot is not None and self.runs:
+        if self.robot and self.runs:
             what = [formatting.count(len(self.runs), "run")]
             what += [formatting.count(len(self.history), "model")] if self.history else []
             said = f"{self.robot['name']}: {formatting.words(what)} put aside with the robot."
@@ -350,7 +346,7 @@ class Session:
     @background("Turning the robot")
     async def mount(self, gravity: str) -> None:
         """Another direction of gravity, "x,y,z" [m/s^2]: the runs are checked again, models dropped."""
-        turned = {**self.arm, "gravity": numbers("gravity", gravity, 3)}
+        turned = {**self.robot, "gravity": numbers("gravity", gravity, 3)}
         answer = await self._job("look_again", robot=turned)
         self.robot, self.runs = turned, answer["runs"]
         if self.history:
@@ -375,16 +371,18 @@ class Session:
         self._refuse_meaningless()
         how = {"effects": ",".join(self.effects), "method": self.method}
         answer = await self._job("fit", **how, out=self._next_file())
+        self._begin(answer, label="identified")
+
+    def _begin(self, answer: dict[str, Any], **how: str) -> None:
         self.forget_models()
-        self.history = [ModelStep(**{**answer, "label": "identified"})]
+        self.history, self.new = [ModelStep(**{**answer, **how})], ("identify", "fit")
 
     @background("Opening {1}")
     async def open_model(self, path: str, name: str) -> None:
         """Go on from a model.json, identified from other runs perhaps: how a payload is found."""
         self.names[path] = name
         answer = await self._job("open_model", model=path, out=self._next_file())
-        self.forget_models()
-        self.history = [ModelStep(**{**answer, "label": name, "opened": name})]
+        self._begin(answer, label=name, opened=name)
 
     @background("Looking for what is missing")
     async def diagnose(self) -> None:
@@ -393,6 +391,7 @@ class Session:
         answer = await self._job("find", frozen=self.frozen)
         found = Diagnosis.from_dict(answer["diagnosis"])
         self.history[-1] = replace(self.current, findings=found, curve_texts=answer["curves"])
+        self.new = "diagnose", "findings"
 
     @background("Adding what was chosen")
     async def add(self, texts: list[str]) -> None:
@@ -405,6 +404,7 @@ class Session:
             new = {"label": f"+ {text.partition('@')[0]}", "added": (text,), "frozen": frozen}
             steps.append(ModelStep(**{**answer, **new}))
         self.history, self.undone = [*self.history, *steps[1:]], []
+        self.new = "diagnose", "history"
 
     def ask(self, job: str, title: str, ready: Callable[[str], None] | None = None, **on: Any) -> None:
         """A job that changes nothing: its answer is kept; ``ready`` hears of the files that it made."""
@@ -418,6 +418,7 @@ class Session:
             if answer.get("notice"):
                 self.notice = Notice(tuple(answer["notice"]), error=False)
             self.answers[job] = {**answer, "model": model}
+            self.new = ("advanced", "methods") if job == "methods" else self.new
             self.made |= set(answer.get("files", ()))
             for name in answer.get("files", ()):
                 if ready is not None:
@@ -442,7 +443,7 @@ class Session:
     async def show_me(self, seed: int = 7) -> None:
         """The whole job in small, on simulated runs with something hidden: the verb ``demo``."""
         await Session.choose_robot.do(self, ARM)
-        await Session.simulate.do(self, HIDDEN, [self.arm["n"]], LEVEL, seed)
+        await Session.simulate.do(self, HIDDEN, [self.robot["n"]], LEVEL, seed)
         await Session.identify.do(self)
         await Session.diagnose.do(self)
         assert self.findings is not None
@@ -458,12 +459,12 @@ class Session:
             "models": [{"label": f"{k}: {m.label}", "file": m.file} for k, m in steps],
             "commands": self.commands(),
             "findings": self.findings and self.findings.to_dict(),
-            "urdf": self.arm["source"] if self.arm["file"] else None,
+            "urdf": self.robot["source"] if self.robot["file"] else None,
         }
         self.ask("take", f"Making {name}", ready, name=name, **content, **(options or {}))
 
     async def _take_runs(self, job: str, **details: Any) -> None:
-        if self.robot is None:
+        if not self.robot:
             raise InputError("No robot is chosen", "choose it first, so that its joints are known")
         before = self.runs if job == "read" else []
         answer = await self._job(job, **{"runs": before, **details})

@@ -27,7 +27,7 @@ class Workbench:
         #: By anchor, the element and what it was last drawn from.
         self._drawn: dict[str, str] = {}
         self._at: dict[str, Any] = {}
-        self._seen = self._marks()
+        self._seen = view.session.new
         self._met = False
         view.client.on_connect(partial(setattr, self, "_met", True))
 
@@ -205,20 +205,8 @@ class Workbench:
                     button("Undo", session.bring_back, "bring-back")
                 button("Close", lambda: session.say(), "close-notice", "quiet")
 
-    def _marks(self) -> tuple[int, bool, bool]:
-        session = self.session
-        return len(session.history), session.findings is not None, session.answer("methods") is not None
-
     def _lead_on(self) -> None:
         """Bring what is new into sight."""
-        (models, found, compared), (had, had_found, had_compared) = self._marks(), self._seen
-        self._seen = self._marks()
-        to = None
-        if models == 1 and had == 0:
-            to = "identify", "fit"
-        elif models > had > 0 or (found and not had_found):
-            to = "diagnose", "history" if models > had else "findings"
-        elif compared and not had_compared:
-            to = "advanced", "methods"
-        if to is not None:
-            ui.run_javascript(f"workbench.show({json.dumps(to[0])}, {json.dumps(to[1])})")
+        if (new := self.session.new) is not self._seen and new is not None:
+            ui.run_javascript(f"workbench.show({json.dumps(new[0])}, {json.dumps(new[1])})")
+        self._seen = new

@@ -157,8 +157,8 @@ def main(server: Any, parent: int, temporary: Path | None) -> None:
 
 def do(request: dict[str, Any], progress: Any) -> dict[str, Any]:
     """{"result": ...} of a request, or {"error": sentence}."""
-    from sdp_vs_penalty.page.asked import Asked
     from sdp_vs_penalty.page.jobs import JOBS
+    from sdp_vs_penalty.page.run_jobs import Asked
 
     try:
         with warnings.catch_warnings():

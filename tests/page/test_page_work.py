@@ -266,7 +266,7 @@ def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions):
         await s.task
 
     asyncio.run(story())
-    assert s.robot is not None
+    assert s.robot
 
 
 def test_a_full_disk_is_said(sessions, monkeypatch):

@@ -67,7 +67,7 @@ POSED_FILES = {"problem.cbf": "conic benchmark format", "problem.dat-s": "sparse
 @after_model("posed", "The identification problem, for other solvers")
 def posed(view: View) -> None:
     """The optimisation problem as files."""
-    with draw.tag("div", style="tiles", role="group", aria_label="Problem files to download"):
+    with draw.tiles("Problem files to download"):
         for name, use in POSED_FILES.items():
             ask = partial(view.session.ask, "pose", f"Making {name}", view.download, name=name)
             draw.tile(name, use, ask, f"take-{name}")

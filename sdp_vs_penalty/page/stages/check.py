@@ -13,7 +13,7 @@ from sdp_vs_penalty.page.view import Part, Stage, Verdict, View
 
 
 def _draw_check(view: View) -> None:
-    session, units = view.session, view.session.arm["units"]
+    session, units = view.session, view.session.robot["units"]
     _findings(session)
     views = {run["name"]: str(session.folder / run["view"]) for run in session.runs}
     first = next((run["name"] for run in session.runs if run["findings"]), next(iter(views)))
@@ -29,7 +29,7 @@ def _draw_check(view: View) -> None:
     with draw.tag("div", style="pair"):
         said = "Positions, velocities and torques of all joints over time"
         drawn = draw.chart(data_chart(session.arrays(views[first], 0), units), said).classes("timed")
-        move = draw_arm(view, session.arm["drawn"], "nominal links")
+        move = draw_arm(view, session.robot["drawn"], "nominal links")
     crosses = "Crosses: what the check would put there. "
     mended = any(found["mends"] for run in session.runs for found in run["findings"])
     draw.note(f"{crosses * mended}Drag to look closer; Play moves the arm.")
@@ -68,5 +68,5 @@ def _checked(session: Session) -> Verdict | None:
     return Verdict("good", f"Nothing wrong in {formatting.count(len(session.runs), 'run')}.", "Check")
 
 
-_PART = Part("check", "", lambda s: bool(s.runs), lambda s: (s.arm["source"], s.runs), _draw_check)
+_PART = Part("check", "", lambda s: bool(s.runs), lambda s: (s.robot["source"], s.runs), _draw_check)
 CHECK = Stage("check", "Check", "Add measurements first.", (_PART,), _checked)

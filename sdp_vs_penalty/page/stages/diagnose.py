@@ -25,7 +25,7 @@ from sdp_vs_penalty.reports.pictures import bars, change_of
 def models(view: View) -> None:
     """Each joint's error from model to model, with undo and redo."""
     session = view.session
-    history, units = session.history, session.arm["units"]
+    history, units = session.history, session.robot["units"]
     with draw.tag("ol", style="history"):
         for model in history:
             with draw.tag("li"):
@@ -83,7 +83,7 @@ def findings(view: View) -> None:
 
 def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
     session, finding = view.session, found.effects[k]
-    units = session.arm["units"]
+    units = session.robot["units"]
     with draw.tag("li", style="card finding-card" + (" done" if added else "")):
         with draw.tag("div", style="head"):
             draw.tag("h4", f"{plain_name(finding.effect)} · {_where(finding.joints)}")
@@ -139,7 +139,7 @@ def _telling(view: View, effects: str, k: int) -> None:
 
 def _curves(view: View, found: Diagnosis) -> None:
     """What was measured without a name: curve, band, and a button to add it as a table."""
-    session, units = view.session, view.session.arm["units"]
+    session, units = view.session, view.session.robot["units"]
     texts = session.history[session.found_for - 1].curve_texts
     for k, (curve, text) in enumerate(zip(found.curves, texts, strict=True)):
         with draw.tag("div", style="card finding-card"):

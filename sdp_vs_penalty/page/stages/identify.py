@@ -37,7 +37,7 @@ _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset",
 
 
 def _model_depends(session: Session) -> Any:
-    chosen = session.arm["source"], session.method, session.seed, session.effects, session.anyway
+    chosen = session.robot["source"], session.method, session.seed, session.effects, session.anyway
     return *chosen, session.meaningless, session.model is None
 
 
@@ -124,7 +124,7 @@ MODEL = Part("model", "", _trainable, _model_depends, _draw_model)
 @after_model("fit", "Measured against modelled", lambda s: s.findings and s.findings.to_dict())
 def fit(view: View) -> None:
     """Measured against modelled torque, where it fails and why."""
-    session, model, robot = view.session, view.session.current, view.session.arm
+    session, model, robot = view.session, view.session.current, view.session.robot
     comparison, units = model.comparison, robot["units"]
     if view.joint is None:  # whose error is the most times its noise; without noise, the largest
         both = zip(comparison["rmse"], comparison["noise_floor"], strict=True)
@@ -266,7 +266,7 @@ def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -
 def _show(view: View, event: Any) -> None:
     """The joint that was clicked, and the signal that shows the cause."""
     joint, signal = event.args
-    at = {"joint": min(max(int(joint), 1), view.session.arm["n"]) - 1}
+    at = {"joint": min(max(int(joint), 1), view.session.robot["n"]) - 1}
     view.look(**at, **({"signal": signal} if signal in SIGNALS else {}))
 
 
@@ -286,7 +286,7 @@ def parameters(view: View) -> None:
 
 
 def _tables(view: View) -> None:
-    about, robot = view.session.current.about, view.session.arm
+    about, robot = view.session.current.about, view.session.robot
     if about["links"]:
         draw.table(LINK_HEADS, about["links"], "Links, identified and nominal", "numbers links")
     if about["friction"]:

@@ -21,13 +21,13 @@ from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 
 def _robot_depends(session: Session) -> Any:
-    own = [(session.robot or {}).get(name) for name in ("source", "title", "gravity")]
+    own = [session.robot.get(name) for name in ("source", "title", "gravity")]
     return own, session.answers.get("check_urdf"), bool(session.runs)
 
 
 def _draw_robot(view: View) -> None:
     session, robot = view.session, view.session.robot
-    if robot is None:
+    if not robot:
         _choose(view)
         return
     file = f"{robot['file']}: " if robot["file"] else ""
@@ -47,9 +47,9 @@ def _choose(view: View) -> None:
     """The built-in robots, those of the folder, and a place to drop one."""
     session, robot = view.session, view.session.robot
     with draw.tag("div", style="row"):
-        draw.button("Show me", session.show_me, "show-me", "primary" if robot is None else "")
+        draw.button("Show me", session.show_me, "show-me", "" if robot else "primary")
         draw.note("The whole job on a simulated arm with something hidden, in about a minute.")
-    with draw.tag("div", style="tiles", role="group", aria_label="Built-in robots"):
+    with draw.tiles("Built-in robots"):
         for file in sorted(problems_folder().glob("*/problem.toml")):
             name = file.parent.name
             _tile(view, name, name, tomllib.loads(file.read_text())["title"])
@@ -65,7 +65,7 @@ def _inertials(view: View) -> None:
     session, found = view.session, view.session.answers.get("check_urdf")
     ask = partial(session.ask, "check_urdf", "Checking the inertials", view.download)
     draw.button("Check the file's inertials", ask, "check-urdf")
-    if found is None or session.robot is None or found["urdf"] != session.robot["source"]:
+    if found is None or found["urdf"] != session.robot["source"]:
         return
     for k, said in enumerate(found["said"]):
         level = "good" if found["possible"] else "bad"
@@ -76,7 +76,7 @@ def _inertials(view: View) -> None:
 
 def _tile(view: View, source: str, name: str, said: str, file: str | None = None) -> None:
     """A robot to choose by its name or path; file : its shown name where it is a URDF."""
-    on = view.session.robot is not None and view.session.robot["source"] == source
+    on = view.session.robot.get("source") == source
     choose, pressed = partial(view.session.choose_robot, source, file), "true" if on else "false"
     draw.tile(name, said, choose, f"robot-{name}", "on" if on else "", aria_pressed=pressed)
 
@@ -102,7 +102,7 @@ _USES = (
 
 
 def _runs_depends(session: Session) -> Any:
-    return session.arm["source"], session.runs, session.refusals
+    return session.robot["source"], session.runs, session.refusals
 
 
 def _draw_runs(view: View) -> None:
@@ -144,7 +144,7 @@ def _from_folder(view: View) -> None:
 
 
 def _simulated(view: View) -> None:
-    hiding, robot, kinds = view.hiding, view.session.arm, effect_types()
+    hiding, robot, kinds = view.hiding, view.session.robot, effect_types()
     if not 0 < int(hiding["joint"]) <= robot["n"]:
         hiding["joint"] = str(robot["n"])
     names = [
@@ -171,7 +171,7 @@ def _simulated(view: View) -> None:
 
 
 def _real(view: View) -> None:
-    robot = view.session.arm
+    robot = view.session.robot
     sets = [d for d in DATASETS.values() if d.problem == robot["source"]]
     if sets and real_files(sets[0].name):
         draw.note(sets[0].title)
@@ -206,12 +206,12 @@ def _list(view: View) -> None:
         )
 
 
-RUNS = Part("runs", "Measurements", lambda s: s.robot is not None, _runs_depends, _draw_runs)
+RUNS = Part("runs", "Measurements", lambda s: bool(s.robot), _runs_depends, _draw_runs)
 
 
 def _measured(session: Session) -> Verdict | None:
     robot = session.robot
-    if robot is None:
+    if not robot:
         return None
     said = f"{robot['file'] or robot['name']} has {formatting.count(robot['n'], 'joint')}"
     if session.runs:

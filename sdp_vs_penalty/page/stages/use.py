@@ -35,20 +35,20 @@ def take_away(view: View) -> None:
         for name, use in files.items():
             draw.tile(name, use, partial(session.take, name, view.download, flange), f"take-{name}")
 
-    with draw.tag("div", style="tiles", role="group", aria_label="Files to download"):
+    with draw.tiles("Files to download"):
         tiles(FILES)
         if session.findings is not None:
             tiles({"findings.json": "the diagnosis"})
     if "payload" in session.history[-1].effects:
         said = "Flange in the last joint's frame [m]: x,y,z"
         draw.text_field(said, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107")
-        with draw.tag("div", style="tiles", role="group", aria_label="The payload's files"):
+        with draw.tiles("The payload's files"):
             tiles(LOAD)
     more = draw.details("For other simulators and controllers", "more-files")
-    with more, draw.tag("div", style="tiles", role="group", aria_label="More files to download"):
+    with more, draw.tiles("More files to download"):
         tiles(MORE)
     runs = draw.details("Runs as they were used, repaired where that was asked", "runs-files")
-    with runs, draw.tag("div", style="tiles", role="group", aria_label="Runs to download"):
+    with runs, draw.tiles("Runs to download"):
         for k, run in enumerate(session.runs):
             name = f"run-{k + 1}.csv"
             take = partial(session.take, name, view.download)
