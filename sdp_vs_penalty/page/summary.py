@@ -31,9 +31,6 @@ from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 
-#: Instants of a run at which the arm is placed in 3D; between them the page interpolates.
-_FRAMES = 160
-
 
 @dataclass(frozen=True)
 class ModelStep:
@@ -123,9 +120,10 @@ def _stl(corners: Array) -> str:
     return base64.b64encode(head + file.tobytes()).decode()
 
 
-def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
-    """(F,) some instants of a motion q (N, n) at t (N,), and (F, joints, 4, 4) the poses there."""
-    keep = np.unique(np.linspace(0, len(t) - 1, _FRAMES).astype(int))
+def placed(robot: Robot, t: Array, q: Array, frames: int = 160) -> tuple[Array, Array]:
+    """(F,) some instants of a motion q (N, n) at t (N,), and (F, joints, 4, 4) the poses there, between
+    which the page interpolates."""
+    keep = np.unique(np.linspace(0, len(t) - 1, frames).astype(int))
     return t[keep], robot.poses(robot.tree_state(q[keep])[0]).astype(np.float32)
 
 

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-#: Steps of the simulated loops at most: some seconds.
-_STEPS = 5_000
-
 
 def verb(
     models: list[Path],
@@ -43,9 +40,10 @@ def verb(
     printing.where_it_fails(failures, units, newest)
     if verbose:
         printing.failure_tables(failures)
-    # Without torque the motion is what was measured: the loop with the identified gains predicts it.
+    # Without torque the motion is what was measured: the loop with the identified gains predicts it,
+    # for some seconds at most.
     servos = {} if runs.torque_logged else {k: e for k, e in estimates.items() if e.model.drives.any()}
-    loops = {k: follow(e, runs, drive="servo", steps=_STEPS) for k, e in servos.items()}
+    loops = {k: follow(e, runs, drive="servo", steps=5_000) for k, e in servos.items()}
     for name, loop in loops.items():
         console.say(f"{name}: {loop.verdict}")
     console.save_json(

@@ -7,8 +7,6 @@ from pathlib import Path
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.cli_parsing import numbers
 
-_QUICK_LIMIT = 10.0
-
 
 def verb(
     solvers: str | None = None,
@@ -51,7 +49,7 @@ def verb(
         return
     usual = runner.Shootout.accuracies
     asked = tuple(numbers("--accuracy", accuracy)) if accuracy else usual[1:2] if quick else usual
-    limit = time_limit if time_limit is not None else _QUICK_LIMIT if quick else 60.0
+    limit = time_limit if time_limit is not None else 10.0 if quick else 60.0
     setup = runner.Shootout(
         out,
         None if solvers is None else _words(solvers),
