@@ -1,18 +1,22 @@
 """Small arms as URDF files, for tests of what belongs to a robot that is nobody's built-in one."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One moving joint and its link: a solid ball of 8 cm radius, ``com`` from the link's frame [m]."""
+    """One moving joint and its link: ``com`` from the link's frame [m]; moments (6,) about it, Ixx, Ixy,
+    Iyy, Ixz, Iyz, Izz, of a solid ball of 8 cm radius where none are given."""
 
     kind: str
-    axis: str
-    origin: str
+    axis: str | Sequence[float]
+    origin: str | Sequence[float]
     mass: float
-    com: str
+    com: str | Sequence[float]
+    moments: Sequence[float] = ()
+    turn: str | Sequence[float] = "0 0 0"
 
 
 TURN = Axis("revolute", "0 0 1", "0 0 0.3", 4.0, "0.02 0.01 0.1")
@@ -46,21 +50,33 @@ state_cutoff = 6.0
 """
 
 
-def write_urdf(path: Path, name: str, axes: tuple[Axis, ...]) -> Path:
-    """A chain of these axes as a robot of that name."""
+MOMENTS = ("xx", "xy", "yy", "xz", "yz", "zz")
+
+
+def _words(numbers: str | Sequence[float]) -> str:
+    return numbers if isinstance(numbers, str) else " ".join(f"{x:.17g}" for x in numbers)
+
+
+def write_urdf(
+    path: Path, name: str, axes: Sequence[Axis], limits: tuple[float, float, float] = (0.2, 2.5, 2.0)
+) -> Path:
+    """A chain of these axes as a robot of that name; limits : of a slide, of a turn, of velocity."""
     links, joints = ['<link name="link0"/>'], []
     for k, a in enumerate(axes, start=1):
-        moment = 0.4 * a.mass * 0.08**2
-        links.append(
-            f'<link name="link{k}"><inertial><origin xyz="{a.com}"/><mass value="{a.mass}"/>'
-            f'<inertia ixx="{moment}" iyy="{moment}" izz="{moment}" ixy="0" ixz="0" iyz="0"/>'
-            "</inertial></link>"
+        ball = 0.4 * a.mass * 0.08**2
+        six = zip(
+            ["xx", "xy", "yy", "xz", "yz", "zz"], a.moments or (ball, 0, ball, 0, 0, ball), strict=True
         )
-        limit = 0.2 if a.kind == "prismatic" else 2.5
+        tensor = " ".join(f'i{entry}="{value:.17g}"' for entry, value in six)
+        links.append(
+            f'<link name="link{k}"><inertial><origin xyz="{_words(a.com)}"/>'
+            f'<mass value="{a.mass:.17g}"/><inertia {tensor}/></inertial></link>'
+        )
+        limit = limits[a.kind != "prismatic"]
         joints.append(
             f'<joint name="joint{k}" type="{a.kind}"><parent link="link{k - 1}"/><child link="link{k}"/>'
-            f'<origin xyz="{a.origin}"/><axis xyz="{a.axis}"/>'
-            f'<limit lower="{-limit}" upper="{limit}" velocity="2" effort="500"/></joint>'
+            f'<origin xyz="{_words(a.origin)}" rpy="{_words(a.turn)}"/><axis xyz="{_words(a.axis)}"/>'
+            f'<limit lower="{-limit}" upper="{limit}" velocity="{limits[2]}" effort="500"/></joint>'
         )
     path.write_text(f'<robot name="{name}">{"".join(links + joints)}</robot>')
     return path

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from arms import Axis, write_urdf
 from numpy.typing import NDArray
 from random_robots import link_parameters, sines
 
@@ -13,12 +14,12 @@ from sdp_vs_penalty.robot import inertia
 Array = NDArray[np.float64]
 
 #: A SCARA: two revolute axes, a vertical stroke, a wrist; heavy arm, light quill.
+_UP = "0 0 1"
 _SCARA = (
-    # kind, origin of the joint, (mass, centre, moments) of the link
-    ("revolute", (0.0, 0.0, 0.2), (8.0, (0.16, 0.0, 0.0), (0.03, 0.10, 0.11))),
-    ("revolute", (0.325, 0.0, 0.0), (5.0, (0.12, 0.0, 0.02), (0.02, 0.06, 0.06))),
-    ("prismatic", (0.225, 0.0, 0.0), (1.2, (0.0, 0.0, -0.05), (8e-3, 8e-3, 4e-4))),
-    ("revolute", (0.0, 0.0, -0.1), (0.3, (0.002, 0.0, -0.02), (3e-4, 3e-4, 1e-4))),
+    Axis("revolute", _UP, "0 0 0.2", 8.0, "0.16 0 0", (0.03, 0, 0.10, 0, 0, 0.11)),
+    Axis("revolute", _UP, "0.325 0 0", 5.0, "0.12 0 0.02", (0.02, 0, 0.06, 0, 0, 0.06)),
+    Axis("prismatic", _UP, "0.225 0 0", 1.2, "0 0 -0.05", (8e-3, 0, 8e-3, 0, 0, 4e-4)),
+    Axis("revolute", _UP, "0 0 -0.1", 0.3, "0.002 0 -0.02", (3e-4, 0, 3e-4, 0, 0, 1e-4)),
 )
 #: Viscous friction [N m s/rad, N s/m], Coulomb friction and offset [N m, N], noise of one sample.
 SCARA_FRICTION = (
@@ -27,75 +28,30 @@ SCARA_FRICTION = (
     np.array([0.3, -0.2, 1.0, 0.01]),
 )
 SCARA_NOISE = np.array([0.5, 0.3, 1.0, 0.01])
-
-
-def _urdf(name: str, joints: list[str], links: list[str]) -> str:
-    return (
-        f'<robot name="{name}">\n<link name="base"/>\n' + "\n".join([*links, *joints]) + "\n</robot>\n"
-    )
-
-
-def _link(index: int, mass: float, centre: Array, about: Array) -> str:
-    """``about`` (6,) : Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the centre of mass."""
-    xx, xy, yy, xz, yz, zz = about
-    return (
-        f'<link name="link{index}"><inertial><origin xyz="{_words(centre)}"/><mass value="{mass:.17g}"/>'
-        f'<inertia ixx="{xx:.17g}" ixy="{xy:.17g}" ixz="{xz:.17g}" iyy="{yy:.17g}" iyz="{yz:.17g}" '
-        f'izz="{zz:.17g}"/></inertial></link>'
-    )
-
-
-def _joint(index: int, kind: str, origin: Array, turn: Array, axis: Array) -> str:
-    parent = "base" if index == 1 else f"link{index - 1}"
-    low, high = (-0.3, 0.3) if kind == "prismatic" else (-3.0, 3.0)
-    return (
-        f'<joint name="joint{index}" type="{kind}"><parent link="{parent}"/><child link="link{index}"/>'
-        f'<origin xyz="{_words(origin)}" rpy="{_words(turn)}"/><axis xyz="{_words(axis)}"/>'
-        f'<limit lower="{low}" upper="{high}" velocity="5" effort="500"/></joint>'
-    )
-
-
-def _words(numbers: Array) -> str:
-    return " ".join(f"{x:.17g}" for x in numbers)
+LIMITS = (0.3, 3.0, 5.0)
 
 
 def scara(folder: Path) -> Path:
     """Write scara.urdf."""
-    links = [
-        _link(k, mass, np.array(centre), np.array([i[0], 0.0, i[1], 0.0, 0.0, i[2]]))
-        for k, (_, _, (mass, centre, i)) in enumerate(_SCARA, 1)
-    ]
-    joints = [
-        _joint(k, kind, np.array(origin), np.zeros(3), np.array([0.0, 0.0, 1.0]))
-        for k, (kind, origin, _) in enumerate(_SCARA, 1)
-    ]
-    path = folder / "scara.urdf"
-    path.write_text(_urdf("scara", joints, links))
-    return path
+    return write_urdf(folder / "scara.urdf", "scara", _SCARA, LIMITS)
 
 
 def random_arm(folder: Path, seed: int) -> Path:
     """Write a random serial arm of two to six revolute and prismatic joints."""
     rng = np.random.default_rng(seed)
-    n = int(rng.integers(2, 7))
-    links, joints = [], []
-    for k in range(1, n + 1):
+    axes = []
+    for _ in range(int(rng.integers(2, 7))):
         reach = float(rng.uniform(0.05, 0.6))
         mass = float(10.0 ** rng.uniform(-1.5, 1.5))
         body = inertia.barycentric_from_standard(link_parameters(rng, reach, mass, thickness=0.02))
-        links.append(_link(k, mass, body[1:4], body[4:]))
         kind = "prismatic" if rng.random() < 0.35 else "revolute"
         # Axes as machines have them, along or across, and now and then askew.
         axis = np.eye(3)[rng.integers(3)] if rng.random() < 0.8 else rng.normal(size=3)
-        turn = (
-            rng.choice([0.0, np.pi / 2, -np.pi / 2], size=3)
-            if rng.random() < 0.7
-            else rng.normal(size=3)
-        )
-        joints.append(_joint(k, kind, reach * rng.normal(size=3), turn, axis / np.linalg.norm(axis)))
-    path = folder / f"arm{seed}.urdf"
-    path.write_text(_urdf(f"arm{seed}", joints, links))
-    return path
+        square = rng.choice([0.0, np.pi / 2, -np.pi / 2], size=3) if rng.random() < 0.7 else None
+        turn, origin = rng.normal(size=3) if square is None else square, reach * rng.normal(size=3)
+        axis = axis / np.linalg.norm(axis)
+        axes.append(Axis(kind, axis, origin, mass, body[1:4], tuple(body[4:]), turn))
+    return write_urdf(folder / f"arm{seed}.urdf", f"arm{seed}", axes, LIMITS)
 
 
 def run_of(
