@@ -8,20 +8,12 @@ noise). *Planned*: the robot moves as planned. *Closed loop*: a PD controller wi
 encoder, so that its noise, and a slow disturbance of 0.5 to 2 % of the torque, come back in both
 channels. Rigid bodies by Pinocchio; friction, controller and channels by the formulas below.
 What is judged is `identify` as users call it, shape constants, filters and prior included.
-
-    python benchmarks/coverage_in_life.py --bias 50 [--out results/bias.md]
-
-After BIRDy (Leboutet et al., Applied Sciences 2021): two of its arms' kind, one motion of each, so many
-draws of the noise. In closed loop at two noises of the encoder, behind the filters that are chosen by
-default and behind such as let noise through, the bias of each base parameter and friction constant is
-told in standard deviations over the draws: of least squares without instruments and with the command.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-from itertools import product
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -36,16 +28,13 @@ from sdp_vs_penalty import identify
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
-from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot.trajectory import random_trajectory
 from sdp_vs_penalty.shootout.standard_instances import chain_problem, thin_links
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
-GIVEN = "rigid_body,viscous_friction,coulomb_friction@v_s=0.05,torque_offset"  # as they are simulated
 SECONDS, STEP, EVERY = 14.0, 1e-3, 2  # s; s; logged samples
 TURN = 0.05  # rad/s over which dry friction turns round
 QUANTUM, JITTER = 2.0 * np.pi / 2**17, 2e-5  # rad, of the encoder
@@ -65,7 +54,6 @@ def drive(
     friction: Array,
     plan: tuple[Array, ...],
     rng: np.random.Generator,
-    jitter: float = JITTER,
 ) -> tuple[Array, Array]:
     """Measured positions and the motor's torque (N, n) of an arm under its controller."""
     q, dq, ddq = plan
@@ -77,7 +65,7 @@ def drive(
     inertia = np.mean([np.diag(terms(x[None], 0 * x[None])[0][0]) for x in q[::1000]], axis=0)
     gain = inertia * (2.0 * np.pi * BANDWIDTH) ** 2
     damp = 2.0 * np.sqrt(gain * inertia)
-    noise = jitter * rng.normal(size=q.shape)
+    noise = JITTER * rng.normal(size=q.shape)
     x, v = q[0].copy(), dq[0].copy()
     seen, motion = np.empty_like(q), np.empty((3, *q.shape))
     for k in range(len(q)):
@@ -131,68 +119,12 @@ def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:
     return out
 
 
-def biases(arm: str, jitter: float, cutoff: float | None, draws: int) -> list[list[str]]:
-    """Rows of the table: the median of |bias| / deviation, its shares up to one and from three, and the
-    root mean square error over that of least squares."""
-    problem, t = load_problem(arm), np.arange(0.0, SECONDS, STEP)
-    n, model = problem.robot.n, problem.model(GIVEN)
-    theta = problem.nominal(model)
-    plan = random_trajectory(problem.robot, seed=1, duration=SECONDS).states(t)
-    links = theta[model.rigid_indices].ravel()
-    size = np.abs(problem.robot.inverse_dynamics(links, *plan)).max(axis=0)
-    friction = np.array([0.05 * size, 0.05 * size, 0.01 * size])
-    theta[-3 * n :] = friction.ravel()
-    settings = Preprocessing(cutoff, cutoff)
-    errors: dict[str, list[Array]] = {"none": [], "command": []}
-    for seed in range(draws):
-        rng = np.random.default_rng([seed, 9])
-        seen, torque = drive(problem, links, friction, plan, rng, jitter)
-        torque = torque + 0.01 * size * rng.normal(size=torque.shape)
-        run = Measurements.of(t, {"q": seen, "tau": torque, "qcmd": plan[0]}, (f"draw {seed}",))
-        for how, found in errors.items():
-            estimate = identify(
-                problem, run, "ols", effects=GIVEN, preprocessing=settings, instruments=how, check=False
-            )
-            found.append(base_rows(problem, estimate.model).rows @ (estimate.theta - theta))
-    out = []
-    plain = np.sqrt(np.mean(np.square(errors["none"]), axis=0))
-    for how, found in errors.items():
-        ratio = np.abs(np.mean(found, axis=0)) / np.std(found, axis=0, ddof=1)
-        share = np.median(np.sqrt(np.mean(np.square(found), axis=0)) / plain)
-        filters = "default" if cutoff is None else f"{cutoff:g} Hz"
-        cells = (
-            f"{np.median(ratio):.2f}",
-            f"{ratio.max():.1f}",
-            *(f"{100 * np.mean(x):.0f}" for x in (ratio <= 1.0, ratio >= 3.0)),
-        )
-        out.append([arm, f"{1e3 * jitter:g}", filters, how, *cells, f"{share:.2f}"])
-    return out
-
-
-def write_biases(draws: int, out: Path) -> None:
-    """Both arms, two noises, two filters."""
-    kinds = product(("tx40", "ur10e"), (1e-4, 1e-3), (None, 20.0))
-    lines = [line for kind in kinds for line in biases(*kind, draws)]
-    head = ["arm", "noise of positions [mrad]", "filters", "instruments", "median", "worst",
-            "at most 1 [%]", "at least 3 [%]", "error over none"]  # fmt: skip
-    call = f"    python benchmarks/coverage_in_life.py --bias {draws}"
-    about = (__doc__ or "").split("\n\n")[4]
-    title = "# Bias in closed loop, in standard deviations"
-    write_text(
-        out, "\n".join([title, "", *about.splitlines(), "", call, "", *markdown_table(head, lines), ""])
-    )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--draws", type=int, default=160, help="of each situation")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--bias", type=int, default=0, help="draws; the table of biases instead")
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--out", type=Path, default=Path("results", "coverage_in_life.md"))
     chosen = parser.parse_args()
-    out = chosen.out or Path("results", "bias.md" if chosen.bias else "coverage_in_life.md")
-    if chosen.bias:
-        return write_biases(chosen.bias, out)
     seeds = range(chosen.seed, chosen.seed + chosen.draws)
     found = {
         word: [draw(k, word == "closed loop") for k in seeds] for word in ("planned", "closed loop")
@@ -210,7 +142,7 @@ def main() -> None:
     call = f"    python benchmarks/coverage_in_life.py --draws {chosen.draws} --seed {chosen.seed}"
     text = ["# Coverage of 95 % intervals, in life", "", *about.splitlines(), "", call, ""]
     text += [*markdown_table(head, lines), ""]
-    write_text(out, "\n".join(text))
+    write_text(chosen.out, "\n".join(text))
     print("\n".join(text))
 
 

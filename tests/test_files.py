@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import PROGRAM, python, run_cli
+from commands import run_cli
 from small_runs import write_run
 
 from sdp_vs_penalty import InputError, load_problem
@@ -94,12 +94,6 @@ def test_a_device_stays_a_device(tmp_path):
     reader.join(10)
     assert got == ["through"]
     assert fifo.is_fifo()
-
-
-def test_standard_output_can_be_named(log):
-    done = python(*PROGRAM, "convert", log, "--out", "/dev/stdout", cwd=log.parent)
-    assert done.returncode == 2  # the suffix is the format
-    assert "suffix" in done.stderr
 
 
 def test_a_link_stays_and_its_target_is_replaced(tmp_path):

@@ -167,7 +167,7 @@ def _actuators(robot: Robot) -> Array:
     torque, limits = HOLDING * beyond**2, np.array([joint.effort for joint in robot.tree])
     turning = np.array([joint.kind != "prismatic" for joint in robot.tree])
     if np.all(np.isfinite(limits[turning])) and len(set(limits[turning].tolist())) > 1:
-        torque = np.where(turning, limits, 0.0)
+        torque = limits
     return np.where(turning, ACTUATOR * np.minimum(torque, LARGEST) ** POWER, 0.0)
 
 

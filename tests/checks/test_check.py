@@ -178,7 +178,7 @@ def test_two_mistakes_at_once(simulated):
 
 
 def test_silence_on_simulated_data():
-    for name in ("panda", "two_link", "ur10e"):
+    for name in ("two_link", "ur10e"):
         problem = load_problem(name)
         setup = experiment(problem)
         setup = replace(setup, validation=(1, setup.validation[1]))

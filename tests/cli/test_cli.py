@@ -168,6 +168,9 @@ def test_identify_options_reach_the_model(run, runs, tmp_path):
     assert estimate.robot.gravity == (-1.0, 0.0, -9.5)
     assert [p.name for p in estimate.model.parameters][20:] == ["f_v2"]
     assert estimate.provenance["samples"] == 450
+    sdp = ("identify", "two_link", "--data", runs[0], "--out", out_file, "--solver", "clarabel")
+    assert run(*sdp)[0] == 0
+    assert load_estimate(out_file).settings["solver"] == "clarabel"
 
 
 def test_compare_writes_the_stated_json(run, runs, model, tmp_path):

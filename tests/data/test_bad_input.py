@@ -31,7 +31,7 @@ from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.regression import load_answers
 
 FUZZ = settings(
-    max_examples=150,
+    max_examples=50,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )

@@ -28,7 +28,7 @@ def reloaded(estimate: Estimate, folder: Path) -> Estimate:
     return load_estimate(folder / "model.json")
 
 
-@pytest.mark.parametrize(("name", "axes"), [("two_link", HEAVY), ("panda", THREE), ("my_arm", THREE)])
+@pytest.mark.parametrize(("name", "axes"), [("two_link", HEAVY), ("panda", THREE)])
 def test_a_urdf_keeps_its_own_bounds_whatever_it_is_called(name, axes, tmp_path):
     problem = load_problem(write_urdf(tmp_path / "arm.urdf", name, axes))
     made, data = springy(problem)

@@ -6,7 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import Estimate, InputError, Problem, add, diagnose, identify, load_estimate
+from sdp_vs_penalty import (
+    Estimate,
+    InputError,
+    Problem,
+    add,
+    compare,
+    diagnose,
+    identify,
+    load_estimate,
+    load_problem,
+)
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
@@ -93,12 +103,14 @@ def test_same_seed_same_findings(stribeck, found):
     assert diagnosed(stribeck).to_dict() == found.to_dict()
 
 
-def test_clean_measurements_stay_clean(panda, two_link):
-    for problem, seed in ((panda, 12), (two_link, 13)):
-        result = diagnosed(hidden_runs(problem, [], 0.0, seed=seed))
-        assert result.verdict == "nothing_missing", problem.name
-        assert result.effects == ()
-        assert result.events == ()
+@pytest.mark.parametrize(
+    ("name", "seed"), [pytest.param("panda", 12, marks=pytest.mark.long), ("two_link", 13)]
+)
+def test_clean_measurements_stay_clean(name, seed):
+    result = diagnosed(hidden_runs(load_problem(name), [], 0.0, seed=seed))
+    assert result.verdict == "nothing_missing"
+    assert result.effects == ()
+    assert result.events == ()
 
 
 @pytest.mark.slow
@@ -147,14 +159,15 @@ def test_what_has_changed_of_a_held_model_is_judged_and_not_added_twice(panda):
         add(estimate, replace(result, effects=tuple(own), curves=()), data)
 
 
-def small(made: HiddenRuns) -> tuple[Estimate, Measurements]:
-    data = concatenate(made.runs[:3])
-    return identified(made, data), data
-
-
 @pytest.fixture(scope="module")
 def slope(two_link: Problem) -> HiddenRuns:
     return hidden_runs(two_link, [("asymmetric_viscous_friction", [1])], "medium", seed=21)
+
+
+@pytest.fixture(scope="module")
+def small_slope(slope: HiddenRuns) -> tuple[Estimate, Measurements]:
+    data = concatenate(slope.runs[:3])
+    return identified(slope, data), data
 
 
 def first_name(result: Diagnosis) -> tuple[str, tuple[int, ...]]:
@@ -200,8 +213,6 @@ def test_a_joint_that_does_not_move(panda):
 
 
 def test_one_joint():
-    from sdp_vs_penalty import load_problem
-
     problem = load_problem("emps")
     made = hidden_runs(problem, [("asymmetric_viscous_friction", [0])], "strong", seed=23)
     result = diagnosed(made)
@@ -211,8 +222,8 @@ def test_one_joint():
 
 
 @pytest.mark.long
-def test_held_out_errors_without_a_test_run(slope):
-    estimate, data = small(slope)
+def test_held_out_errors_without_a_test_run(small_slope):
+    estimate, data = small_slope
     result = diagnose(estimate, data)
     first = result.effects[0]
     assert first.held_out_rmse_after[1] < first.held_out_rmse_before[1]
@@ -233,10 +244,6 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found):
 
 
 def test_add_estimates_the_shape_and_saves(two_link, tmp_path):
-    from pathlib import Path
-
-    from sdp_vs_penalty import compare
-
     made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
     data = concatenate(made.runs[:3])
     estimate = identify(two_link, data, effects=made.truth["model_effects"])
@@ -247,7 +254,7 @@ def test_add_estimates_the_shape_and_saves(two_link, tmp_path):
     assert bigger.method == estimate.method
     before, after = compare({"before": estimate, "after": bigger}, made.runs[3])
     assert after.rmse[0] < 0.6 * before.rmse[0]
-    path = Path(str(tmp_path)) / "model.json"
+    path = tmp_path / "model.json"
     bigger.save(path)
     np.testing.assert_array_equal(load_estimate(path).theta, bigger.theta)
     again = compare({"after": load_estimate(path)}, made.runs[3])[0]
@@ -255,8 +262,6 @@ def test_add_estimates_the_shape_and_saves(two_link, tmp_path):
 
 
 def test_the_ladder_ends_at_the_error_of_what_add_returns(two_link):
-    from sdp_vs_penalty import compare
-
     made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
     data = concatenate(made.runs[:3])
     estimate = identify(two_link, data, effects=made.truth["model_effects"])
@@ -293,8 +298,8 @@ def test_a_gain_is_added_beside_its_own_reference(two_link):
         ("", "No effect"),
     ],
 )
-def test_what_cannot_be_added_is_said(slope, effect, message):
-    estimate, data = small(slope)
+def test_what_cannot_be_added_is_said(small_slope, effect, message):
+    estimate, data = small_slope
     with pytest.raises(InputError, match=message):
         add(estimate, effect, data)
 
@@ -305,7 +310,6 @@ def test_what_would_hide_nothing_is_said(panda):
         hidden_runs(panda, [("joint_zero_error", [0])], "strong", seed=1, count=1)
 
 
-def test_wrong_robot_is_said(slope, stribeck):
-    estimate, _ = small(slope)
+def test_wrong_robot_is_said(small_slope, stribeck):
     with pytest.raises(InputError, match="7 joint"):
-        diagnose(estimate, stribeck.runs[0])
+        diagnose(small_slope[0], stribeck.runs[0])

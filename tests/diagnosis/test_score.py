@@ -8,10 +8,12 @@ import pytest
 from challenge.judge import wilson
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import ALPHA
+from sdp_vs_penalty.diagnosis.constants import ALPHA, EQUIVALENT
 from sdp_vs_penalty.diagnosis.library import Batch, Form
 from sdp_vs_penalty.diagnosis.remaining import spectral_lines
 from sdp_vs_penalty.diagnosis.score import Fit, Score
+from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.sentences import event_lines
 from sdp_vs_penalty.signals.autoregression import Pieces, autoregression
 from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_profile
 
@@ -215,3 +217,42 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
     sharp = even.copy()
     sharp[690:710] = 3.0  # a motion like no other
     assert not found(knock, sharp).any()
+
+
+@pytest.mark.parametrize(
+    ("k", "constants", "joints", "lead", "rival"),
+    [
+        (1, 0, (0,), -0.9, True),  # as simple: it need not do as well
+        (1, 0, (0,), -1.1, False),
+        (1, 0, (1,), -0.9, True),
+        (2, 0, (0,), 0.9, False),  # with more to it: only where it does better
+        (2, 0, (0,), 1.1, True),
+        (1, 1, (0,), 0.9, False),
+        (1, 0, (0, 1), 0.9, False),
+        (1, 0, (0, 1), 1.1, True),
+    ],
+)
+def test_a_rival_is_what_the_rows_do_not_tell_from_a_term(k, constants, joints, lead, rival):
+    def term(name: str, k: int, constants: int, joints: tuple[int, ...], J: float, own: Any = ()) -> Any:
+        form = SimpleNamespace(k=k, constants=constants, own=own)
+        return SimpleNamespace(key=(name, 0), form=form, joints=joints, J=J)
+
+    mine = term("mine", 1, 0, (0,), 50.0)
+    other = (k, constants, joints, 50.0 + EQUIVALENT * lead)
+    others = [mine, term("other", *other), term("retuned", *other, own=(1,))]
+    assert [t.key[0] for t in Search.equivalent(mine, 50.0, others)] == ["other"] * rival
+
+
+def test_events_are_told_one_by_one_or_together():
+    push = SimpleNamespace(joint=2, t_start=1.0, t_end=1.5, frequency=None)
+    hum = SimpleNamespace(joint=1, t_start=0.5, t_end=3.0, frequency=12.34)
+    lines = [
+        "one-off event on joint 2: 1.00 s to 1.50 s",
+        "a hum of 12.3 Hz on joint 1: 0.50 s to 3.00 s",
+    ]
+    assert event_lines([push, hum]) == lines
+    assert len(event_lines([push, hum, push])) == 3
+    together = ["4 events on joints 1 and 2, 0.50 s to 3.00 s, 2 of them a hum"]
+    assert event_lines([push, hum, push, hum]) == together
+    assert event_lines([push] * 4) == ["4 events on joint 2, 1.00 s to 1.50 s"]
+    assert event_lines([push, hum] * 2, every=True) == lines * 2

@@ -57,7 +57,7 @@ def assert_same_estimate(a: Estimate, b: Estimate, motion: Motion) -> None:
 
 
 @pytest.mark.parametrize("method", ["ols", "lmi-sdp", "lmi-sdp-entropic", "lmi-sdp-two-step"])
-@settings(max_examples=4, deadline=None, derandomize=True)
+@settings(max_examples=2, deadline=None, derandomize=True)
 @given(seed=seeds)
 def test_a_model_file_predicts_the_same_to_the_last_bit(tmp_path_factory, method, seed):
     rng = np.random.default_rng(seed)

@@ -108,6 +108,7 @@ def run(estimate: Estimate) -> PayloadRun:
 
 
 def test_only_the_wrist_moves_and_within_its_limits(estimate, run):
+    assert run.trajectory.duration == 2.0
     q, dq, _ = run.trajectory.states(np.linspace(0.0, 2.0, 401))
     assert np.ptp(q[:, :4], axis=0).max() == 0.0
     assert np.ptp(q[:, 4:], axis=0).min() > 0.1

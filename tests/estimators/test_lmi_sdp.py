@@ -96,7 +96,7 @@ def relative_torque_error(problem: Problem, theta: np.ndarray, truth: np.ndarray
     return float(np.linalg.norm(model.torque(theta, motion) - torque) / np.linalg.norm(torque))
 
 
-@settings(max_examples=12, deadline=None, derandomize=True)
+@settings(max_examples=8, deadline=None, derandomize=True)
 @given(seeds)
 def test_a_random_feasible_robot_round_trips(seed):
     """Simulate, identify, predict another motion: a tree of one to five joints of both kinds."""
@@ -245,34 +245,6 @@ def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(panda, mon
 
 
 # --- the real arm -----------------------------------------------------------------------------------
-
-
-@pytest.mark.long
-@pytest.mark.real_data
-def test_figures_on_the_real_panda(panda, panda_run):
-    """Train on the first 14 s, test after 14.2 s: the figures that issue and README state."""
-    from sdp_vs_penalty import compare
-
-    train, test = panda_run.window(0.0, 14.0), panda_run.window(14.2, 100.0)
-    assert len(panda_run.t) == 20_544
-    error = {}
-    for method in ("ols", *METHODS):
-        estimate = identify(panda, train, method)
-        error[method] = [compare(estimate, run)[0].relative_error_percent for run in (train, test)]
-        if method == "ols":
-            continue
-        certificate = estimate.certificate
-        assert certificate.gap < 1e-8
-        convex = {f: v for f, v in certificate.violations.items() if f != "barycentric inertia"}
-        assert max(convex.values()) == 0.0
-        assert certificate.positive_mass_matrices == 1.0
-        eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(estimate.links))
-        assert np.all(eigenvalues >= 0.0)
-        assert 16.0 - 1e-9 <= estimate.links[:, 0].sum() <= 20.0 + 1e-9
-    assert 0.9 < error["ols"][0] < 1.3
-    assert 0.9 < error["ols"][1] < 1.5
-    assert error["lmi-sdp"][1] < 1.06 * error["ols"][1]
-    assert error["lmi-sdp-plain"][1] < 1.06 * error["ols"][1]
 
 
 @pytest.mark.real_data

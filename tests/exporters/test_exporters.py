@@ -244,6 +244,9 @@ def check_mjcf_parity(estimate: Estimate, folder: Path) -> None:
                          if p.effect == "coulomb_friction"])  # fmt: skip
     at = [model.joint(j.name).dofadr[0] for j in robot.joints]
     assert np.array_equal(model.dof_frictionloss[at], friction)
+    for j in robot.joints:
+        if np.isfinite(j.effort):
+            assert model.actuator(j.name).ctrlrange.tolist() == [-j.effort, j.effort]
     # Dry friction is a soft constraint there; the rest is exact.
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     data = mujoco.MjData(model)

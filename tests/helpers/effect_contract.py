@@ -4,7 +4,6 @@ Robots have joints of one kind only where shape constants are at work: one const
 once has no unit.
 """
 
-import ast
 from dataclasses import replace
 from functools import cache
 
@@ -96,26 +95,7 @@ def unit_scale(unit: str, base: dict[str, float], constants: dict[str, float]) -
         return 1.0
     newton = base["kg"] * base["m"] / base["s"] ** 2
     known = {**base, "N": newton, "rad": 1.0, "turn": 1.0, "K": 1.0, **constants}
-
-    def value(node: ast.AST) -> float:
-        match node:
-            case ast.Expression(body=body):
-                return value(body)
-            case ast.Constant(value=number):
-                return float(str(number))
-            case ast.Name(id=word):
-                return known[word]
-            case ast.UnaryOp(op=ast.USub(), operand=x):
-                return -value(x)
-            case ast.BinOp(left=x, op=ast.Mult(), right=y):
-                return value(x) * value(y)
-            case ast.BinOp(left=x, op=ast.Div(), right=y):
-                return value(x) / value(y)
-            case ast.BinOp(left=x, op=ast.Pow(), right=y):
-                return float(value(x) ** value(y))
-        raise AssertionError(f"unit {unit!r} cannot be read")
-
-    return value(ast.parse(unit.replace("^", "**"), mode="eval"))
+    return float(eval(unit.replace("^", "**"), {"__builtins__": {}}, known))  # units are our own words
 
 
 def in_other_units(robot: Robot, base: dict[str, float]) -> Robot:
@@ -176,21 +156,17 @@ def _rewritten(
     motion: Motion, robot: Robot, base: dict[str, float], position: Array, torque: Array
 ) -> Motion:
     s, m, kg = base["s"], base["m"], base["kg"]
+    links = motion.model_links * kg * np.array([1, m, m, m, *[m * m] * 6])
+
+    def moved(x: Motion | Command) -> tuple[Array, Array, Array, Array]:
+        return x.t * s, x.q * position, x.dq * position / s, x.ddq * position / s**2
+
     return Motion(
-        motion.t * s,
-        motion.q * position,
-        motion.dq * position / s,
-        motion.ddq * position / s**2,
+        *moved(motion),
         motion.model_torque * torque,
-        CurrentModel(robot, motion.model_links * kg * np.array([1, m, m, m, *[m * m] * 6])),
+        CurrentModel(robot, links),
         sign_width=motion.sign_width * position[0] / s,
         temperature=motion.temperature,
-        command=Command(
-            motion.t * s,
-            motion.told.q * position,
-            motion.told.dq * position / s,
-            motion.told.ddq * position / s**2,
-            motion.told.sum * position * s,
-        ),
+        command=Command(*moved(motion.told), motion.told.sum * position * s),
         sum=motion.integral * position * s,
     )

@@ -6,7 +6,6 @@ import re
 import shutil
 import subprocess
 import tempfile
-import time
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -225,15 +224,6 @@ def test_on_paper_everything_is_open_and_no_figure_is_cut(made, tmp_path):
     (page,) = [p for p in pages if "Where and when" in p and "joint 1" in p]
     for words in ("joint 1 [N m]", "joint 2 [N m]", "Click a name to"):
         assert words in page
-
-
-@pytest.mark.real_data
-def test_how_long_it_takes_on_the_real_panda(panda, panda_run):
-    estimate = identify(panda, panda_run, "ols")
-    begin = time.process_time()
-    html = make_report({"ols": estimate}, panda_run)
-    assert time.process_time() - begin < 5.0
-    assert len(html) < 2.5e6
 
 
 def test_measured_curves_are_drawn_with_band_and_data(made):

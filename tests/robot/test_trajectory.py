@@ -43,6 +43,10 @@ def test_random_trajectories_stay_inside_range_and_velocity_limits(panda):
         q, dq, _ = random_trajectory(panda.robot, seed).states(np.linspace(0.0, 10.0, 4001))
         assert np.all((q >= lower) & (q <= upper))
         assert np.all(np.abs(dq) <= velocity)
+        filled = np.maximum(
+            np.ptp(q, axis=0) / (upper - lower) / 0.8, np.abs(dq).max(axis=0) / velocity / 0.6
+        )
+        np.testing.assert_allclose(filled, 1.0, rtol=1e-3)
     first, again = (random_trajectory(panda.robot, 3).states([4.0])[0] for _ in range(2))
     np.testing.assert_array_equal(first, again)
     assert not np.allclose(first, random_trajectory(panda.robot, 4).states([4.0])[0])

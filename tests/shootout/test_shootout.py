@@ -183,6 +183,12 @@ def test_the_forms_users_write_have_the_same_optimum(two_link):
         verdict = judge(posed, known, answer, 1e-3)
         assert verdict.kind == "right"
         assert verdict.own_gap <= 0.01
+        sdp = posed.sdp  # what the file says of its optimum is the loss there
+        solution = clarabel.solve(sdp.conic, 1e-9)
+        x, P = solution.x, sdp.conic.P  # the upper triangle
+        square = x @ (P @ x) - 0.5 * x @ (P.diagonal() * x)
+        optimum = sdp.offset + sdp.loss_scale**2 * (square + sdp.conic.q @ x)
+        assert optimum == pytest.approx(posed.objective.value(sdp.theta(solution)), rel=1e-5)
     single = replace(two_link, formulation="gram in float32")
     difference = abs(single.sdp.conic.P - replace(two_link, formulation="gram").sdp.conic.P).max()
     assert difference > 0.0

@@ -88,6 +88,19 @@ def test_drift_and_events_are_no_noise():
     assert not noise.suspect[:, [0, 1, 3, 4, 5]].any()
 
 
+def test_noise_that_swells_with_the_velocity_has_its_profile():
+    run = run_of(4, 9.63, 80.0)
+    speed = np.gradient(run.q, run.t, axis=0)
+    swell = np.sqrt(0.2 + 0.8 * speed**2 / np.mean(speed**2, axis=0))
+    own = 20.0 * np.tanh(run.q)
+    rows = without_model(replace(run, tau=own + swell * (run.tau - own)))
+    noise = noise_of(rows)
+    for j in range(JOINTS):
+        wanted = np.interp(rows.t, run.t, swell[:, j])
+        assert np.corrcoef(noise.profile[:, j], wanted)[0, 1] > 0.9
+        assert np.mean(noise.profile[:, j] ** 2) == pytest.approx(1.0, rel=0.05)
+
+
 def test_without_repetition_the_spectrum_tells_the_noise_within_a_factor_of_two():
     """The model's error is not in it."""
     rows = without_model(run_of(5, 80.0, 40.0))

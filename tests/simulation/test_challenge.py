@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from challenge import judge
-from challenge.cases import VERSION, Case, run_case, run_challenge, simulate_case, wanted
+from challenge.cases import VERSION, Case, run_case, simulate_case, wanted
 from challenge.classes import CLASSES, EFFECTS, USUAL
 from challenge.report import report_text
 from challenge.worlds.conditions import NUISANCES
 
-from sdp_vs_penalty import InputError
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.parallel import ALONE
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN
 
@@ -118,23 +116,6 @@ def test_findings_are_judged_beside_the_truth():
     rival = found("torque_delay", 1, indistinguishable_from=["joint_spring"])
     assert judge.in_set(record(rival, truth=[truth]))
     assert not judge.counted(right | {"energy": [29.0]})
-
-
-@pytest.mark.slow
-def test_a_challenge_goes_on_where_it_stopped(tmp_path):
-    kinds, conditions = ["clean"], ["rate", "short"]
-    paths = run_challenge(1, 5, tmp_path, ALONE, kinds, conditions)
-    assert [p.name for p in paths] == ["challenge.json", "challenge.md"]
-    kept = json.loads(paths[0].read_text())
-    kept["cases"] = {k: {**v, "seconds": 123.0} for k, v in kept["cases"].items()}
-    paths[0].write_text(json.dumps(kept))
-    run_challenge(1, 5, tmp_path, ALONE, kinds, conditions)
-    assert json.loads(paths[0].read_text()) == kept
-    assert "worst 123.0" in paths[1].read_text()
-    with pytest.raises(InputError, match="class 'magic' is unknown"):
-        run_challenge(1, 0, tmp_path, classes=["magic"])
-    with pytest.raises(InputError, match="nuisance 'luck' is unknown"):
-        run_challenge(1, 0, tmp_path, nuisances=["luck"])
 
 
 def test_cases_do_not_depend_on_which_others_are_run():
