@@ -66,6 +66,13 @@ def two_link() -> Problem:
     return load_problem("two_link")
 
 
+@pytest.fixture(scope="session")
+def scara_arm(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    from random_arms import scara
+
+    return load_problem(scara(tmp_path_factory.mktemp("arm")))
+
+
 # Of the page's tests; page_driver skips where the page, Playwright or Chromium is missing.
 
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_arms import SCARA_FRICTION, run_of, scara
+from random_arms import run_of_widths
 
-from sdp_vs_penalty import Estimate, InputError, Measurements, add, diagnose, identify
+from sdp_vs_penalty import Estimate, InputError, Measurements, Problem, add, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.conclude import retunes
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
@@ -19,21 +19,14 @@ WIDTHS = (0.003, 0.0001, 0.01, 0.08)
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Measurements:
-    """A motion that repeats; Coulomb friction written out, over another velocity on each joint."""
-    viscous, coulomb, offset = SCARA_FRICTION
-    nothing = (np.zeros(4), np.zeros(4), np.zeros(4))
-    arm = as_problem(scara(tmp_path_factory.mktemp("arm")))
-    bare = run_of(arm, nothing, np.zeros(4), seconds=24.0, rate=500.0)
-    friction = viscous * bare.dq + coulomb * np.tanh(bare.dq / np.array(WIDTHS)) + offset
-    noise = np.random.default_rng(0).normal(size=friction.shape) * 0.02 * coulomb
-    return Measurements(bare.t, bare.q, bare.tau + friction + noise, bare.dq)
+def run(scara_arm: Problem) -> Measurements:
+    """A motion that repeats."""
+    return run_of_widths(scara_arm, WIDTHS, 24.0)
 
 
 @pytest.fixture(scope="module")
-def estimate(run: Measurements, tmp_path_factory: pytest.TempPathFactory) -> Estimate:
-    arm = as_problem(scara(tmp_path_factory.mktemp("arm")))
-    return identify(arm, run, "ols", effects=EFFECTS)
+def estimate(run: Measurements, scara_arm: Problem) -> Estimate:
+    return identify(scara_arm, run, "ols", effects=EFFECTS)
 
 
 @pytest.fixture(scope="module")

@@ -4,18 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_arms import SCARA_FRICTION, SCARA_NOISE, run_of, scara
+from random_arms import SCARA_FRICTION, SCARA_NOISE, run_of
 from random_robots import posed_task
 
-from sdp_vs_penalty import InputError, Problem, export, identify, load_estimate, load_problem
+from sdp_vs_penalty import InputError, Problem, export, identify, load_estimate
 from sdp_vs_penalty.estimation.identify import data_share
 from sdp_vs_penalty.estimators import Task
 from sdp_vs_penalty.regression import LeastSquares
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Problem:
-    return load_problem(scara(tmp_path_factory.mktemp("arm")))
 
 
 def task_of(problem: Problem, seconds: float = 8.0) -> Task:
@@ -23,9 +18,9 @@ def task_of(problem: Problem, seconds: float = 8.0) -> Task:
     return posed_task(problem, run)
 
 
-def test_shares_are_shares_and_free_of_units(arm):
+def test_shares_are_shares_and_free_of_units(scara_arm):
     """What no torque shows has none, what is measured again and again has nearly all."""
-    task = task_of(arm)
+    task = task_of(scara_arm)
     names = [p.name for p in task.model.parameters]
     share = data_share(task, np.eye(len(names)))
     assert np.all((share >= -1e-12) & (share <= 1.0 + 1e-12))
@@ -40,9 +35,9 @@ def test_shares_are_shares_and_free_of_units(arm):
     assert data_share(replace(task, data=scaled), np.eye(len(names))) == pytest.approx(share, abs=1e-6)
 
 
-def test_a_model_says_who_decides_and_export_what_is_implausible(arm, tmp_path):
-    run = run_of(arm, SCARA_FRICTION, SCARA_NOISE)
-    made = identify(arm, run)
+def test_a_model_says_who_decides_and_export_what_is_implausible(scara_arm, tmp_path):
+    run = run_of(scara_arm, SCARA_FRICTION, SCARA_NOISE)
+    made = identify(scara_arm, run)
     made.save(tmp_path / "model.json")
     names = [p.name for p in made.model.parameters]
     sources = dict(zip(names, load_estimate(tmp_path / "model.json").sources, strict=True))
@@ -66,5 +61,5 @@ def test_a_model_says_who_decides_and_export_what_is_implausible(arm, tmp_path):
         export(wide, tmp_path / "wide.urdf")
     assert not (tmp_path / "wide.urdf").exists()
     export(wide, tmp_path / "wide.urdf", force=True)
-    loose = identify(arm, run, "lmi-sdp-plain")
+    loose = identify(scara_arm, run, "lmi-sdp-plain")
     assert "bounds" in loose.sources

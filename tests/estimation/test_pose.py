@@ -1,14 +1,13 @@
 """One posing: the file that `export-sdp` writes holds the problem that `identify` solves."""
 
 import json
-import re
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from sdp_readers import outside_optimum
 
 from sdp_vs_penalty import Measurements, Problem, identify, load_measurements
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
@@ -18,11 +17,6 @@ from sdp_vs_penalty.problem.load import load_problem, with_filters
 from sdp_vs_penalty.shootout.standard_instances import measurements
 from sdp_vs_penalty.simulation import experiment
 
-#: Programs that read a .dat-s file, and where they print the optimum.
-_PROGRAMS = {
-    "csdp": (["csdp", "a.dat-s"], r"Dual objective value: (\S+)"),
-    "sdpa": (["sdpa", "-ds", "a.dat-s", "-o", "answer", "-numThreads", "1"], r"objValPrimal = (\S+)"),
-}
 _FRICTION = ["rigid_body", "viscous_friction", "coulomb_friction"]
 _REAL = ("panda", "ur10e", "tx40", "emps", "ur10")
 
@@ -33,25 +27,6 @@ def _arm(name: str, folder: Path) -> tuple[Problem, Measurements]:
     problem = load_problem(folder / "ur10_salerno" / "robot.urdf")
     names = problem.robot.joint_names
     return problem, load_measurements(folder / "ur10_salerno" / "train.csv", joints=6, names=names)
-
-
-def _optima(file: Path) -> list[float]:
-    """What each installed program says is the optimum of a.dat-s."""
-    found = []
-    for program, (command, printed) in _PROGRAMS.items():
-        if shutil.which(program) is not None:
-            done = subprocess.run(command, cwd=file.parent, capture_output=True, text=True, check=False)
-            text = done.stdout + "".join(p.read_text() for p in file.parent.glob("answer"))
-            found.append(float(re.findall(printed, text)[-1]))
-    if not found:
-        pytest.skip("neither csdp nor sdpa is installed")
-    return found
-
-
-def _nearest(about: dict[str, Any], optima: list[float], lower: float, upper: float) -> float:
-    """The least distance, relative to the loss, of an optimum from the interval."""
-    losses = [about["offset"] + about["scale"] * x for x in optima]
-    return min(max(lower - x, x - upper, 0.0) for x in losses) / upper
 
 
 def _same(
@@ -66,7 +41,9 @@ def _same(
     assert about["method"] == SDPA_METHOD
     assert about["effects"] == [effect.text for effect in estimate.model.effects]
     np.testing.assert_allclose((about["lower"], about["upper"]), (lower, upper), rtol=1e-7)
-    assert _nearest(about, _optima(file), lower, upper) <= 1e-6
+    programs = [p for p in ("csdp", "sdpa") if shutil.which(p)] or ["csdp"]
+    losses = [about["offset"] + about["scale"] * outside_optimum(p, tmp_path) for p in programs]
+    assert min(max(lower - x, x - upper) for x in losses) <= 1e-6 * upper
     return json.loads((tmp_path / "a.dat-s.json").read_text())
 
 

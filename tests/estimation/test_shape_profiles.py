@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_arms import SCARA_FRICTION, run_of, scara
+from random_arms import SCARA_FRICTION, run_of_widths
 from random_robots import sines
 
 from sdp_vs_penalty import Estimate, Measurements, Problem, compare, identify
@@ -18,24 +18,13 @@ WIDTHS = (0.02, 0.003, 0.001, 0.008)
 
 
 @pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Problem:
-    return as_problem(scara(tmp_path_factory.mktemp("arm")))
+def run(scara_arm: Problem) -> Measurements:
+    return run_of_widths(scara_arm, WIDTHS, 16.0)
 
 
 @pytest.fixture(scope="module")
-def run(arm: Problem) -> Measurements:
-    """Coulomb friction that turns over another velocity on each joint, written out."""
-    viscous, coulomb, offset = SCARA_FRICTION
-    nothing = (np.zeros(4), np.zeros(4), np.zeros(4))
-    bare = run_of(arm, nothing, np.zeros(4), seconds=16.0, rate=500.0)
-    friction = viscous * bare.dq + coulomb * np.tanh(bare.dq / np.array(WIDTHS)) + offset
-    noise = np.random.default_rng(0).normal(size=friction.shape) * 0.02 * coulomb
-    return Measurements(bare.t, bare.q, bare.tau + friction + noise, bare.dq)
-
-
-@pytest.fixture(scope="module")
-def estimate(arm: Problem, run: Measurements) -> Estimate:
-    return identify(arm, run, "ols")
+def estimate(scara_arm: Problem, run: Measurements) -> Estimate:
+    return identify(scara_arm, run, "ols")
 
 
 def test_every_joint_gets_its_own_width_with_an_honest_spread(estimate):
@@ -46,9 +35,9 @@ def test_every_joint_gets_its_own_width_with_an_honest_spread(estimate):
     assert estimate.model.sign_width == tuple(s["after"] for s in estimate.details["shapes"])
 
 
-def test_three_times_the_noise_is_three_times_the_spread(arm, run, estimate):
+def test_three_times_the_noise_is_three_times_the_spread(scara_arm, run, estimate):
     noise = np.random.default_rng(0).normal(size=run.tau.shape) * 0.02 * SCARA_FRICTION[1]
-    louder = identify(arm, replace(run, tau=run.tau + 2.0 * noise), "ols")
+    louder = identify(scara_arm, replace(run, tau=run.tau + 2.0 * noise), "ols")
     few, many = (np.array([s["std"] for s in e.details["shapes"]]) for e in (estimate, louder))
     np.testing.assert_allclose(many, 3.0 * few, rtol=0.3)
 
@@ -68,11 +57,11 @@ def test_exact_data_give_exact_widths(two_link):
         assert np.linalg.norm(found.torque(motion) - tau) < 1e-7 * np.linalg.norm(tau)
 
 
-def test_a_given_width_is_kept(arm, run):
+def test_a_given_width_is_kept(scara_arm, run):
     fixed = (
         "rigid_body,viscous_friction,torque_offset,coulomb_friction:1+2@v_s=0.01,coulomb_friction:3+4"
     )
-    found = identify(arm, run, "ols", effects=fixed)
+    found = identify(scara_arm, run, "ols", effects=fixed)
     assert found.model.sign_width[:2] == (0.01, 0.01)
     assert [s["joint"] for s in found.details["shapes"]] == [3, 4]
 

@@ -76,6 +76,15 @@ def run_of(
     return Measurements(t, q, tau + noise * rng.normal(size=tau.shape), dq)
 
 
+def run_of_widths(arm: Problem, widths: tuple[float, ...], seconds: float) -> Measurements:
+    """The SCARA; Coulomb friction written out, over another velocity on each joint."""
+    viscous, coulomb, offset = SCARA_FRICTION
+    bare = run_of(arm, (np.zeros(4),) * 3, np.zeros(4), seconds=seconds, rate=500.0)
+    friction = viscous * bare.dq + coulomb * np.tanh(bare.dq / np.array(widths)) + offset
+    noise = np.random.default_rng(0).normal(size=friction.shape) * 0.02 * coulomb
+    return Measurements(bare.t, bare.q, bare.tau + friction + noise, bare.dq)
+
+
 def random_run(problem: Problem, seed: int) -> Measurements:
     """A run of a random arm with friction and noise drawn over several orders of magnitude."""
     rng = np.random.default_rng(seed)

@@ -1,8 +1,12 @@
-"""Readers of the two SDP file formats, independent of the writers: what is exported comes back."""
+"""Readers of the two SDP file formats, independent of the writers, and programs that solve a .dat-s."""
 
+import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy import sparse
 
 from sdp_vs_penalty.solvers import Cone, ConicProblem
@@ -74,6 +78,28 @@ def read_cbf(path: str | Path) -> ConicProblem:
         at, weight = _psd_row(int(i), int(j))
         b[int(starts[int(block)]) + at] = float(value) * weight
     return ConicProblem(sparse.csc_matrix((m, m)), q, sparse.csc_matrix(A), b, (*cones, *psd))
+
+
+#: Programs that read a.dat-s, where they print the optimum, and its sign there.
+PROGRAMS = {
+    "csdp": (["csdp", "a.dat-s"], r"Dual objective value: (\S+)", 1.0),
+    "sdpa": (
+        ["sdpa", "-ds", "a.dat-s", "-o", "answer", "-numThreads", "1"],
+        r"objValPrimal = (\S+)",
+        1.0,
+    ),
+    "dsdp5": (["dsdp5", "a.dat-s"], r"DSDP Solution:\s+(\S+)", -1.0),
+}
+
+
+def outside_optimum(program: str, folder: Path) -> float:
+    """What an installed program says is the optimum of a.dat-s in the folder."""
+    if shutil.which(program) is None:
+        pytest.skip(f"the program {program} is not installed")
+    command, printed, sign = PROGRAMS[program]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    text = done.stdout + "".join(p.read_text() for p in folder.glob("answer"))
+    return sign * float(re.findall(printed, text)[-1])
 
 
 def _psd_row(i: int, j: int) -> tuple[int, float]:
