@@ -44,6 +44,7 @@ def test_two_joints_a_quarter_turn_off_are_both_named():
     (report,) = check(problem, replace(run, q=run.q + turned), thorough=False)
     told = {f.where: f.figures["shifts"] for f in report.problems if f.kind == "encoder offset"}
     assert told == {"joint 2": [-0.5 * np.pi], "joint 4": [0.5 * np.pi]}
+    assert all("90 degrees" in f.what for f in report.problems if f.kind == "encoder offset")
 
 
 def test_a_position_with_the_wrong_sign_is_named_by_its_joint():

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, repeating_run, sines, tree
 
-from sdp_vs_penalty import Estimate, Problem, compare, identify, load_estimate
+from sdp_vs_penalty import Estimate, Problem, add, compare, identify, load_estimate
 from sdp_vs_penalty.effects import Motion, effect_types
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 
@@ -129,4 +129,7 @@ def test_a_file_without_the_training_motion_loads_and_says_so(two_link, tmp_path
     (tmp_path / "old.json").write_text(json.dumps(old))
     judged = compare(tmp_path / "old.json", run)[0]
     assert judged.new_motion_share is None
+    assert add(tmp_path / "old.json", "joint_spring:1", run, frozen=True).training_motion is None
+    bigger = add(estimate, "joint_spring:1", noisy_run(two_link, 2), frozen=True)
+    assert compare(bigger, run)[0].new_motion_share == 0.0
     assert "the model does not record its own" in repr(judged)

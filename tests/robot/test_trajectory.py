@@ -47,6 +47,7 @@ def test_random_trajectories_stay_inside_range_and_velocity_limits(panda):
             np.ptp(q, axis=0) / (upper - lower) / 0.8, np.abs(dq).max(axis=0) / velocity / 0.6
         )
         np.testing.assert_allclose(filled, 1.0, rtol=1e-3)
+    assert random_trajectory(panda.robot, 0).duration == 10.0
     first, again = (random_trajectory(panda.robot, 3).states([4.0])[0] for _ in range(2))
     np.testing.assert_array_equal(first, again)
     assert not np.allclose(first, random_trajectory(panda.robot, 4).states([4.0])[0])

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pandas
 import pytest
+from scipy import sparse
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.shootout import profile, standard_instances, summary
@@ -27,7 +28,7 @@ from sdp_vs_penalty.shootout.judge import (
     relative_violation,
 )
 from sdp_vs_penalty.shootout.work import Assignment, in_child, run
-from sdp_vs_penalty.solvers import clarabel
+from sdp_vs_penalty.solvers import Cone, ConicProblem, clarabel
 
 CONTESTANTS = contestants()
 SMALL = (
@@ -209,6 +210,25 @@ def test_conic_errors_see_each_kind_of_mistake(two_link):
             replace(answer, x=shifted),
         ):
             assert dimacs_error(conic, wrong.x, wrong.z) > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("kind", "x", "z", "error"),
+    [
+        ("nonnegative", 1.0, 1.0, 0.0),
+        ("nonnegative", 0.5, 1.0, 0.25),  # s = -1/2 over 1 + |b|
+        ("zero", 0.5, 1.0, 0.25),
+        ("nonnegative", 1.0, 0.4, 0.3),  # 1 - z over 1 + |q|
+        ("nonnegative", 3.0, 1.0, 0.4),  # 3 - 1 over 1 + 3 + 1
+        ("psd", 0.5, 1.0, 0.25),
+        ("soc", 0.5, 1.0, 0.25),
+    ],
+)
+def test_the_conic_error_of_a_line_is_known(kind, x, z, error):
+    """Of min x subject to x - 1 in a cone, whose optimum is 1, with the multiplier 1."""
+    one = sparse.csc_matrix([[-1.0]])
+    line = ConicProblem(0.0 * one, np.ones(1), one, -np.ones(1), (Cone(kind, 1),))
+    assert dimacs_error(line, np.array([x]), np.array([z])) == pytest.approx(error)
 
 
 def _sleep() -> bytes:
