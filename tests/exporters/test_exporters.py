@@ -24,7 +24,6 @@ from sdp_vs_penalty.estimation import Certificate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.exporters.export import export, formats
 from sdp_vs_penalty.page import jobs
-from sdp_vs_penalty.page.asked import Asked
 from sdp_vs_penalty.robot import Robot, inertia, load_urdf
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.signals import Preprocessing
@@ -281,7 +280,7 @@ def test_a_payload_for_the_makers_controllers(tmp_path):
     assert told["inertia"] == pytest.approx(tensor.ravel().tolist(), abs=1e-12)
     estimate.save(tmp_path / "model.json")
     request = {"model": str(tmp_path / "model.json"), "folder": str(tmp_path), "flange": "0,0,0.05"}
-    jobs.take(Asked({**request, "name": "endeffector-config.json"}))  # as the page asks for it
+    jobs.take(jobs.Asked({**request, "name": "endeffector-config.json"}))  # as the page asks for it
     told = json.loads((tmp_path / "endeffector-config.json").read_text())
     assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.05]).tolist())
     export(estimate, tmp_path / "load.script")
