@@ -40,7 +40,6 @@ from sdp_vs_penalty.regression.regression import Regression, compress_cells, tri
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.spline import CubicSpline
 
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], NDArray[np.bool_]]
@@ -173,15 +172,14 @@ class _Bank:
         return np.log(self.values[[0, -1]])
 
     @cached_property
-    def _spline(self) -> CubicSpline:
+    def _spline(self) -> Any:
+        from scipy.interpolate import CubicSpline
+
         return CubicSpline(np.log(self.values), np.eye(len(self.values)))
 
     def weights(self, u: float) -> Array:
         """(2, K) of each value's columns in those at ln u, and in their derivatives."""
-        k = int(np.searchsorted(self._spline.x[1:-1], u, "right"))
-        d = u - self._spline.x[k]
-        powers = np.array([[d**3, d**2, d, 1.0], [3.0 * d**2, 2.0 * d, 1.0, 0.0]])
-        return np.asarray(powers @ self._spline.powers[:, k])
+        return np.array([self._spline(u), self._spline(u, 1)])
 
 
 def _with_banks(

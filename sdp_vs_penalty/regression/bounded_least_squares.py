@@ -19,34 +19,25 @@ def least_squares(
 ) -> tuple[Array, Array, Array]:
     """x (p,), residual r (m,) and Jacobian J (m, p) at the least |r(x)|^2 with low <= x <= high.
 
-    at : r and J of x, which it computes together; ends : low and high (p,); xtol, ftol : relative
-    changes of x and of |r|^2 that end the search; steps : how often ``at`` is asked at most. Gauss and
-    Newton's step in the coordinates that no bound holds, cut to the bounds, within a ball that grows and
-    shrinks with how well the last step was foreseen (Levenberg and Marquardt; Conn, Gould, Toint,
-    Trust-Region Methods 2000, ch. 6). It begins with radius 1: a factor of e in a logarithm.
+    at : r and J of x, which it computes together; ends : low and high (p,); xtol, ftol, steps : as
+    ``scipy.optimize.least_squares`` takes them (trust region reflective: Branch, Coleman, Li, SIAM J.
+    Scientific Computing 1999).
     """
-    x, radius = np.clip(start, *ends), 1.0
-    r, J = at(x)
-    for _ in range(steps - 1):
-        down = -(r @ J)
-        free = np.where(down > 0.0, x < ends[1], x > ends[0])
-        _, s, vt = np.linalg.svd(J[:, free], full_matrices=False)
-        pull = vt @ down[free]
-        damping = np.linalg.norm(pull) / radius * 2.0 ** -np.arange(60.0) + np.finfo(float).tiny
-        tried = pull / (s**2 + damping[:, None])  # longer and longer
-        new = x.copy()
-        new[free] += vt.T @ tried[np.linalg.norm(tried, axis=1) <= radius][-1]
-        new = np.clip(new, *ends)
-        there, loss = at(new), float(r @ r)
-        fall, hoped = (loss - float(y @ y) for y in (there[0], r + J @ (new - x)))
-        far = float(np.linalg.norm(new - x))
-        near = far <= xtol * (xtol + np.linalg.norm(x))
-        if not fall > 0.25 * hoped:
-            radius = 0.25 * far
-        elif fall > 0.75 * hoped:
-            radius = max(radius, 2.0 * far)
-        if fall > 0.0:
-            x, (r, J) = new, there
-        if near or 0.0 <= fall <= ftol * loss:
-            break
-    return x, r, J
+    from scipy import optimize
+
+    asked = np.full(len(start), np.nan)
+    answer = asked, asked
+
+    def both(x: Array) -> tuple[Array, Array]:
+        nonlocal asked, answer
+        if not np.array_equal(x, asked):
+            asked, answer = x.copy(), at(x)
+        return answer
+
+    # SciPy's reflected step, which it discards, and its step along a gradient of 0.
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        found = optimize.least_squares(
+            lambda x: both(x)[0], np.clip(start, *ends), lambda x: both(x)[1],
+            bounds=ends, xtol=xtol, ftol=ftol, gtol=None, max_nfev=steps,
+        )  # fmt: skip
+    return found.x, found.fun, found.jac

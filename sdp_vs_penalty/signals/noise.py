@@ -36,7 +36,6 @@ from sdp_vs_penalty.signals.repetition import (
 )
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.spectrum import torque_spectrum
-from sdp_vs_penalty.signals.spline import CubicSpline
 from sdp_vs_penalty.signals.standstill import STILL
 
 #: What the noise is known from.
@@ -206,6 +205,8 @@ def _carried(suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRu
 
 def differences(runs: SegmentedRuns, residual: Array, repeats: Sequence[Repeat]) -> Array:
     """(D, n) of noise with the variance of one residual: (r(t) - r(t + T)) / sqrt(2)."""
+    from scipy.interpolate import CubicSpline
+
     dense = [CubicSpline(s.t_dense, r) for s, r in zip(runs.segments, runs.dense_residuals, strict=True)]
     parts = [residual[r.rows] - dense[r.other](r.later) for r in repeats]
     return np.concatenate(parts) / np.sqrt(2.0)

@@ -16,7 +16,6 @@ from scipy.fft import next_fast_len
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import ORDER
-from sdp_vs_penalty.signals.spline import CubicSpline
 
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]
@@ -137,6 +136,8 @@ def is_part(window: Filtered, whole: Filtered) -> bool:
     scale = motion_scale(whole.q_dense)
     if not inside.any() or scale is None:
         return False
+    from scipy.interpolate import CubicSpline
+
     there = CubicSpline(span, whole.q_dense)(t[inside])
     return _difference(window.q_dense[inside], there, scale) < 0.1 * ALIKE
 
@@ -164,6 +165,8 @@ def _pair(a: Filtered, b: Filtered, shift: float, other: int, start: int) -> lis
     scale, fewest = motion_scale(a.q_dense), 2 * ORDER  # noise is compared with its own past
     if inside.sum() < fewest or scale is None:
         return []
+    from scipy.interpolate import CubicSpline
+
     q_a = CubicSpline(a.t_dense, a.q_dense)(a.t[inside])
     q_b = CubicSpline(b.t_dense, b.q_dense)(later[inside])
     apart = np.abs(q_a - q_b) / scale
@@ -182,8 +185,9 @@ def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
     """
     (t_a, q), (t_b, there) = a, b
     scale = motion_scale(q)
-    if scale is None or min(len(t_a), len(t_b)) < 4:
+    if scale is None or len(t_a) < 2 or len(t_b) < 2:
         return None
+    from scipy.interpolate import CubicSpline
     from scipy.optimize import minimize_scalar
 
     step = float(np.median(np.diff(t_a)))
