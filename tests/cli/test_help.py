@@ -10,6 +10,7 @@ from commands import run_cli
 from small_runs import small_run, write_bag, write_run
 
 import sdp_vs_penalty
+from sdp_vs_penalty import InputError
 from sdp_vs_penalty.cli.main import VERBS, main, named
 from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.data.formats import formats
@@ -59,6 +60,15 @@ def test_there_is_one_example_and_it_parses(verb):
     program, called, *words = shlex.split(example)
     assert (program, called) == ("sdp-vs-penalty", verb)
     PARSERS[verb].given(words)
+
+
+def test_a_flag_is_given_by_its_name_and_taken_back_where_it_holds_by_itself():
+    page, export = PARSERS["page"], PARSERS["export"]
+    assert [page.given(words)["browser"] for words in ([], ["--no-browser"])] == [True, False]
+    words = ["m.json", "--out", "a.urdf"]
+    assert [export.given([*words, *more])["force"] for more in ([], ["--force"])] == [False, True]
+    with pytest.raises(InputError, match="did you mean --force"):
+        export.given([*words, "--no-force"])
 
 
 def test_every_verb_is_run_here_or_said_not_to_be():

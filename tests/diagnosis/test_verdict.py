@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.diagnosis.conclude import _turning
+from sdp_vs_penalty.diagnosis.conclude import _standstill, _turning
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, raises
 from sdp_vs_penalty.diagnosis.remaining import remainder
 from sdp_vs_penalty.signals.noise import REPETITION
@@ -60,7 +60,13 @@ def test_what_friction_makes_where_it_turns_round_is_no_headline():
     found = remainder(data, fit, residual, none)
     assert found.matters == ()
     assert found.slow[0] == pytest.approx(3.0 * FLOOR[0] / np.sqrt(2.0), rel=0.1)
-    assert "joint 1" in _turning(found, FLOOR)
+    assert f"At low speed of joint 1, {found.slow[0]:.2g} N m" in _turning(found, FLOOR)
+    error, moving = np.zeros((100, 2)), np.arange(100) < 40
+    error[:, 0], data.rows.keep = np.where(moving, 0.3, 2.0), np.ones((100, 2), bool)
+    data.rows.still = np.column_stack([1.0 - moving, np.zeros(100)])
+    assert "left on joint 1 is of standstill" in _standstill(data, error)
+    assert "in motion it is 0.3 N m" in _standstill(data, error)
+    assert _standstill(data, np.where(moving[:, None], 3.0, error)) == ""
 
 
 def test_events_are_left_out_and_an_unknown_noise_proves_nothing():
