@@ -114,3 +114,54 @@ def test_a_joint_that_is_told_to_go_beyond_its_range_lies_against_its_end_stop(f
         assert issue.figures["joints"] == [1]
         assert np.count_nonzero(against) <= issue.figures["rows"] < 1.2 * np.count_nonzero(against)
         assert len(fixed.t) == len(run.t) - issue.figures["rows"]
+
+
+@pytest.mark.parametrize(("spread", "severity"), [(0.4, "warning"), ("bursts", "error")])
+def test_stamps_that_jitter_over_even_samples_are_spaced_evenly(spread, severity):
+    clean, rng = motion(), np.random.default_rng(2)
+    even, k = clean.t, np.arange(len(clean.t))
+    burst = (k // 10) * 10.0 / RATE + (k % 10) * 1e-6
+    jittered = burst if spread == "bursts" else even + rng.uniform(-spread, spread, len(k)) / RATE
+    issues, whole, _ = mended(replace(clean, t=jittered), ROBOT, STANDSTILL)  # likely, not certain
+    (issue,) = [x for x in issues if x.kind == "jittered time stamps"]
+    steps = np.diff(jittered)
+    assert issue.severity == severity
+    assert issue.figures["percent"] == pytest.approx(100.0 * steps.std() / steps.mean(), rel=0.05)
+    assert issue.figures["ratio"] > 3.0
+    np.testing.assert_allclose(np.diff(whole.t), 1.0 / RATE, rtol=0.01)
+    # Samples that were taken at uneven times lie smoothly over these: nothing is wrong with the stamps.
+    true = np.sort(even + rng.uniform(-0.4, 0.4, len(k)) / RATE)
+    q = np.column_stack([np.interp(true, even, x) for x in clean.q.T])
+    uneven = replace(clean, t=true, q=q, dq=None)
+    assert "jittered time stamps" not in [x.kind for x in told(uneven)[0]]
+
+
+@pytest.mark.parametrize(("back", "seconds", "step"), [(3.0, 3.0, 1.0 / RATE), (40.0, 40.0, 1.0 / RATE)])
+def test_a_clock_that_was_set_back_goes_on_with_the_motion(back, seconds, step):
+    clean = motion()
+    late = replace(clean, t=clean.t - back * (np.arange(len(clean.t)) > 2500))
+    issues, fixed = told(late)
+    (issue,) = [x for x in issues if x.kind == "time runs backwards"]
+    assert issue.figures["seconds"] == pytest.approx(back - 1.0 / RATE, abs=1e-6)
+    assert issue.figures["rows"] == [2503]  # header and first row are 1 and 2
+    assert "continues without a break" in issue.what
+    np.testing.assert_allclose(np.diff(fixed.t), 1.0 / RATE, atol=1e-9)
+    # With another motion behind it, it is another run, a second later.
+    other = replace(late, q=late.q + 0.4 * (np.arange(len(late.t)) > 2500)[:, None])
+    issues, fixed = told(other)
+    assert "several runs are in the file" in issues[0].what
+    assert np.diff(fixed.t).max() == pytest.approx(1.0)
+
+
+def test_a_time_that_repeats_keeps_the_first_of_its_rows():
+    clean = motion()
+    rows = np.insert(np.arange(len(clean.t)), [900, 1700], [899, 1699])
+    issues, fixed = told(clean.rows(rows))
+    (issue,) = [x for x in issues if x.kind == "repeated time"]
+    assert (issue.figures["rows"], issue.figures["parts"]) == (2, 2)
+    assert "are copies of the row before" in issue.what
+    np.testing.assert_array_equal(fixed.t, clean.t)
+    np.testing.assert_array_equal(fixed.q, clean.q)
+    other = clean.rows(rows)
+    other.q[900] += 0.1
+    assert "differ from the row before" in told(other)[0][0].what
