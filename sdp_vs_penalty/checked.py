@@ -32,12 +32,13 @@ def refuse_meaningless(
     verb: str = "identify",
     otherwise: str = "pass check=False to",
     gains: bool = False,
-) -> tuple[list[str], dict[str, list[dict[str, Any]]]]:
-    """The warnings of the fast part of the check, a sentence each; all that it says of each run, by the
-    run's hash, as a model keeps it for a report.
+    warn: Callable[[str], Any] = warnings.warn,
+) -> dict[str, list[dict[str, Any]]]:
+    """All that the fast part of the check says of each run, by the run's hash, as a model keeps it for a
+    report.
 
     otherwise : how to do ``verb`` all the same, in words; gains : whether its work determines the
-    torque channels' gains, so that the check need not.
+    torque channels' gains, so that the check need not; warn : hears its warnings, a sentence each.
     Raises InputError where that work would be meaningless.
     """
     from sdp_vs_penalty.checks import check
@@ -57,8 +58,9 @@ def refuse_meaningless(
     said = {
         run.data_hash: [f.to_dict() for f in r.issues] for run, r in zip(runs, reports, strict=False)
     }
-    texts = [f"{f.severity}: {run}: {f.what} (details: `check`)" for run, f in found]
-    return texts, said if len(runs) == len(reports) else {}
+    for run, f in found:
+        warn(f"{f.severity}: {run}: {f.what} (details: `check`)")
+    return said if len(runs) == len(reports) else {}
 
 
 def consented(estimate: Estimate, measurements: Measurements) -> bool:
@@ -90,9 +92,8 @@ def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
         said: dict[str, Any] = {}
         if ask:
             gains = bool(settings.get("known_loads"))
-            texts, said = refuse_meaningless(problem, measurements, name, gains=gains)
-            for text in texts:
-                warnings.warn(text, stacklevel=2)
+            warn = functools.partial(warnings.warn, stacklevel=3)  # where the verb was called
+            said = refuse_meaningless(problem, measurements, name, gains=gains, warn=warn)
         made = verb(first, measurements, *more, **settings)
         if name == "identify":
             made.provenance.update(checked=check, checks=said)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.cli_parsing import numbers, time_windows
@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.estimate import Estimate
     from sdp_vs_penalty.problem.problem import Problem
     from sdp_vs_penalty.regression.black_box import BlackBox
+
+
+#: How to do without the check.
+NO_CHECK = "pass --no-check to"
 
 
 def as_told(
@@ -87,15 +91,3 @@ def runs_for(
         whole = concatenate([measured, tested])
     held_out = None if tested is None else windowed(tested, judge)
     return Runs(windowed(measured, train), held_out, whole)
-
-
-def warn_or_refuse(
-    problem: Problem, measurements: Measurements, verb: str, gains: bool = False
-) -> dict[str, Any]:
-    """:func:`~sdp_vs_penalty.checked.refuse_meaningless`; warnings go to stderr, a line each."""
-    from sdp_vs_penalty.checked import refuse_meaningless
-
-    texts, said = refuse_meaningless(problem, measurements, verb, "pass --no-check to", gains)
-    for text in texts:
-        console.warn(text)
-    return said

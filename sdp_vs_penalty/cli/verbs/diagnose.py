@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.cli.runs import runs_for, warn_or_refuse
+from sdp_vs_penalty.cli.runs import NO_CHECK, runs_for
 from sdp_vs_penalty.cli.runs import words as data_words
 
 
@@ -29,7 +29,7 @@ def verb(
 
     --json out.json: JSON file for the findings.
     """
-    from sdp_vs_penalty.checked import consented
+    from sdp_vs_penalty.checked import consented, refuse_meaningless
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.diagnosis.diagnose import diagnose as run
     from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -41,7 +41,7 @@ def verb(
             console.warn("data check skipped: the model comes from these runs with --no-check")
         elif not no_check:
             progress("checking the measurements")
-            warn_or_refuse(estimate.problem, given.train, "diagnose")
+            refuse_meaningless(estimate.problem, given.train, "diagnose", NO_CHECK, warn=console.warn)
         how: dict[str, Any] = {"seed": seed, "frozen": frozen, "gain_uncertainty": gain_uncertainty}
         how |= {"noise_from": given.whole, "progress": progress}
         result = run(estimate, given.train, given.test, **how)

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.cli.runs import as_told, next_diagnosis, runs_as_told, warn_or_refuse, words
+from sdp_vs_penalty.cli.runs import NO_CHECK, as_told, next_diagnosis, runs_as_told, words
 from sdp_vs_penalty.errors import Infeasible
 
 
@@ -40,6 +40,7 @@ def verb(
     --solver: Solver of the SDP methods, of `sdp-vs-penalty list solvers`.
     --proof proof.json: File for the proof of optimality; `verify` checks it.
     """
+    from sdp_vs_penalty.checked import refuse_meaningless
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.diagnosis.comparison import identified
@@ -54,7 +55,9 @@ def verb(
         checks: dict[str, Any] = {}
         if isinstance(given, Measurements) and not no_check:
             progress("checking the measurements")
-            checks = warn_or_refuse(robot, given, "identify", gains=bool(known_load))
+            checks = refuse_meaningless(
+                robot, given, "identify", NO_CHECK, bool(known_load), console.warn
+            )
         begin = time.perf_counter()
         how: dict[str, Any] = {"effects": effects, "instruments": instruments, "proof": proof}
         how |= {"seed": seed, "gain_uncertainty": gain_uncertainty or 0.0, "progress": progress}

@@ -281,8 +281,15 @@ def parameters(view: View) -> None:
     about = view.session.current.about
     for said in about["words"]:
         draw.tag("p", said, "words")
-    with draw.details("Links, friction and every parameter", "parameters"):
-        _tables(view)
+    box, filled = draw.details("Links, friction and every parameter", "parameters"), list[bool]()
+
+    def fill() -> None:  # once it is opened: a chart that nobody sees costs as much at every click
+        if not filled:
+            filled.append(True)
+            with box:
+                _tables(view)
+
+    box.on("toggle", lambda _: fill(), args=[])
 
 
 def _tables(view: View) -> None:
