@@ -58,9 +58,17 @@ class Content:
     @classmethod
     def plausible(cls, estimate: Estimate, options: Options) -> Self:
         """:meth:`of`; InputError, too, for a link that lies outside of its body, unless forced."""
-        content = cls.of(estimate)
-        if not options.force:
-            require_plausible(estimate)
+        content, gyration = cls.of(estimate), inertia.gyration(estimate.links)
+        for k, body in enumerate([] if options.force else estimate.problem.link_bodies[: len(gyration)]):
+            if gyration[k] > body.reach:
+                raise InputError(
+                    f"implausible: radius of gyration {gyration[k]:.3g} m for "
+                    f"{estimate.links[k, 0]:.3g} kg, and its body reaches {body.reach:.3g} m (from its "
+                    f"{body.source})",
+                    "identify with the default method, which keeps every link in its body, or pass "
+                    "--force",
+                    f"link {k + 1}",
+                )
         return content
 
     @classmethod
@@ -134,19 +142,6 @@ def require_consistent(link: Array, name: str) -> None:
             "identify with a method that imposes consistency (lmi-sdp, penalty)",
             name,
         )
-
-
-def require_plausible(estimate: Estimate) -> None:
-    """InputError for a link that can exist, but not in this arm: its mass lies outside of its body."""
-    gyration = inertia.gyration(estimate.links)
-    for k, body in enumerate(estimate.problem.link_bodies[: len(gyration)]):
-        if gyration[k] > body.reach:
-            raise InputError(
-                f"implausible: radius of gyration {gyration[k]:.3g} m for {estimate.links[k, 0]:.3g} "
-                f"kg, and its body reaches {body.reach:.3g} m (from its {body.source})",
-                "identify with the default method, which keeps every link in its body, or pass --force",
-                f"link {k + 1}",
-            )
 
 
 @dataclass(frozen=True)

@@ -22,40 +22,20 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.identify import certify, proved
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Fit, Progress, Task, no_progress
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.sdp_fit import essential, interior_point
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.solvers.conic import ConicProblem
 from sdp_vs_penalty.solvers.conic_files import cbf_text, sdpa_text
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
-from sdp_vs_penalty.solvers.proof import Proof
-from sdp_vs_penalty.solvers.rewrite import Rewritten, linear_matrix_inequalities, linear_objective
+from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities, linear_objective
 
 #: Ending of the sparse SDPA format, and the method that goes into it unless another is named.
 _SDPA, SDPA_METHOD = ".dat-s", "lmi-sdp-thickness"
 #: A file is centred at the answer, its cones scaled at this share of the way to an interior point: seen
 #: from that point itself csdp is 2e-6 off on the TX40, 0 from here (0.03 to 0.3 alike, on three arms).
 _SHARE = 0.3
-#: What the file beside an exported problem says of its numbers.
-MEANING = (
-    "loss = offset + scale * (optimum of the file); lower <= loss <= upper is proved in exact "
-    "arithmetic for the identification problem, whose numbers the file holds rounded to doubles"
-)
-
-
-def rewritten(problem: ConicProblem, path: str | Path) -> tuple[Rewritten, str]:
-    """The problem as the format of the file's ending, .dat-s or .cbf, can hold it, and the text.
-
-    Raises InputError for another ending, or where the format lacks one of the problem's cones.
-    """
-    check_format(path, any(c.kind == "exp" for c in problem.cones))
-    if Path(path).name.endswith(_SDPA):
-        made = linear_matrix_inequalities(problem)
-        return made, sdpa_text(made.problem)
-    made = linear_objective(problem)
-    return made, cbf_text(made.problem)
 
 
 def check_format(path: str | Path, exponential: bool) -> None:
@@ -83,9 +63,13 @@ def export_sdp(
     """Write the problem, and beside it FILE.json with what its optimum means; returns what that holds.
 
     interval : (lower, upper) bounds of the loss as decimal text, rounded outward; None where none is
-    proved. status : what is proved; more : further entries of the JSON.
+    proved. status : what is proved; more : further entries of the JSON. Raises InputError for another
+    ending than .dat-s and .cbf, or where the format lacks one of the problem's cones.
     """
-    made, text = rewritten(sdp.conic, path)
+    check_format(path, any(c.kind == "exp" for c in sdp.conic.cones))
+    sdpa = Path(path).name.endswith(_SDPA)
+    made = linear_matrix_inequalities(sdp.conic) if sdpa else linear_objective(sdp.conic)
+    text = sdpa_text(made.problem) if sdpa else cbf_text(made.problem)
     write_text(path, text)
     about = {
         "file": Path(path).name,
@@ -96,7 +80,9 @@ def export_sdp(
         "scale": sdp.loss_scale**2,
         "lower": float(interval[0]) if interval else None,
         "upper": float(interval[1]) if interval else None,
-        "meaning": MEANING,
+        "meaning": "loss = offset + scale * (optimum of the file); lower <= loss <= upper is proved "
+        "in exact arithmetic for the identification problem, whose numbers the file holds rounded to "
+        "doubles",
         "variables": len(made.problem.q),
         "rows": len(made.problem.b),
         "nonzeros": int(made.problem.A.nnz),
@@ -104,14 +90,6 @@ def export_sdp(
     }
     write_text(f"{path}.json", json.dumps(about, indent=1, allow_nan=False) + "\n")
     return about
-
-
-def proof_of(task: Task, fit: Fit, method: str) -> Proof:
-    """The proof of a fit as ``identify --proof`` writes it; "lower" and "upper" are rounded outward.
-
-    Raises ValueError where nothing can be proved.
-    """
-    return proved(task, fit, certify(task, fit)[0], method)
 
 
 def write_posed(
@@ -127,7 +105,7 @@ def write_posed(
 
     method : None: the default, or for .dat-s, whose format lacks exponential cones, the one of
     :data:`SDPA_METHOD`. Raises InputError where the method solves no one-step SDP, the input cannot be
-    used, or as :func:`rewritten` does.
+    used, or as :func:`check_format` does.
     """
     method = method or (SDPA_METHOD if Path(out).name.endswith(".dat-s") else DEFAULT_METHOD)
     estimator = make_estimator(method)
@@ -142,7 +120,7 @@ def write_posed(
     objective, constraints = estimator.posed(task)
     progress("proving the optimum")
     fit = estimator.fit(task)
-    proof, centre = proof_of(task, fit, method), fit.theta
+    proof, centre = proved(task, fit, certify(task, fit)[0], method), fit.theta
     inside = centre + _SHARE * (interior_point(task, constraints) - centre)
     sent, least = essential(constraints, objective), objective.least_squares.loss_scale(centre)
     sdp = least_squares_sdp(objective, sent, inside, task.bound, centre, least_loss=least)

@@ -37,12 +37,12 @@ ENDING, FILE, ABOUT = ".urdf", "robot.urdf", "for ROS and simulators"
 EDITS = True
 
 
-def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
-    """A URDF made from the model, or the user's own with the model's numbers."""
+def write(estimate: Estimate, options: Options, drake: bool = False) -> tuple[bytes, tuple[str, ...]]:
+    """A URDF made from the model, or the user's own with the model's numbers, edited plainly."""
     content = Content.plausible(estimate, options)
     robot, own = estimate.robot, options.urdf
-    made = make_urdf(robot, content) if own is None else edit_urdf(own, robot, content)
-    return made, content.left_out(armature=False)
+    made = make_urdf(robot, content, drake) if own is None else edit_urdf(own, robot, content)
+    return made, content.left_out(armature=drake and own is None)
 
 
 def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:

@@ -39,40 +39,27 @@ def parameters(material: Material) -> str:
     )
     last = material.last
     base_said = {b["name"]: (b["source"], b["nominal"]) for b in last.details.get("base_parameters", [])}
-    rows = [_row(i, *base_said.get(i.name, ("", np.nan))) for i in known.base]
-    body += table(HEADS, [cells(row) for row in rows], numbers_from=3)
-    inner = table(HEADS, [cells(row) for row in standard_rows(last)], numbers_from=3)
+    rows = [cells(i, *base_said.get(i.name, ())) for i in known.base]
+    body += table(HEADS, rows, numbers_from=3)
+    inner = table(HEADS, standard_rows(last), numbers_from=3)
     body += f"<details><summary>Standard parameters</summary>{inner}</details>"
     return body
 
 
-#: What :func:`cells` writes of a parameter.
+#: What :func:`cells` says of a parameter.
 HEADS = ("parameter", "verdict", "from", "value", "low", "high", "nominal", "unit")
-Row = dict[str, Any]
 
 
-def standard_rows(estimate: Estimate) -> list[Row]:
-    """Every parameter of a model: name, verdict, source, value, the ends of its 95 % interval, nominal
-    value (None where there is none), unit; plain JSON."""
-    return [
-        _row(i, source, nominal)
-        for i, source, nominal in zip(
-            estimate.uncertainty.standard, estimate.sources, estimate.nominal, strict=True
-        )
-    ]
+def standard_rows(estimate: Estimate) -> list[tuple[str, ...]]:
+    """Every parameter of a model as text, in the order of HEADS."""
+    known = estimate.uncertainty.standard, estimate.sources, estimate.nominal
+    return [cells(*of) for of in zip(*known, strict=True)]
 
 
-def _row(i: Interval, source: str, nominal: float) -> Row:
-    figures = {"value": i.value, "low": i.lower, "high": i.upper, "nominal": nominal}
-    known = {name: float(x) if np.isfinite(x) else None for name, x in figures.items()}
-    return {"name": i.name, "verdict": i.verdict, "source": source, **known, "unit": i.unit}
-
-
-def cells(row: Row) -> tuple[str, ...]:
-    """A parameter as text, in the order of HEADS."""
-    figures = (number(seen(row[name]), 4) for name in ("value", "low", "high", "nominal"))
-    unit = formatting.plain_unit(row["unit"])
-    return row["name"], row["verdict"], row["source"], *figures, unit
+def cells(i: Interval, source: str = "", nominal: float = np.nan) -> tuple[str, ...]:
+    """A parameter, the ends of its 95 % interval, what determined it and its nominal value, as text."""
+    figures = (number(seen(x), 4) for x in (i.value, i.lower, i.upper, nominal))
+    return i.name, i.verdict, source, *figures, formatting.plain_unit(i.unit)
 
 
 def caveats(estimate: Estimate) -> list[str]:

@@ -29,7 +29,7 @@ from sdp_vs_penalty.page.view import (
     plain_name,
     spoken,
 )
-from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS, cells
+from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
 from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
 
@@ -312,9 +312,8 @@ def _tables(view: View) -> None:
         "Values with 95 % intervals beside the nominal ones. Those marked prior or bounds are not "
         "measured: the data leave them open."
     )
-    rows = [cells(row) for row in about["rows"]]
     with draw.tag("div", style="tall"):
-        draw.table(HEADS, rows, "Parameters with intervals", "numbers parameters", mark=2)
+        draw.table(HEADS, about["rows"], "Parameters with intervals", "numbers parameters", mark=2)
     draw.button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
 
 
