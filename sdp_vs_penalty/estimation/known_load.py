@@ -25,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty.data.cli_parsing import numbers, pairs
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types
@@ -231,15 +232,12 @@ def parsed_known(text: str) -> dict[str, float]:
     >>> parsed_known("kp2=600")
     {'kp2': 600.0}
     """
-    found = {}
-    for item in filter(None, text.split(",")):
-        name, _, value = item.partition("=")
-        try:
-            found[name.strip()] = float(value)
-        except ValueError:
-            raise InputError(f"--known {item!r}", "write a parameter and its value, kp2=600") from None
-        if not 0.0 < abs(found[name.strip()]) < np.inf:
-            raise InputError(f"--known {item!r} is no scale", "give a value that is not zero")
+    found = {
+        name: numbers("--known", x, 1)[0] for name, x in (pairs("--known", text or None) or {}).items()
+    }
+    for name, value in found.items():
+        if not 0.0 < abs(value) < np.inf:
+            raise InputError(f"--known {name}={value:g} is no scale", "give a value that is not zero")
     return found
 
 

@@ -63,17 +63,13 @@ from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
 #: The laws, those with fewer gains first, and their effects.
 LAWS = {
-    "PD": ("servo_position",),
-    "PD with feed-forward": ("servo_position", "servo_feedforward"),
-    "PID": ("servo_position", "servo_integral"),
-    "PID with feed-forward": ("servo_position", "servo_integral", "servo_feedforward"),
-    "cascade": ("servo_position", "servo_integral", "servo_velocity_loop"),
-    "cascade with feed-forward": (
-        "servo_position",
-        "servo_integral",
-        "servo_velocity_loop",
-        "servo_feedforward",
-    ),
+    name + more: effects + also
+    for name, effects in (
+        ("PD", ("servo_position",)),
+        ("PID", ("servo_position", "servo_integral")),
+        ("cascade", ("servo_position", "servo_integral", "servo_velocity_loop")),
+    )
+    for more, also in (("", ()), (" with feed-forward", ("servo_feedforward",)))
 }
 
 

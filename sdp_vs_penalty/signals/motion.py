@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_pieces
 
@@ -38,7 +39,7 @@ _CHUNK = 200
 
 
 @dataclass(frozen=True)
-class MotionRecord:
+class MotionRecord(Plain):
     """The path of a training motion.
 
     centre, scale (2 n,) of q [rad or m] and dq; lines : stretches (K, 2 n) of points on the path, less
@@ -83,28 +84,16 @@ class MotionRecord:
         distance = max(self.distance, other.distance)
         return _record(self.centre, self.scale, [*self.lines, *there], distance)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON, as model.json holds it."""
-        return {
-            "distance": self.distance,
-            "centre": self.centre.tolist(),
-            "scale": self.scale.tolist(),
-            "lines": [line.tolist() for line in self.lines],
-        }
-
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> MotionRecord:
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Raises KeyError, TypeError or ValueError for a field that is missing or of another kind."""
-        centre, scale = np.array(data["centre"], float), np.array(data["scale"], float)
-        width = len(centre)
-        lines = tuple(np.array(line, float).reshape(-1, width) for line in data["lines"])
-        record = cls(centre, scale, lines, float(data["distance"]))
-        everything = np.concatenate([centre, scale, [record.distance], *map(np.ravel, lines)])
-        if not (len(scale) == width and lines and np.all(np.isfinite(everything))):
+        found = super().from_dict(data)
+        rows = np.concatenate([found.centre[None], found.scale[None], *found.lines])
+        if not (found.lines and np.all(np.isfinite(rows))):
             raise ValueError("training_motion: not numbers for each joint")
-        if not (np.all(scale > 0.0) and record.distance > 0.0):
+        if not (np.all(found.scale > 0.0) and found.distance > 0.0):
             raise ValueError("training_motion: a scale is not above 0")
-        return record
+        return found
 
 
 def record_motion(measurements: Measurements, settings: Preprocessing) -> MotionRecord | None:

@@ -108,31 +108,22 @@ class PhaseFolds:
     def cell(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
         """Index of the cell in which instants t of a run lie: between two borders of folds or guards."""
         clock = self.clocks[run]
-        first, borders = self._borders[clock.motion]
-        return first + np.searchsorted(borders, clock.at(t), side="right")
+        first, _, edges = self._motions[clock.motion]
+        return first + np.searchsorted(edges[1:-1], clock.at(t), side="right")
 
     @property
     def places(self) -> list[tuple[int, float, float]]:
         """Of each cell its motion, and where it begins and ends on that motion's clock [s]."""
-        out = []
-        for motion, clock in sorted(self._motions.items()):
-            edges = [0.0, *self._borders[motion][1].tolist(), clock.length]
-            out += [(motion, a, b) for a, b in pairwise(edges)]
-        return out
+        motions = self._motions.items()
+        return [(k, a, b) for k, (_, _, edges) in motions for a, b in pairwise(edges.tolist())]
 
     def tested(self, fold: int) -> list[int]:
         """Cells that a fold tests on."""
-        own = [self._fold_at(clock, middle) == fold for clock, middle in self._middles]
-        return np.flatnonzero(np.concatenate(own)).tolist()
+        return np.flatnonzero(self._apart(fold) < 0.0).tolist()
 
     def training(self, fold: int) -> list[int]:
         """Cells that it trains on."""
-        own = [
-            (self._fold_at(clock, middle) != fold)
-            & (_distance(middle, fold * clock.length / self.count, clock, self.count) >= self.guard)
-            for clock, middle in self._middles
-        ]
-        return np.flatnonzero(np.concatenate(own)).tolist()
+        return np.flatnonzero(self._apart(fold) >= self.guard).tolist()
 
     def stretch(self, fold: int) -> tuple[float, float]:
         """Where a fold lies on the clock of the first motion [s]."""
@@ -140,40 +131,28 @@ class PhaseFolds:
         return fold * length / self.count, (fold + 1) * length / self.count
 
     @cached_property
-    def _motions(self) -> dict[int, MotionClock]:
-        return {clock.motion: clock for clock in reversed(self.clocks)}
-
-    @cached_property
-    def _borders(self) -> dict[int, tuple[int, Array]]:
-        """Per motion the number of its first cell, and the inner borders of its cells on the clock."""
-        out, first = {}, 0
-        for motion, clock in sorted(self._motions.items()):
+    def _motions(self) -> dict[int, tuple[int, MotionClock, Array]]:
+        """Of each motion the number of its first cell, its clock, and the borders of its cells on it."""
+        out, first = dict[int, tuple[int, MotionClock, Array]](), 0
+        clocks = {clock.motion: clock for clock in reversed(self.clocks)}
+        for motion, clock in sorted(clocks.items()):
             edges = np.linspace(0.0, clock.length, self.count + 1)
             marks = np.concatenate([edges, edges - self.guard, edges + self.guard])
             marks = marks % clock.length if clock.periodic else marks
-            inner = np.unique(marks[(marks > 0.0) & (marks < clock.length)])
-            out[motion] = first, inner
-            first += len(inner) + 1
+            marks = marks[(marks > 0.0) & (marks < clock.length)]
+            out[motion] = first, clock, np.unique([0.0, *marks, clock.length])
+            first += len(out[motion][2]) - 1
         return out
 
-    @cached_property
-    def _middles(self) -> list[tuple[MotionClock, Array]]:
-        """Of each motion its clock, and the middles of its cells [s]."""
-        out = []
-        for motion, clock in sorted(self._motions.items()):
-            edges = np.concatenate([[0.0], self._borders[motion][1], [clock.length]])
-            out.append((clock, 0.5 * (edges[:-1] + edges[1:])))
-        return out
-
-
-def _distance(at: Array, begin: float, clock: MotionClock, count: int) -> Array:
-    """Seconds on the clock from a fold's stretch, which begins at ``begin``; the shorter way around."""
-    end = begin + clock.length / count
-    ways = [begin - at, at - end]
-    if clock.periodic:
-        ways = [way % clock.length for way in ways]
-        return np.asarray(np.minimum(*ways))
-    return np.asarray(np.maximum(*ways))
+    def _apart(self, fold: int) -> Array:
+        """Seconds on its clock from each cell to a fold's stretch, the shorter way; -1 within it."""
+        out = list[Array]()
+        for _, clock, edges in self._motions.values():
+            at, begin = 0.5 * (edges[:-1] + edges[1:]), fold * clock.length / self.count
+            ways = np.array([begin - at, at - begin - clock.length / self.count])
+            apart = np.min(ways % clock.length, axis=0) if clock.periodic else np.max(ways, axis=0)
+            out.append(np.where(self._fold_at(clock, at) == fold, -1.0, apart))
+        return np.concatenate(out)
 
 
 def phase_folds(measurements: Measurements, settings: Preprocessing, count: int) -> PhaseFolds:
