@@ -29,7 +29,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_rows
-from sdp_vs_penalty.signals.window_subsample import subsample_sentence, window_subsample
+from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
 
 if TYPE_CHECKING:
     import pandas

@@ -391,7 +391,7 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
     columns = model_columns(rows, estimate)
     parts = []
     for j in range(n):
-        gains = -columns[j] @ known.gains
+        gains = -columns[j] @ known.gain_response
         gains[:, j] += rows.torque[:, j]
         part = gains @ gain_errors
         if data.frozen:

@@ -35,8 +35,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.segments import segmented
-from sdp_vs_penalty.signals.window_subsample import subsample_sentence, window_subsample
+from sdp_vs_penalty.signals.segments import segmented, subsample_sentence, window_subsample
 
 
 def diagnose(
@@ -61,7 +60,7 @@ def diagnose(
     noise_from : the runs whose repetition shows the noise (default: the measurements);
     gain_uncertainty : relative
     standard deviation of the torque channels' gains; default: the model's. In a long recording windows
-    are searched (:mod:`~sdp_vs_penalty.signals.window_subsample`), and a remark says so.
+    are searched (:mod:`~sdp_vs_penalty.signals.segments`), and a remark says so.
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
     """

@@ -31,9 +31,8 @@ from sdp_vs_penalty.formatting import Shown, Summary, finite, plain_unit, words
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
+from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented, window_subsample
 from sdp_vs_penalty.signals.standstill import STILL
-from sdp_vs_penalty.signals.window_subsample import window_subsample
 
 if TYPE_CHECKING:
     import pandas
@@ -169,7 +168,7 @@ def where_it_fails(
     :func:`~sdp_vs_penalty.data.files.as_measurements` takes; preprocessing : filters other than the
     model's; noise_from : as in :func:`~.comparison.compare`; noise : a comparison's with
     these measurements, which need not be worked out again. Of a long recording windows are judged
-    (:mod:`~sdp_vs_penalty.signals.window_subsample`).
+    (:mod:`~sdp_vs_penalty.signals.segments`).
     Raises InputError where the measurements are not of this robot.
     """
     estimate = as_estimate(estimate, "where_it_fails(estimate=...)")

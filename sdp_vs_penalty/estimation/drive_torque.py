@@ -118,8 +118,8 @@ def plant(estimate: Estimate) -> Estimate:
     effects = tuple(e for e in estimate.model.effects if e.forward != "drive")
     known, reference = estimate.uncertainty, estimate.model.reference
     standard = tuple(i for i, kept in zip(known.standard, keep, strict=True) if kept)
-    spread, gains = known.spread[keep], known.gains[keep]
-    own = replace(known, standard=standard, base=(), spread=spread, gains=gains)
+    spread, gains = known.spread[keep], known.gain_response[keep]
+    own = replace(known, standard=standard, base=(), spread=spread, gain_response=gains)
     reference = None if reference is None else reference[keep]
     model = replace(estimate.model, effects=effects, known={}, reference=reference)
     return replace(estimate, model=model, theta=estimate.theta[keep], uncertainty=own)

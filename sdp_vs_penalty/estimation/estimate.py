@@ -308,7 +308,7 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
             raise ValueError("training_motion is of another number of joints")
     uncertainty = Uncertainty.unknown(model, theta)
     if "uncertainty" in data:  # files from before intervals were kept have none
-        uncertainty = Uncertainty.from_dict(data["uncertainty"], entries)
+        uncertainty = Uncertainty.from_dict({**data["uncertainty"], "standard": entries})
     details = data["details"]
     if not isinstance(details, dict) or not isinstance(details.get("undetermined", {}), dict):
         raise ValueError("details: undetermined names who decides which parameter")

@@ -385,7 +385,7 @@ def payload_run(
     start = random_trajectory(robot, seed, duration, harmonics, 2 * np.pi / duration, 0.125 * duration)
     still = np.setdiff1d(np.arange(robot.n), moving)
     start.a[still], start.b[still], start.q_0[still] = 0.0, 0.0, limits.middle[still]
-    noise = np.maximum(estimate.uncertainty.noise, 1e-12)
+    noise = np.maximum(estimate.uncertainty.torque_noise, 1e-12)
     regressor = Regressor(Model(robot, (Payload(robot),)), np.arange(10), 1.0 / noise)
     rate = independent_rate(estimate)
     found = optimised(regressor, limits, start, "d-optimal", iterations, moving, progress)

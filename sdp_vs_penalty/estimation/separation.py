@@ -87,7 +87,7 @@ class Hypotheses:
             if twice := own & {p.name for p in effect.parameters}:
                 what = f"the model has {effect.name} already ({min(twice)})"
                 raise InputError(what, "separate effects that it lacks")
-        noise = np.maximum(estimate.uncertainty.noise, 1e-12)
+        noise = np.maximum(estimate.uncertainty.torque_noise, 1e-12)
         bare = cls(estimate, tuple(found), noise, independent_rate(estimate), (1.0,) * len(found))
         motion = bare.motion(default_excitation(estimate, 20.0, 0), 20.0)
         # Mean squares of unit parameters over the noise, of the joint that each effect moves most.

@@ -10,7 +10,7 @@ extended to the value where constraints have moved it out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -105,20 +105,20 @@ def counts(intervals: Sequence[Interval]) -> dict[str, int]:
 
 
 @dataclass(frozen=True)
-class Uncertainty:
+class Uncertainty(Plain):
     """standard : all parameters of the model; base : the combinations that make torque.
 
-    spread (p, r) : a factor of the covariance of everything that the data show; gains (p, n) : change of
-    the parameters for a unit relative error of each torque channel's gain, and gain_errors (n, e), a
-    factor of the covariance of these errors, which the covariance holds as well; noise (n,) : standard
-    deviation of the torque that the model leaves [N m, N].
+    spread (p, r) : a factor of the covariance of everything that the data show; gain_response (p, n) :
+    change of the parameters for a unit relative error of each torque channel's gain, and gain_errors
+    (n, e), a factor of the covariance of these errors, which the covariance holds as well; torque_noise
+    (n,) : standard deviation of the torque that the model leaves [N m, N].
     """
 
     standard: tuple[Interval, ...]
     base: tuple[Interval, ...]
     spread: Array
-    gains: Array
-    noise: Array
+    gain_response: Array
+    torque_noise: Array
     gain_errors: Array
 
     @classmethod
@@ -133,7 +133,7 @@ class Uncertainty:
     def factor(self) -> Array:
         """(p, r + e) with the covariance factor factor': rows as long as the standard deviations, which
         Student's quantile has made larger."""
-        return stretched(np.hstack([self.spread, self.gains @ self.gain_errors]), self.std)
+        return stretched(np.hstack([self.spread, self.gain_response @ self.gain_errors]), self.std)
 
     @cached_property
     def std(self) -> Array:
@@ -156,8 +156,8 @@ class Uncertainty:
             more = np.sqrt(np.maximum(new - known, 0.0)).tolist()
             return tuple(i.widened(x) for i, x in zip(intervals, more, strict=True))
 
-        combined = widened(self.base, base @ self.gains) if self.base else ()
-        standard = widened(self.standard, self.gains)
+        combined = widened(self.base, base @ self.gain_response) if self.base else ()
+        standard = widened(self.standard, self.gain_response)
         return replace(self, standard=standard, base=combined, gain_errors=errors)
 
     def band(self, theta: Array, columns: Sequence[JointColumns]) -> tuple[Array, Array]:
@@ -171,27 +171,7 @@ class Uncertainty:
 
     def to_dict(self) -> dict[str, Any]:
         """What model.json holds beside the parameters' own intervals."""
-        return {
-            "level": LEVEL,
-            "base": [i.to_dict() for i in self.base],
-            "spread": self.spread.tolist(),
-            "gain_response": self.gains.tolist(),
-            "gain_errors": self.gain_errors.tolist(),
-            "torque_noise": self.noise.tolist(),
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any], parameters: Sequence[Mapping[str, Any]]) -> Uncertainty:
-        """parameters : entries as :meth:`Interval.to_dict` writes them, in the model's order."""
-        p, n = len(parameters), len(data["torque_noise"])
-        return cls(
-            tuple(map(Interval.from_dict, parameters)),
-            tuple(map(Interval.from_dict, data["base"])),
-            np.array(data["spread"], float).reshape(p, -1),
-            np.array(data["gain_response"], float).reshape(p, n),
-            np.array(data["torque_noise"], float),
-            np.array(data["gain_errors"], float).reshape(n, -1),
-        )
+        return {"level": LEVEL} | {k: x for k, x in super().to_dict().items() if k != "standard"}
 
 
 def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> Sandwich:
@@ -307,7 +287,7 @@ def beside_held(
     for f in regression.factors:
         rows, own = f.triangle[:, :-1], f.indices < len(fixed)
         through.append(-rows[:, own] @ old.spread[f.indices[own]])
-        torque = -rows[:, own] @ old.gains[f.indices[own]]
+        torque = -rows[:, own] @ old.gain_response[f.indices[own]]
         torque[:, f.joint] += rows @ everything[f.indices]
         through_gains.append(torque)
     extra, gains = known.response(through)[:k], known.response(through_gains)[:k]
@@ -323,5 +303,5 @@ def beside_held(
         standard=old.standard + new.standard,
         base=old.base + new.base,
         spread=np.vstack([above, np.hstack([through_old, own_spread])]),
-        gains=np.vstack([old.gains, new.gains]),
+        gain_response=np.vstack([old.gain_response, new.gain_response]),
     )

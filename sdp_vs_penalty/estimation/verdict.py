@@ -28,8 +28,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.signals.noise import RESIDUAL, SPECTRUM, SPECTRUM_KNOWN, noise_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
-from sdp_vs_penalty.signals.window_subsample import window_subsample
+from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented, window_subsample
 
 Grade = Literal["good", "usable", "do not use"]
 GRADES: tuple[Grade, ...] = ("do not use", "usable", "good")

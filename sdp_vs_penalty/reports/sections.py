@@ -120,7 +120,7 @@ def _bands(material: Material, shifts: Sequence[float]) -> list[tuple[Array, Arr
         t = rows.motion.t + shift
         keep = np.unique(np.linspace(0, len(t) - 1, min(len(t), POINTS)).astype(int))
         few = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
-        half = NORMAL_95 * np.hypot(known.band(theta, few)[1], known.noise)
+        half = NORMAL_95 * np.hypot(known.band(theta, few)[1], known.torque_noise)
         bands.append((t[keep], half))
     return bands
 

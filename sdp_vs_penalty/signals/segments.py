@@ -14,18 +14,19 @@ follow (a step in acceleration): there the states are wrong, not the model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Seen
+from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces
-from sdp_vs_penalty.signals.columns import Columns
 from sdp_vs_penalty.signals.kernels import Decimator, Kernel, convolve
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import Filtered, Repeat, find_repeats
@@ -44,8 +45,71 @@ _ROW_RATE, _DENSE_RATE = 2.0, 8.0
 #: Share of its usual speed below which a joint is slow: dry friction turns round there, and its laws
 #: hold only approximately.
 _SLOW_SPEED = 0.2
+#: Effects low-passed together; parameters from which on one is so by itself, a few rows at a time.
+_AT_ONCE, _WIDE, _ROWS = 32, 12, 256
+#: Effects whose columns are kept.
+_MOST = 1024
 #: Motion counts as too sharp where two state filters disagree by this many robust deviations.
 _SHARP, _CORNER = 12.0, 0.3
+
+#: Rows at twice the cut-off that noise, residuals and a library of effects are judged on at most.
+MOST = 4000
+#: Windows of a single run.
+_WINDOWS = 4
+
+
+class Columns:
+    """parts : low-pass (M, N) and motion of each segment; before : the same of another model, from which
+    columns of the motion alone are taken over."""
+
+    def __init__(self, parts: Sequence[tuple[Decimator, Motion]], before: Columns | None = None) -> None:
+        self._parts = parts
+        #: What is known of the motion alone and, with the model's torque and links, of this model.
+        self._kept: tuple[dict[Hashable, tuple[Effect, list[Block]]], ...]
+        self._kept = ({} if before is None else before._kept[0], {})
+
+    def of(self, effects: Sequence[Effect]) -> list[list[Block]]:
+        """Blocks of (M, k) of the true torque, of each effect."""
+        found = [self._known(effect) for effect in effects]
+        missing = [k for k, known in enumerate(found) if known is None]
+        wide = [k for k in missing if self._by_parts(effects[k])]
+        narrow = [k for k in missing if k not in wide]
+        lots = [[k] for k in wide] + [narrow[k : k + _AT_ONCE] for k in range(0, len(narrow), _AT_ONCE)]
+        for lot in lots:
+            made = self._made([effects[k] for k in lot], lot[0] in wide)
+            for k, blocks in zip(lot, made, strict=True):
+                found[k] = blocks
+                kept = self._kept[depends(effects[k])]
+                kept[self._key(effects[k])] = effects[k], blocks
+                while len(kept) > _MOST:
+                    kept.pop(next(iter(kept)))
+        return [blocks for blocks in found if blocks is not None]
+
+    @staticmethod
+    def _by_parts(effect: Effect) -> bool:
+        whole = depends(effect) or effect.has_memory
+        return not whole and len(effect.parameters) >= _WIDE
+
+    def _made(self, effects: Sequence[Effect], by_parts: bool) -> list[list[Block]]:
+        rows, made = [], list[list[Block]]()
+        for low_pass, motion in self._parts:
+            count = len(low_pass.at)
+            step = _ROWS if by_parts else count
+            for start in range(0, count, step):
+                few, around = low_pass.part(start, start + step) if by_parts else (low_pass, slice(None))
+                made = [e.blocks(motion.part(around) if by_parts else motion) for e in effects]
+                rows.append(few @ np.hstack([b.columns for blocks in made for b in blocks]))
+        sizes = [b.columns.shape[1] for blocks in made for b in blocks]
+        columns = iter(np.split(np.concatenate(rows), np.cumsum(sizes)[:-1], axis=1))
+        return [[replace(b, columns=next(columns)) for b in blocks] for blocks in made]
+
+    def _known(self, effect: Effect) -> list[Block] | None:
+        known = self._kept[depends(effect)].get(self._key(effect))
+        return known[1] if known is not None and known[0].same_columns(effect) else None
+
+    def _key(self, effect: Effect) -> Hashable:
+        width = None if effect.signless or not self._parts else self._parts[0][1].sign_width
+        return type(effect), effect.joints, tuple(effect.shape.items()), width
 
 
 @dataclass(frozen=True)
@@ -296,4 +360,41 @@ def _segment(index: int, part: Stretch, filters: RunFilter, wider: Kernel) -> Se
         low_pass,
         filters.torque(part, grid[dense]),
         low_dense,
+    )
+
+
+def window_subsample(measurements: Measurements, settings: Preprocessing) -> Measurements:
+    """Windows of at most MOST rows in all, each a run of its own; all of a recording that has fewer.
+
+    For what needs all rows at once: comparing a motion with itself, searching a library of effects.
+    They are spread evenly over all runs, both ends among them, long enough that a motion repeats inside
+    one. settings : resolved. Of many short runs some are taken whole.
+    """
+    assert settings.torque_cutoff is not None
+    runs = measurements.runs()
+    spans = [float(run.t[-1] - run.t[0]) for run in runs]
+    allowed = MOST / (2.0 * settings.torque_cutoff)
+    if sum(spans) <= allowed:
+        return measurements
+    slots = []
+    for run, span in zip(runs, spans, strict=True):
+        edges = np.linspace(0.0, span, max(1, int(span * _WINDOWS / allowed)) + 1)
+        slots += [(run, a, b) for a, b in pairwise(edges.tolist())]
+    count = max(1, int(len(slots) * allowed / sum(spans)))
+    out = []
+    for k in np.unique(np.linspace(0, len(slots) - 1, count).round().astype(int)):
+        run, start, stop = slots[k]
+        name = f"{run.names[0]}, {start:.4g} s to {stop:.4g} s"
+        out.append(replace(run.window(start, stop), names=(name,)))
+    return concatenate(out)
+
+
+def subsample_sentence(part: Measurements, measurements: Measurements, what: str) -> str | None:
+    """That ``what`` rests on windows only, and on how many; None where it rests on all."""
+    if part is measurements:
+        return None
+    looked, there = (sum(float(r.t[-1] - r.t[0]) for r in m.runs()) for m in (part, measurements))
+    return (
+        f"Long recording: {what} {looked:.3g} s of its {there:.4g} s, "
+        f"{len(part.names)} windows spread over it."
     )

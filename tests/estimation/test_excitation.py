@@ -123,7 +123,10 @@ def test_it_weighs_better_than_a_random_motion(run):
 def test_its_deviations_are_those_of_loads_that_are_estimated(estimate, run):
     robot: Robot = estimate.robot
     t = np.arange(0.0, 2.0, 1.0 / independent_rate(estimate))
-    Y = robot.regressor(*run.trajectory.states(t))[:, :, -10:] / estimate.uncertainty.noise[:, None]
+    Y = (
+        robot.regressor(*run.trajectory.states(t))[:, :, -10:]
+        / estimate.uncertainty.torque_noise[:, None]
+    )
     rows = Y.reshape(-1, 10)
     noise = np.random.default_rng(5).standard_normal((len(rows), 400))
     spread = np.linalg.lstsq(rows, noise, rcond=None)[0].std(axis=1)

@@ -79,7 +79,7 @@ def test_gains_known_to_a_per_cent_widen_the_intervals(arm, tmp_path):
     added = np.sqrt(wide.uncertainty.standard[k].std ** 2 - plain.uncertainty.standard[k].std ** 2)  # kg
     assert 0.003 < added < 0.05
     # The response to all gains together is the parameters themselves.
-    together = wide.uncertainty.gains.sum(axis=1)
+    together = wide.uncertainty.gain_response.sum(axis=1)
     assert together[k] == pytest.approx(wide.theta[k], rel=0.05)
     friction = [i for i, p in enumerate(estimate.model.parameters) if p.name.startswith("f_")]
     np.testing.assert_allclose(together[friction], estimate.theta[friction], rtol=1e-6)

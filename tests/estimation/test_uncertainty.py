@@ -120,5 +120,5 @@ def test_the_band_holds_torques_of_another_motion(two_link):
     inside = float(np.mean((low <= true) & (true <= high)))
     assert inside > 0.75
     np.testing.assert_allclose(centre, model.torque(value, motion))
-    noisy = true + np.random.default_rng(0).normal(size=true.shape) * known.noise
-    assert np.mean(np.abs(noisy - centre) <= NORMAL_95 * np.hypot(std, known.noise)) > 0.8
+    noisy = true + np.random.default_rng(0).normal(size=true.shape) * known.torque_noise
+    assert np.mean(np.abs(noisy - centre) <= NORMAL_95 * np.hypot(std, known.torque_noise)) > 0.8
