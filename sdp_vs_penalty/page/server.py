@@ -185,10 +185,6 @@ def make_app(page: Page) -> FastAPI:
     async def _sent(session: Named) -> None:
         session.read_arrived()
 
-    @app.post("/s/{token}/too-large")
-    async def _too_large(session: Named, name: str, size: int) -> None:
-        session.say(str(uploads.too_large(uploads.shown_name(name), size)))
-
     @app.get("/s/{token}/take/{name}")
     async def _take(session: Named, name: str) -> Response:
         if name not in session.made or not (session.folder / name).is_file():
@@ -217,11 +213,10 @@ def make_app(page: Page) -> FastAPI:
 
 def _build(page: Page, session: Session) -> None:
     client = ui.context.client
-    limits = f"<script>const LARGEST = {uploads.LARGEST_FILE};</script>"
     shown = ", ".join(f"[data-at={s.anchor}] [data-stage={s.anchor}]" for s in STAGES)
     look = f"{(_HERE / 'look.css').read_text()}\n{PICTURES}\n:is({shown}) {{ display: block; }}"
     ui.add_head_html(f"<style>{look}</style>")
-    ui.add_head_html(f"{limits}<script>{(_HERE / 'workbench.js').read_text()}</script>")
+    ui.add_head_html(f"<script>{(_HERE / 'workbench.js').read_text()}</script>")
     bench = Workbench(View(session, page.folder, client, page.forms))
     bench.build()
 

@@ -305,16 +305,12 @@ class Session:
     @background("Reading measurements")
     async def _read_files(self) -> None:
         files, self.arrived = self.arrived, {}
-        given = list(files.values())
-        if log := uploads.logger_folder(self.folder, files):
-            files["exciting_traj"] = log
-            given.append(log)
         self.names |= {str(path): name for name, path in files.items()}
         try:
             listed = [{"path": str(path), "name": name} for name, path in files.items()]
             await self._take_runs("read", files=listed, options=self.reading)
         finally:
-            uploads.forget(self.folder, given)
+            uploads.forget(self.folder, files.values())
 
     @background("Simulating")
     async def simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:

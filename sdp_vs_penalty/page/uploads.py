@@ -6,8 +6,7 @@ import asyncio
 import contextlib
 import os
 import secrets
-import shutil
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from pathlib import Path, PureWindowsPath
 
 from sdp_vs_penalty.data.formats import suffixes
@@ -20,14 +19,11 @@ MOST_FILES = 100
 #: refused, and the work of a tab that was closed ends.
 SILENCE = 20.0
 
-#: Suffixes that the readers know, and that of the files of a Panda logger's folder.
-RUN_SUFFIXES = (*suffixes(), ".txt")
+#: Suffixes that the readers know.
+RUN_SUFFIXES = suffixes()
 ROBOT_SUFFIXES = (".urdf", ".xml")
 #: By what is dropped.
 SUFFIXES = {"runs": RUN_SUFFIXES, "robot": ROBOT_SUFFIXES, "model": (".json",), "proof": (".json",)}
-
-#: Of the authors' Panda logger: four text files that are one run, known by their names.
-LOG_FILES = tuple(f"exciting_traj_{part}.txt" for part in ("time", "positions", "velocity", "torques"))
 
 
 def shown_name(given: str) -> str:
@@ -102,23 +98,8 @@ async def _next(chunks: AsyncIterator[bytes], name: str) -> bytes:
     return b""
 
 
-def logger_folder(folder: Path, files: dict[str, Path]) -> Path | None:
-    """A folder with copies of the authors' four text files where all are there, else None; takes them
-    out of ``files`` (path by shown name)."""
-    if not all(name in files for name in LOG_FILES):
-        return None
-    out = folder / f"log-{secrets.token_hex(8)}"
-    out.mkdir(mode=0o700)
-    for name in LOG_FILES:
-        shutil.copyfile(files.pop(name), out / name)
-    return out
-
-
-def forget(folder: Path, files: list[Path]) -> None:
+def forget(folder: Path, files: Iterable[Path]) -> None:
     """Remove files that were read, where they are copies of ours in this folder: their runs are kept."""
     for path in files:
         if path.parent == folder:
-            if path.is_dir():
-                shutil.rmtree(path, ignore_errors=True)
-            else:
-                path.unlink(missing_ok=True)
+            path.unlink(missing_ok=True)

@@ -6,13 +6,7 @@ const workbench = {
     for (const file of files) {
       const query = new URLSearchParams({ name: file.name, kind });
       try {
-        if (file.size > LARGEST) {
-          await fetch(`${base}/too-large?${new URLSearchParams({ name: file.name, size: file.size })}`, {
-            method: "POST",
-          });
-        } else {
-          await fetch(`${base}/files?${query}`, { method: "PUT", body: file });
-        }
+        await fetch(`${base}/files?${query}`, { method: "PUT", body: file });
       } catch (error) {
         console.warn("a file could not be sent", error);
       }

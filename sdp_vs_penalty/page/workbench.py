@@ -15,7 +15,6 @@ from sdp_vs_penalty.page.stages import STAGES, WORK
 from sdp_vs_penalty.page.view import Part, Stage, View
 
 _LEVELS = frozenset({"good", "usable", "bad"})
-_THEMES = {None: "Colours: auto", False: "Colours: light", True: "Colours: dark"}
 _NEXT = dict(itertools.pairwise(WORK))
 
 
@@ -78,13 +77,6 @@ class Workbench:
             tag("span", "sdp-vs-penalty", "brand")
             tag("span", "workbench", "soft")
             tag("span", style="gap")
-            dark = ui.dark_mode(None)
-
-            def turn() -> None:
-                dark.value = {None: True, True: False, False: None}[dark.value]
-                theme.text = _THEMES[dark.value]
-
-            theme = button(_THEMES[None], turn, "theme", "quiet")
             tag("a", "Start over", "action quiet", href="/new", data_key="start-over")
 
     def _rail(self) -> None:
