@@ -159,7 +159,8 @@ class Session:
 
     def recording(self, model: ModelStep, run: str) -> dict[str, Any]:
         """t, torque, modelled, q, dq, ddq, tf and poses of a run (summary.py)."""
-        return self.arrays(model.curves, model.runs.index(run))
+        file = str(Path(model.file).with_suffix(".npz"))
+        return self.arrays(file, model.runs.index(run))
 
     def arrays(self, file: str, k: int) -> dict[str, Any]:
         """The arrays of a .npz file whose names end in the number k, without it; once read kept."""

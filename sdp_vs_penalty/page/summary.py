@@ -36,7 +36,7 @@ from sdp_vs_penalty.signals.preprocessing import filtered_torque
 class ModelStep:
     """One model of a session's history, judged; plain JSON apart from being a class.
 
-    file, curves : its model.json and the .npz of its torques; runs : names of those, training runs
+    file : its model.json, beside it the .npz of its torques; runs : names of those, training runs
     first, a part of a run by its seconds; judged_on : the runs behind comparison and failures (as
     `compare --json` writes them); constraints, about : what :func:`held` and :func:`about` say; label,
     added : what it is called and the effects added to the step below, with the others held where frozen;
@@ -45,7 +45,6 @@ class ModelStep:
     """
 
     file: str
-    curves: str
     runs: list[str]
     judged_on: list[str]
     method: str
@@ -152,11 +151,9 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
     progress("comparing measured with modelled")
     comparison = compare({"model": estimate}, given.judge, noise_from=given.whole)[0]
     (arm, judge), (_, train) = driven(estimate, given.judge), driven(estimate, given.train)
-    test = None if given.test is None else judge
     settings = estimate.preprocessing.resolve(judge)
     estimate.provenance["verdict"] = comparison.verdict.to_dict()
-    arrays = {}
-    runs = [*train.runs(), *([] if test is None else test.runs())]
+    arrays, runs = {}, [*train.runs(), *(judge.runs() if given.test is not None else ())]
     for k, run in enumerate(runs):
         rows = filtered_torque(run, arm.model, settings)
         arrays[f"t{k}"] = rows.motion.t
@@ -177,7 +174,6 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
     certificate = estimate.certificate
     return ModelStep(
         file=str(out),
-        curves=str(out.with_suffix(".npz")),
         runs=_named(runs),
         judged_on=list(judge.names),
         method=estimate.method,
