@@ -262,11 +262,11 @@ class Likelihood:
         self, repair: Repair, weights: Array, more: Array | None = None, others: Sequence[Equations] = ()
     ) -> tuple[Array, Array]:
         """By leaving out each part of the log in turn (a delete-a-group jackknife): (PARTS, s) the arms
-        of all other parts, and of other logs, by weights of all their joints; (PARTS, n) share of the
-                log's energy, as many times, that they leave of the part."""
+        of all other parts, and of other logs, by weights of all their joints; (PARTS, n) what they leave
+        of the part, over the mean energy of a part."""
         parts, k = self.parts(repair, PARTS, more)
         rests = [Equations.of_part(parts.sum(axis=0) - part, k) for part in parts]
-        logs = [Equations.together([*others, x]) for x in rests]
+        logs = [Equations.together([*others, x]) for x in rests] if others else rests
         arms = np.array([x.solved(weights[:, None])[0] for x in logs])
         left = [x.left_of(part, arm) for x, part, arm in zip(rests, parts, arms, strict=True)]
         whole = np.maximum(parts[..., -1, -1].sum(axis=0), 1e-280)
@@ -281,9 +281,8 @@ class Likelihood:
         if size == 0.0:
             return 0.0, np.inf
         more = -slope[:, :, None] / size
-        best = self.equations(at(value), more).solved(score.weights[:, None])
         found = self.left_out(at(value), score.weights, more)[0][:, -1] / size
-        return float(best[0, -1]) / size, float(np.sqrt((PARTS - 1) * np.var(found)))
+        return float(np.mean(found)), float(np.sqrt((PARTS - 1) * np.var(found)))
 
 
 class Rows:
@@ -351,6 +350,14 @@ class Score:
     def weights(self) -> Array:
         """(n,) of each joint's rows, 0 where it does not move."""
         return np.where(self.of.moving, 1.0 / self.left, 0.0)
+
+    def left_out_alone(self, repair: Repair) -> Array:
+        """(n,) share of each channel that its joint's own model leaves of parts it was not fitted to."""
+        parts = self.of.parts(repair)[0]
+        rests = parts.sum(axis=0) - parts
+        own = solve(rests[..., :-1, :-1], rests[..., :-1, -1:])[..., 0]
+        v = np.concatenate([own, -np.ones((*own.shape[:2], 1))], axis=2)
+        return np.maximum(np.einsum("pjw,pjwx,pjx->j", v, parts, v) / self.whole, FLOOR)
 
     def physics(self, repair: Repair, samples: float) -> float:
         """log-probability that inertia and masses are positive and friction takes power: the mean of

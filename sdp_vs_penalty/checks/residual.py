@@ -59,8 +59,7 @@ def find(log: Likelihood, repair: Repair, score: Score, settled: bool) -> Iterat
 def _unexplained(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
     moving, percent = log.moving, 100.0 * np.sqrt(score.shares)
     total = 100.0 * float(np.sqrt(score.left[moving].sum() / score.whole[moving].sum()))
-    alone = [log.left_out(repair, unit)[1][:, j].mean() for j, unit in enumerate(np.eye(log.n))]
-    where = np.flatnonzero(score.poor & (score.shares > c.CONTRADICTS[0] * np.array(alone)))
+    where = np.flatnonzero(score.poor & (score.shares > c.CONTRADICTS[0] * score.left_out_alone(repair)))
     what = "cannot belong to the same arm as the other joints' torques"
     if not len(where):
         where = np.array([np.argmax(np.where(moving, score.left, 0.0))])

@@ -42,10 +42,13 @@ _WORDS = {
 }  # fmt: skip
 
 
-def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[int, Issue]]:
+def compare(
+    logs: Sequence[tuple[Likelihood, Repair, str]], worse: float = 1.0
+) -> Iterator[tuple[int, Issue]]:
     """(number, issue) where the arm of a log is not that of the others; none for a single one.
 
-    logs : rows, net repair and name of each. What is said of a run predicts the parts of it that nothing
+    logs : rows, net repair and name of each; worse : only where one arm for all explains them so many
+    times worse than one for each. What is said of a run predicts the parts of it that nothing
     was fitted to, and its number is far from none."""
     if len(logs) < 2:
         return
@@ -68,7 +71,8 @@ def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[in
 
     theta, one = one_arm(runs)
     apart, least = gain(alone), c.ODDS + c.SLOW_ODDS  # friction is never quite the same again
-    if apart < least:
+    times = float(np.exp(apart / samples / max(asked[0].sum(), 1)))
+    if apart < least or times < worse:
         return
     causes = []
     for odd in np.argsort(np.log(one / alone).sum(axis=1))[-2:].tolist():  # of two runs either
@@ -105,7 +109,6 @@ def compare(logs: Sequence[tuple[Likelihood, Repair, str]]) -> Iterator[tuple[in
         return
     figures = {"run": names[odd], "j": j + 1, "x": 1.0 + x if kind == "torque gain" else x}
     what, remedy = (text.format(**figures, degrees=np.degrees(-x)) for text in _WORDS[kind])
-    times = np.exp(apart / samples / max(asked[odd].sum(), 1))
     joints = [] if more is None else [j]
     yield odd, Issue(
         kind, "warning", joints_text(joints) if joints else "the run", f"{what}, beside the others.",
@@ -128,15 +131,14 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     row = cut * log.data.count // len(parts)
     t, both = float(log.data.motion.t[row]), [log.some(slice(row)), log.some(slice(row, None))]
     names = f"the rows before t = {t:.4g} s", f"the rows from t = {t:.4g} s on"
-    for _, issue in compare([(x, repair, name) for x, name in zip(both, names, strict=True)]):
-        times = issue.figures["times"]
-        if times**2 > c.TIMES:  # in a log, friction changes as well
-            yield replace(
-                issue, kind="two arms", where=f"t = {t:.4g} s",
-                severity="error" if times > c.TIMES else "warning",
-                remedy="cut the run there and use each part by itself (--window)",
-                figures={**issue.figures, "t": t},
-            )  # fmt: skip
+    logs = [(x, repair, name) for x, name in zip(both, names, strict=True)]
+    for _, issue in compare(logs, c.TIMES**0.5):  # within a log, friction changes as well
+        yield replace(
+            issue, kind="two arms", where=f"t = {t:.4g} s",
+            severity="error" if issue.figures["times"] > c.TIMES else "warning",
+            remedy="cut the run there and use each part by itself (--window)",
+            figures={**issue.figures, "t": t},
+        )  # fmt: skip
 
 
 def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[str, int, Array]]:

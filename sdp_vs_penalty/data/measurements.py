@@ -190,19 +190,15 @@ def without_traces(measured: Measurements) -> Measurements:
     """The same with zeros for numbers that are none but in the computer's arithmetic (5e-324): with
     :data:`LARGEST_VALUE` the one place that keeps squares and quotients of samples within range."""
 
-    def traces(x: Array) -> NDArray[np.bool_]:
-        return (np.abs(x) < SMALLEST_VALUE) & (x != 0.0)
+    found = {"t": measured.t, **measured.groups}
+    odd = [name for name, x in found.items() if any(np.any(_traces(part)) for _, part in parts(x))]
+    for name in odd:
+        found[name] = joined(np.where(_traces(x), 0.0, x) for _, x in parts(found[name]))
+    return Measurements.of(found.pop("t"), found, measured.names, measured.run) if odd else measured
 
-    def cleared(block: Array) -> Array:
-        if not any(np.any(traces(part)) for _, part in parts(block)):
-            return block
-        return joined(np.where(traces(part), 0.0, part) for _, part in parts(block))
 
-    before = {"t": measured.t, **measured.groups}
-    after = {name: cleared(block) for name, block in before.items()}
-    if all(after[name] is before[name] for name in before):
-        return measured
-    return Measurements.of(after.pop("t"), after, measured.names, measured.run)
+def _traces(x: Array) -> NDArray[np.bool_]:
+    return (np.abs(x) < SMALLEST_VALUE) & (x != 0.0)
 
 
 def gathered(pieces: Iterable[Measurements]) -> Measurements:

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sdp_vs_penalty.errors import InputError
+
 Array = NDArray[np.float64]
 
 
@@ -18,3 +20,9 @@ def or_one(size: ArrayLike) -> Any:
 def or_least(x: ArrayLike) -> Any:
     """Something to take the logarithm of, or to divide by: at least the least normal number."""
     return np.maximum(x, np.finfo(float).tiny)
+
+
+def check_finite(what: str, value: Array, shape: tuple[int, ...]) -> None:
+    """InputError where an array has another shape, or an entry that is not finite."""
+    if np.shape(value) != shape or not np.all(np.isfinite(value)):
+        raise InputError(f"{what} does not fit", f"give {shape} finite numbers")

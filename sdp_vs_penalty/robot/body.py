@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.files.plain import Plain
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, check_finite
 
 #: What a body can be known from, the best first.
 SOURCES = ("geometry", "bounds", "inertial", "kinematics")
@@ -33,11 +33,9 @@ class Body(Plain):
     volume: float | None = None
 
     def __post_init__(self) -> None:
-        shapes = (self.centre.shape, self.half_axes.shape, self.axes.shape)
-        if shapes != ((3,), (3,), (3, 3)) or not np.all(np.isfinite(self.centre)):
-            what = "a body lacks a centre (3,), half axes (3,) or axes (3, 3)"
-            raise InputError(what, "give all three")
-        if not np.all((self.half_axes > 0.0) & np.isfinite(self.half_axes)):
+        for name, shape in (("centre", (3,)), ("half_axes", (3,)), ("axes", (3, 3))):
+            check_finite(f"a body's {name}", getattr(self, name), shape)
+        if not np.all(self.half_axes > 0.0):
             raise InputError("a half axis of a body is not above 0", "correct it")
         if not np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-6):
             raise InputError("the axes of a body are not orthonormal", "normalise them")

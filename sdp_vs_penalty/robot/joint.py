@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files.plain import Plain
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, check_finite
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,7 @@ class Joint(Plain):
         if not (isinstance(self.name, str) and self.name):
             raise InputError(f"a joint's name is {self.name!r}", "give it as text")
         for name, shape in (("placement", (4, 4)), ("axis", (3,)), ("link_frame", (4, 4))):
-            value = getattr(self, name)
-            if value.shape != shape or not np.all(np.isfinite(value)):
-                what = f"joint {self.name}: {name} does not fit"
-                raise InputError(what, f"give {shape} finite numbers")
+            check_finite(f"joint {self.name}: {name}", getattr(self, name), shape)
         who = f"joint {self.name}"
         if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
             raise InputError(f"{who}: the axis is no unit vector", "divide it by its length")
@@ -80,12 +77,9 @@ class Mechanism(Plain):
     massless: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        L = len(self.tree)
-        if self.matrix.ndim != 2 or len(self.matrix) != L or self.offset.shape != (L,):
-            what = f"the matrix or the offsets do not fit a mechanism of {L} joints"
-            raise InputError(what, "give a row and an offset a joint")
-        if not (np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.offset))):
-            raise InputError("a mechanism's ratio or offset is not finite", "correct it")
+        L, n = len(self.tree), np.shape(self.matrix)[-1]
+        check_finite(f"the matrix of a mechanism of {L} joints", self.matrix, (L, n))
+        check_finite(f"the offset of a mechanism of {L} joints", self.offset, (L,))
         if not set(self.massless) < set(range(L)):
             remedy = "leave those with a mass out of massless"
             raise InputError("every link is declared massless", remedy)
@@ -168,10 +162,8 @@ class Transmission(Plain):
 
     def __post_init__(self) -> None:
         n = len(self.matrix)
-        if self.matrix.shape != (n, n) or self.offset.shape != (n,):
-            raise InputError("transmission: motors and joints differ in number", "write one sum a motor")
-        if not (np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.offset))):
-            raise InputError("transmission: a ratio or an offset is not finite", "correct it")
+        check_finite(f"the matrix of a transmission of {n} motors", self.matrix, (n, n))
+        check_finite(f"the offset of a transmission of {n} motors", self.offset, (n,))
         for name, sides in (("positions", self.positions), ("torques", self.torques)):
             if len(sides) != n or not set(sides) <= set(SIDES):
                 what = f"transmission: {name} does not fit {n} motors"

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, check_finite
 from sdp_vs_penalty.robot.joint import Joint, Mechanism, Transmission
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
@@ -44,9 +44,7 @@ class Robot(Plain):
     mechanism: Mechanism | None = None
 
     def __post_init__(self) -> None:
-        if len(self.gravity) != 3 or not np.all(np.isfinite(self.gravity)):
-            what = f"gravity {self.gravity!r} is not three finite numbers"
-            raise InputError(what, "write x,y,z in m/s^2")
+        check_finite("the gravity x,y,z [m/s^2]", np.array(self.gravity), (3,))
         if self.transmission is not None and self.transmission.n != self.n:
             what = f"{self.n} joints, its transmission {self.transmission.n} motors"
             raise InputError(f"robot {self.name} has {what}", "give one motor a joint")
