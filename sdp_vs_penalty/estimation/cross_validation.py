@@ -171,9 +171,7 @@ def cross_validate(
     options = PoseOptions(effects, preprocessing, weighting, seed=seed, known=known or {})
     split = split_by_phase(problem, measurements, options, folds, progress)
     workers = replace(workers, progress=progress)
-    return split.result(
-        estimator, list(workers.map(partial(_whole_fold, split, estimator), range(folds)))
-    )
+    return split.result(estimator, list(workers.map(partial(split.judged, estimator), range(folds))))
 
 
 @dataclass(frozen=True)
@@ -229,6 +227,10 @@ class Split:
             return None
         task = make_task(self.problem, own, train, self.weighting, self.seed)
         return FoldData(*self.phases.stretch(number), task, test)
+
+    def judged(self, estimator: Estimator, number: int) -> Fold | None:
+        data = self.fold(number)
+        return None if data is None else data.judged(estimator)
 
     def result(self, estimator: Estimator, judged: Sequence[Fold | None]) -> CrossValidation:
         """What folds add up to. Raises InputError where none has rows to judge on."""
@@ -290,11 +292,6 @@ def split_by_phase(
     if not all(common.select(phases.training(k)).factors for k in range(folds)):
         raise _too_short(runs.names[0], phases)
     return Split(problem, model, runs, settings, phases, common, options.weighting, options.seed, raw)
-
-
-def _whole_fold(split: Split, estimator: Estimator, number: int) -> Fold | None:
-    data = split.fold(number)
-    return None if data is None else data.judged(estimator)
 
 
 def _too_short(name: str, split: PhaseFolds) -> InputError:

@@ -227,9 +227,9 @@ def consistent(links: Array) -> bool:
     return bool(np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]))
 
 
-def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000, seed: int = 0) -> float:
+def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000) -> float:
     """Share of random poses at which the joint-space inertia matrix M(q) is positive definite."""
-    matrices = robot.mass_matrices(links, robot.random_configurations(poses, seed))
+    matrices = robot.mass_matrices(links, robot.random_configurations(poses, 0))
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
 
 

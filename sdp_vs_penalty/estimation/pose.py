@@ -196,14 +196,12 @@ def with_reference(
     compressed: Callable[[Model], Regression],
     weighting: str = "noise",
     progress: Progress = no_progress,
-    passes: int = 2,
 ) -> Model:
     """The model with the current model that its torque-dependent effects refer to: least squares without
-    those effects, then ``passes - 1`` times with them. compressed : the training data in the columns of
-    a model."""
+    those effects, then with them. compressed : the training data in the columns of a model."""
     reference = np.zeros(len(model.parameters))
-    for k in range(passes):
-        progress(f"the current model, pass {k + 1} of {passes}")
+    for k in range(2):
+        progress(f"the current model, pass {k + 1} of 2")
         part = model.reference_free if k == 0 else replace(model, reference=reference)
         regression = compressed(part)
         theta = make_task(problem, part, regression, weighting).ols

@@ -77,12 +77,14 @@ def at_end(u: float, low: float, high: float) -> bool:
 
 
 def open_shapes(effects: Sequence[Effect]) -> list[tuple[Effect, int, str]]:
-    """The constants that `identify` estimates: of their kind and not given, joint by joint."""
+    """The constants that `identify` estimates: of effects with one column a joint, of their kind and
+    not given, joint by joint."""
     return [
         (effect, joint, key)
         for effect in effects
         for key, shape in effect.shapes.items()
         if shape.role == "estimated" and key not in effect.given
+        if len(effect.parameters) == len(effect.joints)
         for joint in effect.joints
     ]
 
@@ -156,8 +158,7 @@ class _Cells:
 @dataclass(frozen=True)
 class _Bank:
     """One shape constant of one effect on one joint: the value that the model has, the values (K,) whose
-    columns are known (the first and the last are the range), where these (K, k) stand among all
-    others."""
+    columns are known (the first and the last are the range), where these (K,) stand among all others."""
 
     effect: Effect
     joint: int
@@ -198,8 +199,8 @@ def _with_banks(
         if ends[0] <= now <= ends[-1]:  # in place of those within a tenth of it: exact there as well
             grid = tuple(sorted({now, *(g for g in grid if g in ends or abs(np.log(g / now)) > 0.1)}))
         parts.append(_Grid([alone(effect, joint, **{key: value}) for value in grid]))
-        columns = first + np.arange(len(parts[-1].parameters)).reshape(len(grid), -1)
-        first += columns.size
+        columns = first + np.arange(len(grid))
+        first += len(grid)
         banks.append(_Bank(alone(effect, joint), joint, key, now, np.array(grid), columns))
     return Model(model.robot, (*fixed, *parts), gains=model.gains, known=model.known), base, banks
 
@@ -267,38 +268,31 @@ class _Profile:
         return np.array([np.clip(np.log(b.now), *b.ends) for b in self.banks])
 
     @cached_property
-    def _owner(self) -> NDArray[np.intp]:
-        """(M,) whose the columns at one value of each constant are."""
-        return np.repeat(np.arange(len(self.banks)), [b.columns.shape[1] for b in self.banks])
-
-    @cached_property
     def _parts(self) -> list[Array]:
-        """Of each bank (K, k r) its columns at all values, one after the other."""
-        ends = np.cumsum([b.columns.size for b in self.banks])[:-1]
-        pairs = zip(self.banks, np.split(self.columns.T, ends), strict=True)
-        return [np.ascontiguousarray(x).reshape(len(b.values), -1) for b, x in pairs]
+        """Of each bank its columns at all values (K, r)."""
+        ends = np.cumsum([len(b.values) for b in self.banks])[:-1]
+        return [np.ascontiguousarray(x) for x in np.split(self.columns.T, ends)]
 
     def _made(self, u: Array) -> tuple[Array, Array]:
-        """The columns (r, M) at constants ln u (B,), and their derivatives."""
+        """The columns (r, B) at constants ln u (B,), and their derivatives."""
         pairs = zip(self.banks, self._parts, u.tolist(), strict=True)
-        both = np.concatenate([bank.weights(x) @ part for bank, part, x in pairs], axis=1)
-        A, D = both.reshape(2, -1, len(self.torque)).swapaxes(1, 2)
+        A, D = np.array([bank.weights(x) @ part for bank, part, x in pairs]).transpose(1, 2, 0)
         return A, D
 
     @cached_property
     def _brakes(self) -> NDArray[np.bool_]:
-        """(M,) which of their coefficients are not negative."""
-        return np.array([p.lower == 0.0 for b in self.banks for p in b.effect.parameters])
+        """(B,) whose coefficients are not negative."""
+        return np.array([b.effect.parameters[0].lower == 0.0 for b in self.banks])
 
     def at(self, u: Array) -> tuple[Array, Array]:
         """What is left of the torque (r,) at constants ln u (B,), and its slopes (r, B)."""
         theta, U, D = self._solved(u)
-        slopes = (D * theta) @ np.eye(len(self.banks))[self._owner]
+        slopes = D * theta
         return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
 
     def _solved(self, u: Array) -> tuple[Array, Array, Array]:
-        """(M,) coefficients of the columns at constants ln u (B,), what they span, and the columns'
-        derivatives (r, M). What would push instead of brake is left out."""
+        """(B,) coefficients of the columns at constants ln u (B,), what they span, and the columns'
+        derivatives (r, B). What would push instead of brake is left out."""
         A, D = self._made(u)
         used, theta = np.ones(len(self._brakes), bool), np.zeros(len(self._brakes))
         while True:
@@ -310,32 +304,22 @@ class _Profile:
             used &= ~pushes
 
     def near(self, found: Sequence[ShapeEstimate]) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
-        """Columns (p, d) in which a fit near what was found is linear: what the other columns show, each
-        bank's at the value that the model has, and, of a constant that moves, those at its new value
-        and, within its range, their derivative; (d,) whose each is, -1 of no bank, and whether it is
-        new.
+        """Columns (p, d) in which a fit near what was found is linear: what the other columns show; then
+        each bank's at the value that the model has, and, of a constant that moves, those at its new
+        value and, within its range, their derivative. Of these last (c,) whose each is, and whether it
+        is new.
         """
-        u = np.log([s.after for s in found])
-        theta = self._solved(u)[0]
-        p = len(self.shown) + sum(b.columns.size for b in self.banks)
-        parts = [(np.eye(p, len(self.shown)) @ self.shown, -1, False)]
-        for k, bank in enumerate(self.banks):
-
-            def placed(weights: Array, at: NDArray[np.intp] = bank.columns) -> Array:
-                out = np.zeros((p, at.shape[1]))
-                out[at, np.arange(at.shape[1])] = weights[:, None]
-                return out
-
-            parts.append((placed(bank.weights(self.now[k])[0]), k, False))
-            if found[k].after != found[k].before:
-                value, slope = bank.weights(u[k])
-                parts.append((placed(value), k, True))
-                if not found[k].at_end:
-                    turn = placed(slope) @ theta[self._owner == k]
-                    parts.append((turn[:, None], k, True))
-        wide = [x.shape[1] for x, _, _ in parts]
-        of, new = (np.repeat([part[i] for part in parts], wide) for i in (1, 2))
-        return np.column_stack([x for x, _, _ in parts]), of, new
+        p, parts = len(self.shown) + self.columns.shape[1], list[tuple[Array, int, bool]]()
+        for k, (bank, s) in enumerate(zip(self.banks, found, strict=True)):
+            parts.append((bank.weights(self.now[k])[0], k, False))
+            if s.after != s.before:
+                several = bank.weights(float(np.log(s.after)))
+                parts += [(x, k, True) for x in several[: 1 if s.at_end else 2]]
+        T = np.zeros((p, len(parts)))
+        for out, (weights, k, _) in zip(T.T, parts, strict=True):
+            out[self.banks[k].columns] = weights
+        of, new = (np.array([part[i] for part in parts]) for i in (1, 2))
+        return np.column_stack([np.eye(p, len(self.shown)) @ self.shown, T]), of, new
 
     def loss(self, u: Array) -> float:
         """Squared error at constants ln u (B,)."""
@@ -346,13 +330,11 @@ class _Profile:
         that is next to no gain."""
         u = self.now.copy()
         for k, (bank, part) in enumerate(zip(self.banks, self._parts, strict=True)):
-            U = visible(self._made(u)[0][:, self._owner != k])[0]
-            known = part.reshape(*bank.columns.shape, -1)
-            left = known - (known @ U) @ U.T  # (K, k, r)
-            made, gram = left @ self.torque, left @ left.swapaxes(1, 2)
-            theta = np.squeeze(np.linalg.pinv(gram, 1e-12, hermitian=True) @ made[..., None], 2)
-            theta[self._brakes[self._owner == k] & (theta < 0.0)] = 0.0
-            taken = np.sum(theta * (2.0 * made - np.squeeze(gram @ theta[..., None], 2)), axis=1)
+            U = visible(np.delete(self._made(u)[0], k, axis=1))[0]
+            left = part - (part @ U) @ U.T
+            made = left @ self.torque
+            made = np.maximum(made, 0.0) if self._brakes[k] else made
+            taken = made**2 / or_one(np.sum(left**2, axis=1))
             grid, best = np.log(bank.values), int(np.argmax(taken))
             gain = taken[best] - taken[np.argmin(np.abs(grid - u[k]))]
             u[k] = grid[best] if gain > 0.5 * SHAPE_GAIN * self.variance else u[k]
@@ -391,9 +373,8 @@ class _Profile:
             u = np.where(moves, u, self.now)
         stds = np.sqrt(self.variance) * deviations(self.at(u)[1])
         out = []
-        for k, bank in enumerate(self.banks):
+        for k, (bank, std) in enumerate(zip(self.banks, stds.tolist(), strict=True)):
             low, high = bank.ends
-            std = float(stds[k])
             # As many digits as a written effect has; a spread wider than the range bounds nothing.
             after = float(f"{np.exp(u[k]):.6g}") if moves[k] else bank.now
             std = after * std if std < (high - low) / np.sqrt(12.0) else np.inf
@@ -426,12 +407,11 @@ def _confirmed(
     grams /= size * size[:, None]
     rest = grams.sum(axis=0) - grams + UNSEEN * np.eye(len(size))
     # The columns of no bank, which come first, take what they can in every fit.
-    first, unit = int(np.sum(of < 0)), np.eye(len(size))
+    first, unit = T.shape[1] - len(of), np.eye(len(size))
     Z = np.tile(unit[:, first:], (count, 1, 1))
     Z[:, :first] = -np.linalg.solve(rest[:, :first, :first], rest[:, :first, first:])
     grams, rest = (Z.swapaxes(1, 2) @ x @ Z for x in (grams, rest))
-    of, new, size = of[first:], new[first:], size[first:]
-    fits = np.zeros((len(moved) + 1, count, len(size)))
+    fits = np.zeros((len(moved) + 1, count, len(size) - first))
     for fit, k in zip(fits, (-1, *moved), strict=True):  # none of them, each alone
         used = np.flatnonzero(np.where(of == k, new, ~new))
         fit[:, used] = np.linalg.solve(rest[:, used[:, None], used], rest[:, used, -1:])[..., 0]

@@ -85,12 +85,6 @@ def physical_limits(task: Task) -> Array:
     return np.column_stack([low, task.bound])
 
 
-def combined_limits(rows: Array, limits: Array) -> Array:
-    """(b, 2) limits of linear combinations (b, p) of parameters with limits (p, 2)."""
-    ends = np.where(rows > 0.0, limits.T[:, None], limits.T[::-1, None])
-    return np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2).T
-
-
 def _verdict(half: float, value: float, largest: float) -> str:
     for (own, absolute), verdict in ((IDENTIFIABLE_WIDTH, IDENTIFIABLE), (WEAK_WIDTH, WEAKLY)):
         if half <= max(own * min(value, largest), absolute * largest if np.isfinite(largest) else 0.0):
@@ -214,6 +208,7 @@ def _uncertainty(
 
     def told(base: BaseParameters) -> tuple[Interval, ...]:
         rows = base.rows
+        ends = np.where(rows > 0.0, limits.T[:, None], limits.T[::-1, None])
         noise = np.hypot(known.half_widths(_padded(known, rows), LEVEL) / NORMAL_95, rows @ apart)
         other = np.hstack([rows @ extra, rows @ gains @ gain_errors])
         std = np.hypot(noise, np.linalg.norm(other, axis=1))
@@ -221,7 +216,7 @@ def _uncertainty(
             base.names,
             [parameters[k].unit for k in base.leading],
             np.stack([rows @ value, rows @ task.ols, std]),
-            combined_limits(rows, limits),
+            np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2).T,
             np.fmin(np.abs(rows) @ task.bound, largest[base.leading]),
         )
 

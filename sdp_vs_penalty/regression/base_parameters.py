@@ -20,7 +20,7 @@ from sdp_vs_penalty.robot.robot import Robot
 
 
 def base_parameters(
-    model: Model, independent: Sequence[str] | None = None, seed: int = 0
+    model: Model, independent: Sequence[str] | None = None
 ) -> tuple[Array, tuple[int, ...]]:
     """The structural base parameters of a robot: pi = B theta, with B (b, 10 n) for rigid links.
 
@@ -30,7 +30,7 @@ def base_parameters(
     indices of theta_b. Raises InputError where those named are not independent.
     """
     robot = model.robot
-    motion = random_motion(robot, seed)
+    motion = random_motion(robot, 0)
     stacked = robot.regressor(motion.q, motion.dq, motion.ddq).reshape(-1, 10 * robot.links)
     if independent is None:
         return structure(stacked)
@@ -97,9 +97,9 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     return BaseParameters(rows, names, leading)
 
 
-def random_motion(robot: Robot, seed: int, count: int = 0) -> Motion:
-    """``count`` states, or enough to tell apart whatever can be told apart."""
-    count = count or 20 * robot.n + 100
+def random_motion(robot: Robot, seed: int) -> Motion:
+    """Enough states to tell apart whatever can be told apart."""
+    count = 20 * robot.n + 100
     q = robot.random_configurations(count, seed)
     dq, ddq = np.random.default_rng(seed).normal(size=(2, count, robot.n))
     return Motion(np.zeros(count), q, dq, ddq)

@@ -55,12 +55,12 @@ class BlackBox:
         return digest((self.q, self.gravity, self.mass_matrix))
 
     @classmethod
-    def of_links(cls, robot: Robot, links: ArrayLike, q: ArrayLike, name: str = "simulated") -> BlackBox:
+    def of_links(cls, robot: Robot, links: ArrayLike, q: ArrayLike) -> BlackBox:
         """The answers that links (n, 10), standard parameters, would give at q (K, n)."""
         q = np.asarray(q, float)
         rest = np.zeros_like(q)
         gravity = robot.inverse_dynamics(links, q, rest, rest)
-        return cls(q, gravity, robot.mass_matrices(links, q), (name,))
+        return cls(q, gravity, robot.mass_matrices(links, q), ("simulated",))
 
 
 def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:

@@ -56,15 +56,11 @@ class MotionRecord(Plain):
         """How many states are kept."""
         return sum(len(line) for line in self.lines)
 
-    def is_new(self, q: Array, dq: Array) -> NDArray[np.bool_]:
-        """(M,) whether states q, dq (M, n) are farther than the distance from all of the path."""
-        rows = (np.hstack([q, dq]) - self.centre) / self.scale
-        return ~_near(self._path, rows, self.distance)
-
     def new_share(self, q: Array, dq: Array) -> float:
-        """Share of the rows q, dq (M, n) that are new."""
-        pairs = zip(parts(q), parts(dq), strict=True)
-        return float(np.mean(np.concatenate([self.is_new(a, b) for (_, a), (_, b) in pairs])))
+        """Share of the rows q, dq (M, n) that are new: not within the distance of any point."""
+        both = (np.hstack([x, dq[k : k + len(x)]]) for k, x in parts(q))
+        rows = ((x - self.centre) / self.scale for x in both)
+        return 1.0 - float(np.mean(np.concatenate([_near(self._path, x, self.distance) for x in rows])))
 
     def new_share_of(self, measurements: Measurements, settings: Preprocessing) -> float | None:
         """The same of runs' filtered rows; ``settings`` must be resolved. None where none are left."""

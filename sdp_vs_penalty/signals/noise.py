@@ -207,7 +207,8 @@ def differences(runs: SegmentedRuns, residual: Array, repeats: Sequence[Repeat])
     """(D, n) of noise with the variance of one residual: (r(t) - r(t + T)) / sqrt(2)."""
     from scipy.interpolate import CubicSpline
 
-    dense = [CubicSpline(s.t_dense, r) for s, r in zip(runs.segments, runs.dense_residuals, strict=True)]
+    left = ((s.t_dense, s.torque_dense - s.dense @ s.motion.model_torque) for s in runs.segments)
+    dense = [CubicSpline(*both) for both in left]
     parts = [residual[r.rows] - dense[r.other](r.later) for r in repeats]
     return np.concatenate(parts) / np.sqrt(2.0)
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,10 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
     """
     mask = np.zeros(len(white), bool)
     count = max(sum(len(p) for p in pieces), 1) * len(_LENGTHS) * tests
-    limits = [length * _largest_variance(FALSE_EVENT / count, length, degrees) for length in _LENGTHS]
+    # The upper quantile of F: d / (d + length F) is distributed as beta.
+    lengths = np.array(_LENGTHS)
+    w = betaincinv(0.5 * degrees, 0.5 * lengths, FALSE_EVENT / count)
+    limits = (degrees * (1.0 - w) / w).tolist()
     for piece in pieces:
         energy = np.concatenate([[0.0], np.cumsum(white[piece] ** 2)])
         for length, limit in zip(_LENGTHS, limits, strict=True):
@@ -56,12 +58,6 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
             for first in hits:
                 mask[piece[first : first + length]] = True
     return mask
-
-
-def _largest_variance(p: float, length: int, degrees: float) -> float:
-    """The variance of ``length`` rows that noise exceeds with probability p: F's upper quantile."""
-    w = float(betaincinv(0.5 * degrees, 0.5 * length, p))  # d / (d + length F)
-    return degrees * (1.0 - w) / (length * w)
 
 
 def lone_windows(
@@ -138,29 +134,20 @@ def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
     b_i rate_i with a, b_i >= 0, rates (M, r) squared, from squares clipped so that an event does not
     shape it.
     """
+    from scipy.optimize import nnls
+
     used = white != 0.0
     if used.sum() < 20 * (rates.shape[1] + 1):
         return np.ones(len(wanted))
     size = np.maximum(np.mean(rates[used], axis=0), 1e-24)
     squares = white[used] ** 2
     squares = np.minimum(squares, (3.0 * robust_scale(white[used])) ** 2)
-    law = _not_negative(np.column_stack([np.ones(len(squares)), rates[used] / size]), squares)
+    law = nnls(np.column_stack([np.ones(len(squares)), rates[used] / size]), squares)[0]
     level = float(law.sum())
     if level <= 0.0:
         return np.ones(len(wanted))
     variance = (law[0] + (wanted / size) @ law[1:]) / level
     return np.sqrt(np.clip(variance, *_MODULATION))
-
-
-def _not_negative(A: Array, b: Array) -> Array:
-    """x (k,) >= 0 with the least |A x - b|: of few columns A (m, k) every choice is tried."""
-    gram, right, k = A.T @ A, A.T @ b, A.shape[1]
-    used = np.array(list(product((0.0, 1.0), repeat=k)))
-    grams = gram * used[:, :, None] * used[:, None]
-    grams += np.eye(k) * (1.0 - used + 1e-14 * np.trace(gram))[:, None]
-    tried = np.squeeze(np.linalg.solve(grams, (right * used)[..., None]), 2)
-    tried = tried[np.all(tried >= 0.0, axis=1)]
-    return np.asarray(tried[np.argmin(np.sum(tried * (tried @ gram - 2.0 * right), axis=1))])
 
 
 def robust_scale(white: Array) -> float:

@@ -46,12 +46,12 @@ class MotionClock:
         return np.asarray(since % self.length if self.periodic else np.clip(since, 0.0, self.length))
 
 
-def tracks_of(measurements: Measurements, highest: float = 100.0) -> list[Track]:
-    """The positions of each run, at the ``highest`` rate [Hz] at most: they hold little above."""
+def tracks_of(measurements: Measurements) -> list[Track]:
+    """The positions of each run, at 100 Hz at most: they hold little above."""
     out = []
     for run in measurements.runs():
         span = float(run.t[-1] - run.t[0])
-        rate = min(sample_rate(run), highest, _MOST / span)
+        rate = min(sample_rate(run), 100.0, _MOST / span)
         t = run.t[0] + np.arange(int(span * rate) + 1) / rate
         out.append((t, interpolated(t, run.t, run.q)))
     return out

@@ -72,8 +72,8 @@ class Columns:
         """Blocks of (M, k) of the true torque, of each effect."""
         found = [self._known(effect) for effect in effects]
         missing = [k for k, known in enumerate(found) if known is None]
-        wide = [k for k in missing if self._by_parts(effects[k])]
-        narrow = [k for k in missing if k not in wide]
+        few = [depends(e) or e.has_memory or len(e.parameters) < _WIDE for e in effects]
+        wide, narrow = ([k for k in missing if few[k] == is_few] for is_few in (False, True))
         lots = [[k] for k in wide] + [narrow[k : k + _AT_ONCE] for k in range(0, len(narrow), _AT_ONCE)]
         for lot in lots:
             made = self._made([effects[k] for k in lot], lot[0] in wide)
@@ -84,11 +84,6 @@ class Columns:
                 while len(kept) > _MOST:
                     kept.pop(next(iter(kept)))
         return [blocks for blocks in found if blocks is not None]
-
-    @staticmethod
-    def _by_parts(effect: Effect) -> bool:
-        whole = depends(effect) or effect.has_memory
-        return not whole and len(effect.parameters) >= _WIDE
 
     def _made(self, effects: Sequence[Effect], by_parts: bool) -> list[list[Block]]:
         rows, made = [], list[list[Block]]()
@@ -104,8 +99,8 @@ class Columns:
         return [[replace(b, columns=next(columns)) for b in blocks] for blocks in made]
 
     def _known(self, effect: Effect) -> list[Block] | None:
-        known = self._kept[depends(effect)].get(self._key(effect))
-        return known[1] if known is not None and known[0].same_columns(effect) else None
+        one, blocks = self._kept[depends(effect)].get(self._key(effect), (None, None))
+        return blocks if one is not None and one.same_columns(effect) else None
 
     def _key(self, effect: Effect) -> Hashable:
         width = None if effect.signless or not self._parts else self._parts[0][1].sign_width
@@ -242,11 +237,6 @@ class SegmentedRuns:
                 std, no_law = lawless(self.residual[keep, j], laws[keep], share[keep])
                 held[:, j], stuck[:, j] = std * share, no_law & (share > STILL)
         return held, stuck
-
-    @cached_property
-    def dense_residuals(self) -> list[Array]:
-        """The same on the dense grid, per segment (D, n)."""
-        return [s.torque_dense - s.dense @ s.motion.model_torque for s in self.segments]
 
     @cached_property
     def keep(self) -> NDArray[np.bool_]:
