@@ -1,7 +1,5 @@
 """How results show themselves: five lines in a terminal, a table in a notebook, matplotlib if asked."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from html import escape

@@ -4,8 +4,6 @@ An item is a run or an instance; what comes back is small, such as the triangula
 recording.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import threading

@@ -1,7 +1,5 @@
 """A file in a folder is a registration: the modules of a package, and the classes that they define."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module

@@ -4,8 +4,6 @@ A verb prints its verdict, then what to do next, then tables; three significant 
 headings.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shlex

@@ -3,8 +3,6 @@
 The files that a verb is given are protected before it runs.
 """
 
-from __future__ import annotations
-
 import errno
 import gc
 import os

@@ -1,8 +1,6 @@
 """Options of the verbs, a line each: of one verb at the end of its docstring, of several in SHARED; and
 words of the command line to plain values."""
 
-from __future__ import annotations
-
 import argparse
 import inspect
 import json

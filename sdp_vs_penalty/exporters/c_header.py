@@ -1,7 +1,5 @@
 """Inverse dynamics as one C header without dependencies, for a controller's real-time loop."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from string import Template

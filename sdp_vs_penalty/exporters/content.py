@@ -1,7 +1,5 @@
 """What of a model a simulator's file can hold: links, damping, dry friction, armature."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass

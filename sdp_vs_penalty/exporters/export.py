@@ -1,7 +1,5 @@
 """Take a model elsewhere: simulators, controllers, tables."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path

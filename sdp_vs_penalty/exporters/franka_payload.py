@@ -1,7 +1,5 @@
 """A payload for Franka's controllers: an end effector's endeffector-config.json."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Friction by velocity, joint by joint, for a controller that feeds it forward."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A model's links as a table, as command line, page and report show them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.estimation.constants import ROUNDING

@@ -1,7 +1,5 @@
 """A MuJoCo model (MJCF) with full inertias, armature, damping and dry friction."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

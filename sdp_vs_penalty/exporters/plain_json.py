@@ -1,7 +1,5 @@
 """The model as plain JSON: also the effects that a URDF or MJCF has no place for."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

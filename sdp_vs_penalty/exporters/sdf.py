@@ -1,7 +1,5 @@
 """A model in SDFormat, for Gazebo and Drake: links on their joints, damping and dry friction."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

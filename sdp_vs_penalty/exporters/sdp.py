@@ -9,8 +9,6 @@ Sources: the SDPA format as in Borchers, SDPLIB (Optim. Methods Softw. 1999); H.
 format reference, version 3.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """A payload for Universal Robots' controllers: URScript's set_target_payload."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options, number, payload
 

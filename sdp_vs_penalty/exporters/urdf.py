@@ -1,7 +1,5 @@
 """A URDF made from a model, or the user's own URDF with its inertials and friction replaced."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

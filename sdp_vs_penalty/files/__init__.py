@@ -1,7 +1,5 @@
 """Inputs are bounded; outputs are written whole or not at all, never over what the command has read."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sdp_vs_penalty.files.inputs import (

@@ -4,8 +4,6 @@ A regular file, no device and no pipe; at most so many bytes by its kind; and wh
 it, at most so much memory. Whatever a file holds, it costs a bounded amount and ends in one sentence.
 """
 
-from __future__ import annotations
-
 import csv
 import errno
 import io

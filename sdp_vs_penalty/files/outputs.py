@@ -1,7 +1,5 @@
 """Outputs are written whole or not at all, never over what the same command has read."""
 
-from __future__ import annotations
-
 import csv
 import glob
 import io

@@ -1,7 +1,5 @@
 """Frozen dataclasses as plain JSON, there and back, by the types of their fields."""
 
-from __future__ import annotations
-
 import collections.abc
 import types
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The arm in 3D: ellipsoids of the links, moved with a run; a simulated arm beside the measured one."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Who may talk to the page: whoever has the printed address, from the page itself, and nobody else."""
 
-from __future__ import annotations
-
 import hmac
 import sys
 from collections.abc import Awaitable, Callable, MutableMapping

@@ -1,7 +1,5 @@
 """The page's charts as what plotly's script takes; the figures are those of the report."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -3,8 +3,6 @@
 Options of the command line are fields made from its verbs, not listed again.
 """
 
-from __future__ import annotations
-
 from argparse import Action
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress

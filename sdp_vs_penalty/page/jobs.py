@@ -4,8 +4,6 @@ Every job loads what it needs from files of the session's folder and leaves its 
 a job that is killed has changed nothing.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """What a job is asked, plain JSON, as problem, runs and model; jobs about runs: read, made, repaired."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace

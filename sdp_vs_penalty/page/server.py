@@ -1,7 +1,5 @@
 """The local server: addresses, who may ask, start and end."""
 
-from __future__ import annotations
-
 import asyncio
 import atexit
 import contextlib

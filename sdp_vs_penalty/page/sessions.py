@@ -1,7 +1,5 @@
 """All tabs of a server: sessions by their secret names, kept a while after a tab is closed."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import secrets

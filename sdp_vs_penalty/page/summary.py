@@ -1,7 +1,5 @@
 """What the page shows of a model: errors beside the noise, where it fails, its torques as curves."""
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Iterable, Sequence

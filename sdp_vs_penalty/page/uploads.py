@@ -1,7 +1,5 @@
 """Files that people drop: kept under names of our own in the session's private folder."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import os

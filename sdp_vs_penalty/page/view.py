@@ -1,7 +1,5 @@
 """What one tab looks at (joint, run, methods), and what its stages and their parts are made of."""
 
-from __future__ import annotations
-
 from argparse import Action
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

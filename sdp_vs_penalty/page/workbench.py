@@ -1,7 +1,5 @@
 """The page of one tab: header, the rail of stages, their screens, and the dock of what is going on."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import time

@@ -3,8 +3,6 @@
 One is always started in advance; cancelling a job kills its worker; each ends with the server.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

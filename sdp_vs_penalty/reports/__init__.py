@@ -1,7 +1,5 @@
 """One self-contained HTML file about one or several models: :func:`report` is the verb."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -3,8 +3,6 @@
 The verb ``demo`` and the page's button "Show me" take the same steps as anybody with a real arm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

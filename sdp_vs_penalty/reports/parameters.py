@@ -1,7 +1,5 @@
 """The sections of the report about the parameters: intervals, consistency, the arm as a picture."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures as plain markup for report and page: error over noise as bars, causes as a heat map."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path

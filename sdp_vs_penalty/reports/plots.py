@@ -1,7 +1,5 @@
 """Figures that the report and the workbench page share."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

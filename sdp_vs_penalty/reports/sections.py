@@ -1,7 +1,5 @@
 """The sections of the report, but for those about the parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html import escape

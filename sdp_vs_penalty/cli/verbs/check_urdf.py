@@ -1,7 +1,5 @@
 """Check a URDF's inertials for physical consistency."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

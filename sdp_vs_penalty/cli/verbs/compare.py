@@ -1,7 +1,5 @@
 """Compare models with runs: error and noise of each joint."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

@@ -1,7 +1,5 @@
 """The main job in small: a simulated arm, from its log to a better model."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console

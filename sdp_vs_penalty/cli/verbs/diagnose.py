@@ -1,7 +1,5 @@
 """Name the physical effects that a model is missing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Design an exciting trajectory within the robot's limits."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

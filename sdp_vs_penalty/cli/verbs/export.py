@@ -1,7 +1,5 @@
 """Export a model: URDF, MJCF, JSON, NumPy, C header, friction table."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

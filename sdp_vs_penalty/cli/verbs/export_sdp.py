@@ -1,7 +1,5 @@
 """Write the identification SDP for another solver."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

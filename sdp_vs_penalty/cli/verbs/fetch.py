@@ -1,7 +1,5 @@
 """Download public measurements as RUN.csv files."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from pathlib import Path

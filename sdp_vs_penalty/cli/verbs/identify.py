@@ -1,7 +1,5 @@
 """Identify dynamic parameters from runs, with a certificate."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any

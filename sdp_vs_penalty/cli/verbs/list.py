@@ -1,7 +1,5 @@
 """List problems, effects, methods, solvers, tables and more."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 from sdp_vs_penalty.errors import unknown

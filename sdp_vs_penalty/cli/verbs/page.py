@@ -1,7 +1,5 @@
 """Open the workbench in a browser."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sdp_vs_penalty.errors import missing_extra

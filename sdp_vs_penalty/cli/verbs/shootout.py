@@ -1,7 +1,5 @@
 """Run SDP solvers and judge their answers by proved bounds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console

@@ -1,7 +1,5 @@
 """Simulate runs with a hidden effect, or run a model forward."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console

@@ -1,7 +1,5 @@
 """Regenerate the paper's tables."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sdp_vs_penalty.cli.options import Budget

@@ -1,7 +1,5 @@
 """Check proofs of optimality in exact arithmetic."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sdp_vs_penalty.errors import InputError

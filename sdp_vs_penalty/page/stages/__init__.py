@@ -1,7 +1,5 @@
 """The five stages of the README's picture, each a screen, and what most people do without."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.page.stages.advanced import ADVANCED
 from sdp_vs_penalty.page.stages.check import CHECK
 from sdp_vs_penalty.page.stages.diagnose import DIAGNOSE

@@ -1,7 +1,5 @@
 """Advanced: other methods, certificate and proof, the problem for other solvers."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from sdp_vs_penalty.page import controls as draw

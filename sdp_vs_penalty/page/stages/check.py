@@ -1,7 +1,5 @@
 """Check: what the measurements look like, and what the check says of them."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from sdp_vs_penalty import formatting

@@ -1,7 +1,5 @@
 """Diagnose: the error from model to model; which effects are missing, each to be added with a click."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import nullcontext
 from functools import partial

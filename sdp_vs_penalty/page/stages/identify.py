@@ -1,7 +1,5 @@
 """Identify: what makes torque to begin with, how well it fits and where it fails, what was found."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import nullcontext
 from functools import partial

@@ -1,7 +1,5 @@
 """Measure: which robot, and which measurements."""
 
-from __future__ import annotations
-
 import tomllib
 from functools import partial
 from typing import Any

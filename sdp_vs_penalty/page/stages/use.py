@@ -1,7 +1,5 @@
 """Use: the model's files, and the model run forward."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 
