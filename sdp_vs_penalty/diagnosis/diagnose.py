@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,20 +21,19 @@ from sdp_vs_penalty.diagnosis.conclude import (
 from sdp_vs_penalty.diagnosis.constants import APART, OUTSIDE, RAISES
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers, on_folds, on_test, raises
+from sdp_vs_penalty.diagnosis.held_out import Judge, lowers, raises
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
-from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
 from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.motion import record_motion
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented, subsample_sentence, window_subsample
 
 
@@ -77,14 +76,13 @@ def diagnose(
     if test is not None:
         _, test = driven(whole_estimate, test)
     progress("filtering the runs")
-    recording, whole, given = measurements, None, None
+    recording, whole = measurements, None
     measurements = window_subsample(recording, settings)
     looked = subsample_sentence(measurements, recording, "effects were searched for in")
     test = None if test is None else window_subsample(test, settings)
     rows = diagnosis_rows(measurements, estimate, settings)
     if noise_from is not None:
         given = as_measurements(noise_from, names=names, what="diagnose(noise_from=...)")
-    if given is not None and not (looked and given is recording):
         estimate.require_joints(given, "runs for the noise")
         _, given = driven(whole_estimate, given)
         whole = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
@@ -93,92 +91,33 @@ def diagnose(
     search = Search(data, library(data))
     search.run(progress)
     progress("held-out errors")
-    judge = _Judge(estimate, measurements, test, frozen)
-    found = _offered(search, judge)
+    found = _offered(search, Judge(estimate, measurements, test, frozen))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
-    share = None if test is None else _new_motion(estimate, measurements, test, settings, frozen)
+    record = None if test is None else record_motion(measurements, settings)
+    if frozen and record is not None:  # a frozen model has seen what it was identified from, too
+        known = estimate.training_motion
+        record = None if known is None else record.joined(known)
+    share = None if record is None or test is None else record.new_share_of(test, settings)
     done = conclude(found, gain_errors, share, seed)
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
 
-def _new_motion(
-    estimate: Estimate,
-    searched: Measurements,
-    test: Measurements,
-    settings: Preprocessing,
-    frozen: bool,
-) -> float | None:
-    """Share of the test run's motion that neither the search nor a frozen model has seen."""
-    record, known = record_motion(searched, settings), estimate.training_motion
-    if frozen and record is not None:
-        record = None if known is None else record.joined(known)
-    return None if record is None else record.new_share_of(test, settings)
-
-
-@dataclass(frozen=True)
-class _Judge:
-    """Who has the last word: a test run, or folds."""
-
-    first: Estimate
-    data: Measurements
-    test: Measurements | None
-    frozen: bool
-
-    def of(
-        self,
-        search: Search,
-        effects: Sequence[Effect],
-        estimate: Estimate,
-        by_fold: Mapping[int, Sequence[Effect]] | None = None,
-    ) -> HeldOut:
-        """by_fold : at the places of measured tables, those of the rows outside of each fold."""
-        if self.test is None:
-            return on_folds(search.data, estimate, effects, by_fold)
-        return on_test(estimate, effects, self.data, self.test, self.frozen)
-
-    def outside(self, effect: Effect) -> float:
-        """Share of the test run's rows that leave what an effect is known for; none without one."""
-        if self.test is None:
-            return 0.0
-        rows = with_estimate(
-            segmented(self.test, self.first.preprocessing.resolve(self.test)), self.first
-        )
-        away = np.concatenate(
-            [s.low_pass @ effect.outside(s.motion).astype(float) for s in rows.segments]
-        )
-        return float(np.mean(away[rows.keep.any(axis=1)] > 0.5))
-
-
-def _offered(search: Search, judge: _Judge) -> Found:
+def _offered(search: Search, judge: Judge) -> Found:
     """What data left out do not speak against: constants of the model's own, then findings in order."""
-    first, none = judge.first, np.zeros((search.data.n, len(search.data.rows.t), 0))
-    own = [t for t in search.terms if t.form.own]
-    before = judge.of(search, (), first).errors(()) if own else np.zeros(search.data.n)
-    now, beside, shapes = first, search, []
-    while own:
-        shapes = [shape_estimate(t, first, size_of_term(search, t, none)) for t in own]
-        now = adopted(first, shapes, judge.data)
+    now, shapes, before = _retuned(search, judge)
+    beside = search
+    if shapes:
         beside = search.carried(now)
         # A finding that only mended the old constants goes.
         beside.terms = beside.settled(beside.terms)
         beside.fit = beside.score.fit(beside.terms)
-        after = judge.of(beside, (), now).errors(())
-        worse = set(np.flatnonzero(after > (1.0 + RAISES) * before).tolist())
-        worse |= {s.joint for s in shapes if not told(s, before, after)}
-        if not worse:
-            break
-        kept = [t for t in own if t.form.key[1] not in worse]
-        own = kept if len(kept) < len(own) else []
-        now, beside, shapes = first, search, []
     now, beside = referred(beside, now)
     named = [t for t in beside.terms if not t.form.own]
     terms = sorted(beside.limited(named).terms, key=lambda t: -t.J)
     terms = [t for t in terms if t.J > APART]
-    held_out = judge.of(beside, [t.form.effect for t in terms], now)
-    if not shapes:
-        before = held_out.errors(())
+    held_out = judge.of(beside.data, [t.form.effect for t in terms], now)
     order = held_out.offered(len(terms))
     final = beside.limited([terms[k] for k in order])
     left = what_is_left(final)
@@ -188,7 +127,8 @@ def _offered(search: Search, judge: _Judge) -> Found:
         rest = what_is_left(beside, left.odd)
         if len(rest.matters) < len(left.matters):
             final, left = beside, rest
-    found = Found(first, now, tuple(shapes), final, left, held_out, tuple(order), before)
+    before = held_out.errors(()) if before is None else before
+    found = Found(judge.first, now, tuple(shapes), final, left, held_out, tuple(order), before)
     parts = in_parts(final)
     if not left.matters and not parts:
         return found
@@ -196,14 +136,32 @@ def _offered(search: Search, judge: _Judge) -> Found:
     return _with_curves(found, curves, judge)
 
 
-def _with_curves(found: Found, curves: Sequence[Measured], judge: _Judge) -> Found:
+def _retuned(search: Search, judge: Judge) -> tuple[Estimate, list[ShapeEstimate], Array | None]:
+    """The model with those constants of its own which data left out confirm; these; and the errors of
+    the model as it was given, where it had others."""
+    first, data = judge.first, search.data
+    none = np.zeros((data.n, len(data.rows.t), 0))
+    own = [t for t in search.terms if t.form.own]
+    shapes = [shape_estimate(t, first, size_of_term(search, t, none)) for t in own]
+    before = judge.of(data, (), first).errors(()) if shapes else None
+    while shapes and before is not None:
+        now = adopted(first, shapes, judge.data)
+        after = judge.of(data, (), now).errors(())
+        kept = [s for s in shapes if told(s, before, after)]
+        if len(kept) == len(shapes) and np.all(after <= (1.0 + RAISES) * before):
+            return now, shapes, before
+        shapes = kept if len(kept) < len(shapes) else []
+    return first, [], None
+
+
+def _with_curves(found: Found, curves: Sequence[Measured], judge: Judge) -> Found:
     """Those curves that lower their joint's held-out error by more than what is minor, raise no other's,
     and whose tables the test run does not leave; each with what it does to the errors."""
     named, out = [t.form.effect for t in found.search.terms], list[Measured]()
     places = range(len(named), len(named) + len(curves))
     effects = [*named, *(c.table for c in curves)]
     by_fold = {k: c.by_fold for k, c in zip(places, curves, strict=True)}
-    held = judge.of(found.search, effects, found.estimate, by_fold)
+    held = judge.of(found.search.data, effects, found.estimate, by_fold)
     before, taken = held.errors(range(len(named))), list[int]()
     for k, curve in zip(places, curves, strict=True):
         gone = {t for c in (*out, curve) for t in c.replaced}

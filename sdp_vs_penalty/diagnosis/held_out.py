@@ -44,6 +44,7 @@ from sdp_vs_penalty.regression.regression import (
 )
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
+from sdp_vs_penalty.signals.segments import segmented
 
 
 @dataclass(frozen=True)
@@ -85,26 +86,13 @@ class HeldOut:
         return self._known[key]
 
     def offered(self, count: int) -> list[int]:
-        """Of effects, the likeliest first, those that raise no joint's error by more than RAISES beside
-        the others."""
-        kept = list(range(count))
-
-        def rise(k: int) -> float:
-            return harm(self.errors([i for i in kept if i != k]), self.errors(kept))
-
-        first = [rise(k) for k in kept]
-        for k in sorted(kept, key=lambda k: -first[k]):
-            if first[k] > RAISES and rise(k) > RAISES:
-                kept.remove(k)
+        """Of effects, the likeliest first, those that do no harm beside the ones before them; a second
+        time asked, since what was refused may need what came after it."""
+        kept = list[int]()
+        for k in (*range(count), *range(count)):
+            if k not in kept and not raises(self.errors(kept), self.errors([*kept, k])):
+                kept.append(k)
         return kept
-
-
-def harm(before: Array, after: Array) -> float:
-    """Largest share by which a joint's error rises, of no account where the others' fall repays it."""
-    change = np.log(np.maximum(after, 1e-300) / np.maximum(before, 1e-300))
-    most = float(np.max(change))
-    repaid = -float(np.sum(np.minimum(change, 0.0))) > REPAID * most
-    return 0.0 if repaid else float(np.expm1(most))
 
 
 def lowers(before: Array, after: Array) -> bool:
@@ -113,35 +101,57 @@ def lowers(before: Array, after: Array) -> bool:
 
 
 def raises(before: Array, after: Array) -> bool:
-    """Whether a change does harm."""
-    return harm(before, after) > RAISES
+    """Whether a change does harm: a joint's error rises by RAISES, and the others' fall does not repay
+    it."""
+    change = np.log(np.maximum(after, 1e-300) / np.maximum(before, 1e-300))
+    most, fall = float(np.max(change)), -float(np.sum(np.minimum(change, 0.0)))
+    return most > np.log1p(RAISES) and fall <= REPAID * most
 
 
-def on_test(
-    estimate: Estimate,
-    effects: Sequence[Effect],
-    data: Measurements,
-    test: Measurements,
-    frozen: bool,
-) -> HeldOut:
-    """Errors on a test run of models fitted to the runs that were searched."""
-    settings = estimate.preprocessing
-    model = model_beside(estimate, effects, changes=frozen)
-    train = compress(data, model, settings)
-    there = compress(test, model, settings)
-    if frozen:
-        train, there = (rows.beside(estimate.theta) for rows in (train, there))
-    return HeldOut(estimate, frozen, (Split(tuple(effects), train, there),), "test")
+@dataclass(frozen=True)
+class Judge:
+    """Who has the last word: a test run, or folds by phase. first : the model as it was given; data :
+    the runs that were searched."""
+
+    first: Estimate
+    data: Measurements
+    test: Measurements | None
+    frozen: bool
+
+    def of(
+        self,
+        white: WhiteData,
+        effects: Sequence[Effect],
+        estimate: Estimate,
+        by_fold: Mapping[int, Sequence[Effect]] | None = None,
+    ) -> HeldOut:
+        """Errors of models fitted to the runs that were searched, on the test run, or to all folds but
+        one, on that one; by_fold : at an effect's place, what rows outside of each fold make of it."""
+        if self.test is None:
+            splits = _folds(white, estimate, effects, by_fold or {})
+            return HeldOut(estimate, self.frozen, splits, "folds")
+        model = model_beside(estimate, effects, changes=self.frozen)
+        train, there = (compress(run, model, estimate.preprocessing) for run in (self.data, self.test))
+        if self.frozen:
+            train, there = (rows.beside(estimate.theta) for rows in (train, there))
+        return HeldOut(estimate, self.frozen, (Split(tuple(effects), train, there),), "test")
+
+    def outside(self, effect: Effect) -> float:
+        """Share of the test run's rows that leave what an effect is known for; none without one."""
+        if self.test is None:
+            return 0.0
+        settings = self.first.preprocessing.resolve(self.test)
+        rows = with_estimate(segmented(self.test, settings), self.first)
+        away = [s.low_pass @ effect.outside(s.motion).astype(float) for s in rows.segments]
+        return float(np.mean(np.concatenate(away)[rows.keep.any(axis=1)] > 0.5))
 
 
-def on_folds(
+def _folds(
     data: WhiteData,
     estimate: Estimate,
     effects: Sequence[Effect],
-    by_fold: Mapping[int, Sequence[Effect]] | None = None,
-) -> HeldOut:
-    """Errors on folds by phase, of models fitted to the other folds; by_fold : at an effect's place,
-    what it is as the rows outside of each fold show it."""
+    by_fold: Mapping[int, Sequence[Effect]],
+) -> list[Split]:
     rows, frozen = data.rows, data.frozen
     if estimate is not data.estimate:
         rows = with_estimate(rows, estimate)
@@ -151,7 +161,7 @@ def on_folds(
     parameters = tuple(p for effect in (*own, *effects) for p in effect.parameters)
     fold, splits = folds_of(rows), []
     for f in range(fold.max() + 1):
-        for place, shaped in (by_fold or {}).items():
+        for place, shaped in by_fold.items():
             columns[1 + place] = spread_columns(rows, shaped[f])
         both = np.concatenate([*columns, torque[:, :, None]], axis=2)
         factors = []
@@ -163,7 +173,7 @@ def on_folds(
         blocks = (TimeBlock(0, 0.0, 0.0),) * 2
         every = Regression(parameters, rows.n, blocks, tuple(factors), oversampling=1.0)
         splits.append(Split(tuple(effects), every.select([0]), every.select([1])))
-    return HeldOut(estimate, frozen, splits, "folds")
+    return splits
 
 
 def model_beside(estimate: Estimate, new: Sequence[Effect], changes: bool = False) -> Model:
