@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -188,8 +187,6 @@ def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model
 
 def failure_tables(failures: Sequence[JointFailure]) -> None:
     """All figures of :func:`where_it_fails`."""
-    from sdp_vs_penalty.diagnosis.where_it_fails import BANDS
-
     joints = ["", *(str(f.joint) for f in failures)]
     names = failures[0].held_out_shares
     shares = [(name, *(f"{100 * f.held_out_shares[name]:.0f}" for f in failures)) for name in names]
@@ -200,13 +197,7 @@ def failure_tables(failures: Sequence[JointFailure]) -> None:
         ("noise floor", *(number(f.noise_floor, 2) for f in failures)),
         ("repeatable [%]", *("-" if share is None else f"{100 * share:.0f}" for share in repeats)),
         ("RMS ratio at reversals", *(_short(f.reversal_lift) for f in failures)),
-        ("reversal asymmetry", *(_short(f.reversal_asymmetry) for f in failures)),
     ]
-    for k, (low, high) in enumerate(pairwise(BANDS)):
-        if any(f.band_shares[k] > 0.0 for f in failures):
-            label = f"{low:g}-{high:g} Hz [%]" if np.isfinite(high) else f"above {low:g} Hz [%]"
-            rows.append((label, *(f"{100 * f.band_shares[k]:.0f}" for f in failures)))
-    rows += [(f"correlation {f.joint}", *(f"{c:+.2f}" for c in f.correlation)) for f in failures]
     table("Residual of each joint", joints, rows)
 
 
@@ -228,8 +219,6 @@ def diagnosis(
         explain(f"retune {retune.explanation}{weak}")
     if result.effects:
         _findings(result, units, worth_showing(result.effects) if not verbose else result.effects)
-    if result.beside:
-        explain(result.beside)
     for curve in result.curves:
         explain(f"curve: {curve.sentence(units)}")
     beyond = np.sqrt(np.maximum(result.unexplained, 0.0)) * result.noise_floor

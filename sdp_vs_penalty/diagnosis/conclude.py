@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,24 +22,20 @@ from sdp_vs_penalty.diagnosis.constants import (
     ABSORBED,
     APART,
     FAR,
-    FORM,
-    MATTERS,
     UNCERTAIN,
 )
-from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
+from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.findings import (
-    EFFECT_MISSING,
-    NOTHING_MISSING,
-    UNKNOWN,
     Diagnosis,
     Finding,
     Invisible,
+    Remaining,
     Retune,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
 from sdp_vs_penalty.diagnosis.remaining import Remainder, events, outliers, refitted, remainder
-from sdp_vs_penalty.diagnosis.score import Fit, Term
+from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sentences import REASONS, repeatability_warning, sentence, size_of
 from sdp_vs_penalty.diagnosis.where_it_fails import carriers
@@ -50,7 +47,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, free_constants, prior_deviation
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
 from sdp_vs_penalty.formatting import plain_unit
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM_KNOWN
 from sdp_vs_penalty.signals.standstill import STILL
@@ -94,21 +91,14 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     errors = np.array([found.held_out.errors(found.offered[:k]) for k in range(count)])
     retuned = retunes(found.shapes, found.estimate.robot, found.before, errors[0])
     doubt = torque_errors(data, found.estimate, gain_errors)
-    every = [_finding(found, k, term, errors, doubt) for k, term in enumerate(search.terms)]
-    unsure = noise.source != REPETITION
-    minor = [unsure and not lowers(errors[k], errors[k + 1]) for k in range(len(every))]
-    every = _judged_alone(found, every)
-    findings = tuple(f for f, m in zip(every, minor, strict=True) if not m)
-    beside = tuple(replace(f, confidence="minor") for f, m in zip(every, minor, strict=True) if m)
-    curves = _told(found, seed)
+    findings = tuple(_finding(found, k, t, errors, doubt) for k, t in enumerate(search.terms))
+    floor = noise.floor if data.known else np.zeros(data.n)
+    curves = tuple(c.told(seed + k, float(floor[c.joint])) for k, c in enumerate(found.curves))
     nameless = {j: float(left.beyond[j]) for j in left.matters}
-    for term in (t for t in search.terms if in_pieces(t, search)):
-        (j,) = term.joints
-        own = spread_columns(rows, term.form.effect)[j] @ term.beta
-        nameless[j] = float(np.hypot(nameless.get(j, 0.0), own.std()))
-    verdict = UNKNOWN if nameless or curves else EFFECT_MISSING if findings else NOTHING_MISSING
+    known: Literal["effect_missing", "nothing_missing"]
+    known = "effect_missing" if findings else "nothing_missing"
     return Diagnosis(
-        verdict,
+        "unknown_effect" if nameless or curves else known,
         findings,
         noise.floor,
         invisible_effects(search),
@@ -117,7 +107,7 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         left.share,
         errors[-1],
         rows.cutoff,
-        remarks(data, left, residual, found.held_out.source, new_share),
+        remarks(data, residual, found.held_out.source, new_share),
         found.before if retuned else errors[0],
         found.held_out.source,
         data.frozen,
@@ -125,48 +115,8 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         retuned,
         curves,
         tuple(carriers(rows, residual, left.matters)),
-        tuple((j + 1, size) for j, size in sorted(nameless.items())),
-        beside,
+        tuple(Remaining(j + 1, size) for j, size in sorted(nameless.items())),
     )
-
-
-def in_pieces(term: Term, search: Search) -> bool:
-    """Whether a wave is one of several on its joint that are no harmonics of the slowest: a function of
-    the position that no effect is."""
-    waves = np.array([t.form.effect.waves or 0.0 for t in search.terms if t.key == term.key])
-    orders = waves / or_one(waves.min())
-    return bool(term.form.effect.waves and np.any(np.abs(orders - np.round(orders)) > FORM * orders))
-
-
-def _told(found: Found, seed: int) -> tuple[Curve, ...]:
-    out, noise = [], found.search.data.noise
-    for k, o in enumerate(found.curves):
-        j, after = o.joint, float(o.errors[o.joint])
-        floor = float(noise.floor[j]) if found.search.data.known else 0.0
-        excess = max(o.before**2 - floor**2, 1e-300)
-        share = float(np.clip((o.before**2 - after**2) / excess, 0.0, 1.0))
-        out.append(o.told(seed + k, share, o.before, after))
-    return tuple(out)
-
-
-def _judged_alone(found: Found, findings: Sequence[Finding]) -> list[Finding]:
-    """The findings; of the confident ones only those that by themselves, as `add --confident` takes
-    them, raise no joint's held-out error by what matters: the one without which they raise it least is
-    weak."""
-    out = list(findings)
-
-    def most(chosen: Sequence[int]) -> float:
-        """The largest rise of a joint's error by some of them."""
-        errors = found.held_out.errors([found.offered[k] for k in chosen])
-        return float(np.max(errors / np.maximum(found.held_out.errors(()), 1e-300)))
-
-    sure = [k for k, f in enumerate(out) if f.confidence == "confident"]
-    while sure and most(sure) > 1.0 + MATTERS:
-        worst = min(sure, key=lambda k: most([x for x in sure if x != k]))
-        weak = (*out[worst].remarks, REASONS["not_alone"])
-        out[worst] = replace(out[worst], confidence="weak", remarks=weak)
-        sure.remove(worst)
-    return out
 
 
 def _finding(found: Found, k: int, term: Term, errors: Array, doubt: Array) -> Finding:
@@ -216,7 +166,6 @@ def _reasons(
         "shared": _shared(search, term) > 1.0 - UNCERTAIN,
         "implausible": bool(np.any(torque > np.mean(rows.torque**2, axis=0)))
         or (plausible is not None and np.sqrt(np.mean((known.beta / plausible) ** 2)) > FAR),
-        "pieces": in_pieces(term, search),
         "looks_like": bool(looks_like),
         "curve": any(term in o.replaced for o in found.curves),
     }
@@ -257,13 +206,9 @@ def invisible_effects(search: Search) -> tuple[Invisible, ...]:
     )
 
 
-def remarks(
-    data: WhiteData, left: Remainder, residual: Array, held_out: str, new_share: float | None
-) -> tuple[str, ...]:
+def remarks(data: WhiteData, residual: Array, held_out: str, new_share: float | None) -> tuple[str, ...]:
     """Sentences about the diagnosis as a whole."""
     found = [_noise(data.noise.source), _standstill(data, residual)]
-    if data.noise.source == REPETITION:
-        found.append(_turning(left, data.noise.floor))
     found.append(repeatability_warning(new_share) or "")
     if held_out == "folds":
         found.append(
@@ -303,18 +248,6 @@ def _standstill(data: WhiteData, residual: Array) -> str:
     )
 
 
-def _turning(left: Remainder, floor: Array) -> str:
-    """Where most of what is left is of slow joints."""
-    slow = np.flatnonzero((left.slow > floor) & (left.slow > 2.0 * left.beyond))
-    if not len(slow):
-        return ""
-    errors = ", ".join(f"{left.slow[j]:.2g}" for j in slow)
-    return (
-        f"At low speed of {formatting.joints((slow + 1).tolist())}, {errors} N m or N RMS are left "
-        "beyond the noise: near reversals friction models are least accurate."
-    )
-
-
 @dataclass(frozen=True)
 class Size:
     """beta (k,) with covariance (k, k) of an effect's parameters; constants : standard deviation of each
@@ -347,8 +280,14 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
     inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
     beta = term.beta
     left = fit.residual - T[:, :, :k] @ beta
-    inside = _factor(search, fit, T, left)
-    through = inverse @ np.hstack([inside, _torque(T, fit, errors)])
+    sums = cluster_sums(data.clusters, np.sum(T * left[:, :, None], axis=0))
+    # As many degrees of freedom as there are clusters, less those that the fit has taken.
+    every = (u.T * np.sqrt(len(u) / max(len(u) - T.shape[2], 1.0)) for u in sums)
+    inside = [max(every, key=lambda u: float(np.sum(u**2)))]
+    if errors.shape[2]:
+        doubt = fit.beside(fit.scaled(dict(enumerate(errors))))
+        inside.append(np.tensordot(T, doubt, axes=((0, 1), (0, 1))))
+    through = inverse @ np.hstack(inside)
     covariance = through @ through.T
     least = inverse @ (A - np.diag(prior)) @ inverse
     variances = np.diagonal(covariance)
@@ -360,22 +299,6 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
         for name, d in zip(own, deviations, strict=False)
     }
     return Size(beta, covariance[:k, :k], constants)
-
-
-def _factor(search: Search, fit: Fit, T: Array, left: Array) -> Array:
-    """(K, C) a factor of S, of the clusters that make it largest."""
-    sums = cluster_sums(search.data.clusters, np.sum(T * left[:, :, None], axis=0))
-    # As many degrees of freedom as there are clusters, less those that the fit has taken.
-    every = (u.T * np.sqrt(len(u) / max(len(u) - T.shape[2], 1.0)) for u in sums)
-    return max(every, key=lambda u: float(np.sum(u**2)))
-
-
-def _torque(T: Array, fit: Fit, errors: Array) -> Array:
-    """(K, e) what errors of the torque (n, M, e) do to the normal equations."""
-    if not errors.shape[2]:
-        return np.zeros((T.shape[2], 0))
-    weighted = fit.beside({j: e for j, e in enumerate(errors / fit.level[:, None, None])})
-    return np.tensordot(T, weighted, axes=((0, 1), (0, 1)))
 
 
 def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Array:

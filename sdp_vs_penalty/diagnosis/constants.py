@@ -58,9 +58,7 @@ CHANCE = 1e-3
 #: logs of two simulators, most too low): its square beyond what matters is asked, or that it stands out
 #: of that of half of the joints by the factor, where that is less.
 WITHIN = 2.0
-#: Share by which it has to raise a joint's error above its noise to matter; and by which findings that
-#: are confident may raise a held-out one without the weak ones (UR10's filter: 20 %, on unseen motion
-#: 100 %).
+#: Share by which it has to raise a joint's error above its noise to matter.
 MATTERS = 0.1
 
 # Confidence.

@@ -34,6 +34,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.motion import record_motion
+from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.segments import segmented, subsample_sentence, window_subsample
 
 
@@ -118,7 +119,8 @@ def _offered(search: Search, judge: Judge) -> Found:
     terms = sorted(beside.limited(named).terms, key=lambda t: -t.J)
     terms = [t for t in terms if t.J > APART]
     held_out = judge.of(beside.data, [t.form.effect for t in terms], now)
-    order = held_out.offered(len(terms))
+    # Evidence against a noise that is guessed proves nothing by itself.
+    order = held_out.offered(len(terms), needed=beside.data.noise.source != REPETITION)
     final = beside.limited([terms[k] for k in order])
     left = what_is_left(final)
     if left.matters and left.odd.any():  # what happens once is no evidence, if it is that alone

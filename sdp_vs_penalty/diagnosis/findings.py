@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -22,9 +22,6 @@ from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
-
-EFFECT_MISSING, NOTHING_MISSING, UNKNOWN = "effect_missing", "nothing_missing", "unknown_effect"
-_VERDICTS = (EFFECT_MISSING, NOTHING_MISSING, UNKNOWN)
 
 
 @dataclass(frozen=True)
@@ -90,11 +87,27 @@ class Invisible(Plain):
     absorbed_share: float
 
 
+@dataclass(frozen=True)
+class Carrier(Plain):
+    """A variable that carries a part of a joint's error (from 1): rmse [N m or N] of what follows it."""
+
+    joint: int
+    variable: str
+    rmse: float
+
+
+@dataclass(frozen=True)
+class Remaining(Plain):
+    """Something unknown on a joint (from 1), of this size [N m or N]."""
+
+    joint: int
+    rmse: float
+
+
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown, Plain):
     """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the order of
-    adding; minor : those that lower no joint's held-out error noticeably beside them, added after
-    them by :meth:`selected`; noise_floor (n,) of the filtered torque; events : what happened once.
+    adding; noise_floor (n,) of the filtered torque; events : what happened once.
 
     noise_source : "repetition", else "spectrum" or "residual", and abstention is weaker;
     unexplained (n,) : repeatable error left, as a share of the noise's variance; held_out_rmse_before,
@@ -104,11 +117,10 @@ class Diagnosis(Shown, Plain):
     has no name, as functions of one variable or two;
     remarks : sentences; frozen : whether the model's parameters were kept, and are kept by :func:`add`;
     new_motion_share : of the test run's rows, those whose motion is not in the runs that were searched;
-    remains : the joints (from 1) on which something unknown repeats, with its RMS [N m or N]; left : the
-    variables that carry most of it (joint, variable, RMS of the error that follows it).
+    remains : what repeats and is unknown; left : the variables that carry most of it.
     """
 
-    verdict: str
+    verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
     effects: tuple[Finding, ...]
     noise_floor: Array
     invisible: tuple[Invisible, ...]
@@ -124,28 +136,25 @@ class Diagnosis(Shown, Plain):
     new_motion_share: float | None = None
     retuned: tuple[Retune, ...] = ()
     curves: tuple[Curve, ...] = ()
-    left: tuple[tuple[int, str, float], ...] = ()
-    remains: tuple[tuple[int, float], ...] = ()
-    minor: tuple[Finding, ...] = ()
+    left: tuple[Carrier, ...] = ()
+    remains: tuple[Remaining, ...] = ()
 
     def selected(self, numbers: Sequence[int] | None = None, confident: bool = False) -> Diagnosis:
-        """Only the findings of these numbers (from 1, in the order of adding, then the minor ones), or
-        the confident ones.
+        """Only the findings of these numbers (from 1, in the order of adding), or the confident ones.
 
         Changed shape constants are not numbered: they stay, the confident ones or all. Curves, which
         were measured beside all findings, stay where all of these do.
         Raises InputError for a number that is not there, and where no finding is left.
         """
-        every = (*self.effects, *self.minor)
         for number in numbers or ():
-            if not 1 <= number <= len(every):
+            if not 1 <= number <= len(self.effects):
                 raise InputError(
-                    f"finding {number} does not exist, there are {len(every)}",
+                    f"finding {number} does not exist, there are {len(self.effects)}",
                     "number them from 1 in the order of the list",
                 )
         chosen = tuple(
             f
-            for k, f in enumerate(every, start=1)
+            for k, f in enumerate(self.effects, start=1)
             if (numbers is None or k in numbers) and (not confident or f.confidence == "confident")
         )
         retuned = tuple(r for r in self.retuned if not confident or r.confidence == "confident")
@@ -156,7 +165,7 @@ class Diagnosis(Shown, Plain):
             raise InputError(
                 f"there is no {kind} to add", "name the effect itself, or leave the model as it is"
             )
-        return replace(self, effects=chosen, retuned=retuned, curves=curves, minor=())
+        return replace(self, effects=chosen, retuned=retuned, curves=curves)
 
     @property
     def noise_known(self) -> bool:
@@ -198,29 +207,20 @@ class Diagnosis(Shown, Plain):
         return f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}"
 
     @property
-    def beside(self) -> str:
-        """The minor findings in one sentence, or ""."""
-        if not self.minor:
-            return ""
-        first = len(self.effects) + 1
-        named = ", ".join(f"{k}. {f.text.partition('@')[0]}" for k, f in enumerate(self.minor, first))
-        return f"Minor, lowers no joint's held-out error by 1 % on folds: {named}."
-
-    @property
     def unknown(self) -> str:
         """What no effect explains, with its joints and size; "" where nothing of the kind is left."""
-        if self.verdict != UNKNOWN:
+        if self.verdict != "unknown_effect":
             return ""
-        where = f" on {formatting.joints([j for j, _ in self.remains])}" if self.remains else ""
-        size = max((rms for _, rms in self.remains), default=0.0)
+        where = f" on {formatting.joints([r.joint for r in self.remains])}" if self.remains else ""
+        size = max((r.rmse for r in self.remains), default=0.0)
         upto = f" ({size:.2g} N m or N RMS{' at most' if len(self.remains) > 1 else ''})" if size else ""
         return f"something{where} that no effect of the library explains{upto}"
 
     @property
     def advice(self) -> str:
         """What to do next, in one sentence."""
-        if self.verdict == UNKNOWN and self.left:
-            said = ", ".join(f"{name} on joint {j} ({rms:.2g} N m)" for j, name, rms in self.left)
+        if self.unknown and self.left:
+            said = ", ".join(f"{c.variable} on joint {c.joint} ({c.rmse:.2g} N m)" for c in self.left)
             return f"Look first at what carries most of the error that is left: {said}."
         if self.noise_source != REPETITION:
             record = "record a run with more than one period: only repetition tells noise from error."
@@ -281,19 +281,9 @@ class Diagnosis(Shown, Plain):
     def to_dict(self) -> dict[str, Any]:
         """findings.json; :meth:`from_dict` restores the same diagnosis."""
         out = super().to_dict()
-        for k, finding in enumerate((*out["effects"], *out["minor"]), start=1):
+        for k, finding in enumerate(out["effects"], start=1):
             finding["number"] = k
-        left = [{"joint": j, "variable": name, "rmse": rms} for j, name, rms in self.left]
-        return out | {"left": left, "remains": [{"joint": j, "rmse": rms} for j, rms in self.remains]}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Raises KeyError, TypeError or ValueError for a field that is missing or of another kind."""
-        if data["verdict"] not in _VERDICTS:
-            raise ValueError(f"verdict {data['verdict']!r}; there are: {', '.join(_VERDICTS)}")
-        left = [(x["joint"], x["variable"], x["rmse"]) for x in data.get("left", ())]
-        remains = [(x["joint"], x["rmse"]) for x in data.get("remains", ())]
-        return super().from_dict({**data, "left": left, "remains": remains})
+        return out
 
 
 def _named(found: Sequence[Finding | Retune]) -> str:

@@ -85,13 +85,15 @@ class HeldOut:
             self._known[key] = np.sqrt(squares / np.maximum(rows, 1))
         return self._known[key]
 
-    def offered(self, count: int) -> list[int]:
-        """Of effects, the likeliest first, those that do no harm beside the ones before them; a second
-        time asked, since what was refused may need what came after it."""
+    def offered(self, count: int, needed: bool = False) -> list[int]:
+        """Of effects, the likeliest first, those that do no harm beside the ones before them, and lower
+        an error where that is ``needed``; asked twice: what was refused may need what came after it."""
         kept = list[int]()
         for k in (*range(count), *range(count)):
-            if k not in kept and not raises(self.errors(kept), self.errors([*kept, k])):
-                kept.append(k)
+            if k not in kept:
+                before, after = self.errors(kept), self.errors([*kept, k])
+                if not raises(before, after) and (lowers(before, after) or not needed):
+                    kept.append(k)
         return kept
 
 

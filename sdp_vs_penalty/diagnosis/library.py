@@ -189,12 +189,8 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool, keys: Set[Key] | Non
             key = (name, joint)
             if key in taken or (keys is not None and key not in keys) or not _at_rest(kind, rows, joint):
                 continue
-            for effect in kind.candidates(model.robot, joint, start):
-                # The velocity over which dry friction turns round on the joint, in the model.
-                turning = rows.segments[0].motion.width(effect.joints[0])
-                fast = effect.shape.get(effect.beyond_turning, np.inf) >= turning
-                if fast and (warm or not effect.needs_temperature):
-                    yield Form(key, effect)
+            every = kind.candidates(model.robot, joint, start)
+            yield from (Form(key, e) for e in every if warm or not e.needs_temperature)
 
 
 def _at_rest(kind: type[Effect], rows: SegmentedRuns, joint: int | None) -> bool:

@@ -42,13 +42,11 @@ from sdp_vs_penalty.signals.standstill import SLOW, STILL
 @dataclass(frozen=True)
 class Remainder:
     """share (n,) : variance of what is left over that of the noise, less one; beyond (n,) [N m or N] :
-    its RMS beyond the noise while the joint slides, slow (n,) : while it is slow; matters : the joints
-    (from 0) on which something is left that matters; residual (M, n) [N m or N]; odd (M, n) : rows that
-    are outliers of it."""
+    its RMS beyond the noise while the joint slides; matters : the joints (from 0) on which something is
+    left that matters; residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it."""
 
     share: Array
     beyond: Array
-    slow: Array
     matters: tuple[int, ...]
     residual: Array
     odd: NDArray[np.bool_]
@@ -67,8 +65,7 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
         return np.asarray((which * squares).sum(axis=0) / degrees)
 
     variance = mean(white**2, slides)
-    squares = mean(residual**2, slides), mean(residual**2, keep & ~slides)
-    beyond, slow = (np.sqrt(np.maximum(x - noise.floor**2, 0.0)) for x in squares)
+    beyond = np.sqrt(np.maximum(mean(residual**2, slides) - noise.floor**2, 0.0))
     # Of one log's joints the spectrum is wrong by much the same.
     beside = WITHIN * max(float(np.median(variance)), 1.0)
     more = (1.0 + MATTERS) ** 2
@@ -79,7 +76,7 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
         raised = np.hypot(beyond, noise.floor) / noise.floor - 1.0
     found = (variance > least) & (raised > MATTERS) & data.known
     matters = tuple(np.flatnonzero(found).tolist())
-    return Remainder(mean(white**2, keep) - 1.0, beyond, slow, matters, residual, odd)
+    return Remainder(mean(white**2, keep) - 1.0, beyond, matters, residual, odd)
 
 
 def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:

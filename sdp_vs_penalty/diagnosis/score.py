@@ -40,15 +40,13 @@ _DEPENDENT = 1e-5
 @dataclass(frozen=True, eq=False)
 class Term:
     """A form with its white columns (M, k) by joint, its score beside what it was judged with, its
-    coefficients (k,), the forms that do as well, and how many times more energy it has beside the model
-    alone than beside the other terms. Equal to itself alone."""
+    coefficients (k,), and the forms that do as well. Equal to itself alone."""
 
     form: Form
     columns: dict[int, Array]
     J: float = -np.inf
     beta: Array = field(default_factory=lambda: np.zeros(0))
     rivals: tuple[Term, ...] = ()
-    times: float = 1.0
 
     @property
     def key(self) -> tuple[str, int | None]:

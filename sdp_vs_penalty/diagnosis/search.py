@@ -102,9 +102,9 @@ class Search:
 
     def margin(self, joints: Iterable[int], terms: Sequence[Term]) -> float:
         """Evidence that a further term needs: what the others get wrong looks like something else, in
-        proportion to all that they make. Two that cancel each other make much more than they explain."""
+        proportion to all that they make."""
         on = set(joints)
-        shared = (t.J * t.times * len(t.joints & on) / len(t.joints) for t in terms if t.joints)
+        shared = (t.J * len(t.joints & on) / len(t.joints) for t in terms if t.joints)
         return APART + FORM * max(shared, default=0.0)
 
     def top_candidates(
@@ -168,7 +168,6 @@ class Search:
         full = self.score.fit(terms, self.fit)
         for _ in range(2):
             moved = False
-            alone = self.score.fit([t for t in terms if t.form.own], full)
             for term in list(terms):
                 others = [t for t in terms if t != term]
                 fit = self.score.fit(others, full)
@@ -180,8 +179,7 @@ class Search:
                     continue
                 if again.text != term.text:
                     moved = True
-                times = max(alone.energy(again) / max(fit.energy(again), 1e-300), 1.0)
-                terms[terms.index(term)] = replace(again, rivals=term.rivals, times=times)
+                terms[terms.index(term)] = replace(again, rivals=term.rivals)
                 if again.text != term.text:
                     full = self.score.fit(terms, full)
             if not moved:
@@ -195,26 +193,20 @@ class Search:
         return sum(self.score.judged(fit, g.form, g.columns).J for fit, g in pairs)
 
     def exchanged(self, terms: Sequence[Term]) -> list[Term] | None:
-        """One term for another, or for two others, where that is as good and simpler, or better; else
-        None, and every term knows its rivals."""
-        pairs = [[p, q] for i, p in enumerate(terms) for q in terms[:i] if p.joints & q.joints]
+        """One term for another where that is as good and simpler, or better; else None, and every term
+        knows its rivals."""
         told = []
-        for group in [*([t] for t in terms), *pairs]:
-            rest = [t for t in terms if t not in group]
-            fit, total = self.score.fit(rest, self.fit), self.worth(group, rest)
-            joints = frozenset[int]().union(*(g.joints for g in group))
-            found = self.top_candidates(fit, rest, joints, total)
-            if len(group) == 1:
-                told.append(replace(group[0], rivals=self.equivalent(group[0], total, found)))
-            own = {g.key for g in group}
+        for term in terms:
+            rest = [t for t in terms if t != term]
+            fit, J = self.score.fit(rest, self.fit), self.worth([term], rest)
+            found = self.top_candidates(fit, rest, term.joints, J)
+            told.append(replace(term, rivals=self.equivalent(term, J, found)))
             other = self.simplest([t for t in found if self.margin(t.joints, rest) < t.J])
-            if other is None or other.key in own:
+            if other is None or other.key == term.key:
                 continue
-            least = APART + FORM * max(total, 0.0)
-            old = group[0].form
-            simpler = len(group) > 1 or old.refines(other.form)
-            simpler |= not other.form.refines(old) and simplicity(other.form) < simplicity(old)
-            if total + least < other.J or (total - least < other.J and simpler):
+            old, least = term.form, APART + FORM * max(J, 0.0)
+            simpler = not other.form.refines(old) and simplicity(other.form) < simplicity(old)
+            if J + least < other.J or (J - least < other.J and (simpler or old.refines(other.form))):
                 return self.settled([*rest, other])
         self.terms = told
         return None

@@ -23,10 +23,8 @@ REASONS: Mapping[str, str] = {
     "more_left": "more error is left on its joints than it explains",
     "shared": "other findings share most of its torque: only their sum is known",
     "implausible": "its size is not plausible",
-    "pieces": "it is a part of a function of the position that has no name",
     "looks_like": "something else looks so",
     "curve": "a measured curve explains the joint better",
-    "not_alone": "beside the confident findings alone it raises a joint's held-out error by 10 %",
 }
 
 

@@ -1,4 +1,4 @@
-"""Where a model fails: what its residual torque depends on, when it is large, at which frequencies.
+"""Where a model fails: what its residual torque depends on, when it is large, with which waves.
 
 Nothing here names a physical effect (`diagnose` does); it shows what the error looks like, joint by
 joint, beside the noise. Causes are what a person sees in a log: a reversal, a standstill, high speed, a
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.findings import Carrier
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, with_estimate
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
@@ -27,7 +28,7 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.verdict import noise_level
 from sdp_vs_penalty.files.plain import Plain
-from sdp_vs_penalty.formatting import Shown, Summary, finite, plain_unit, words
+from sdp_vs_penalty.formatting import Shown, Summary, plain_unit, words
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -55,8 +56,6 @@ _HATS = 9
 #: A stretch fails where the error's RMS over 2 NEAR is so many noise floors, or times its own RMS where
 #: the floor is not known; shorter ones than NEAR are not shown.
 _TIMES = 2.0
-#: Edges of the frequency bands [Hz].
-BANDS = (0.0, 1.0, 4.0, 16.0, 64.0, np.inf)
 #: Bins of one revolution for the order spectrum; eight show a wave.
 _BINS = 4096
 
@@ -77,10 +76,8 @@ class JointFailure(Plain):
     rmse, noise_floor [N m or N]; explainable_share : 1 - floor^2 / rmse^2, of the residual's variance,
     which repeats; held_out_shares : by cause the held-out share of the residual's variance
     that a function of it explains; reversal_lift : RMS within 0.15 s of velocity reversals over that
-    elsewhere; reversal_asymmetry : (after - before) / (after + before) of the RMS there; band_shares :
-    of the full-rate residual's energy in each of BANDS; orders : (waves per revolution, amplitude [N m],
-    amplitude over its surroundings), the most conspicuous first; correlation : with the residual of
-    each joint; stretches : where the error is large, with the cause seen there.
+    elsewhere; orders : (waves per revolution, amplitude [N m], amplitude over its surroundings), most
+    conspicuous first; stretches : where the error is large, with the cause seen there.
     """
 
     joint: int
@@ -89,19 +86,13 @@ class JointFailure(Plain):
     explainable_share: float | None
     held_out_shares: dict[str, float]
     reversal_lift: float
-    reversal_asymmetry: float
-    band_shares: tuple[float, ...]
     orders: tuple[tuple[int, float, float], ...]
-    correlation: tuple[float, ...]
     stretches: tuple[Stretch, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; the joint counts from 1."""
         named = "per_revolution", "amplitude", "over_surroundings"
         return super().to_dict() | {
-            "reversal_lift": finite(self.reversal_lift),
-            "reversal_asymmetry": finite(self.reversal_asymmetry),
-            "bands_hz": [b if np.isfinite(b) else None for b in BANDS],
             "orders": [dict(zip(named, one, strict=True)) for one in self.orders],
             "stretches": [s._asdict() for s in self.stretches],
         }
@@ -181,19 +172,14 @@ def where_it_fails(
     estimate, measurements = driven(estimate, measurements)
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
     given = measurements if noise_from is None else noise_from
-    same = given is measurements
-    measurements = window_subsample(measurements, settings)
-    rows = diagnosis_rows(measurements, estimate, settings)
-    residual = rows.residual
-    repeated = rows
-    if not same:
-        repeated = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
+    searched = window_subsample(measurements, settings)
+    rows, whole = diagnosis_rows(searched, estimate, settings), None
+    if given is not measurements:
+        whole = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
+    residual, folds = rows.residual, folds_of(rows, whole)
     floors, source = noise or noise_level(estimate.problem, given, settings)
-    folds = folds_of(rows, None if same else repeated)
-    known, runs = states(rows), measurements.runs()
+    known, runs = states(rows), searched.runs()
     keep = np.asarray(rows.keep.all(axis=1), bool)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = np.nan_to_num(np.corrcoef(residual[keep].T).reshape(rows.n, rows.n))
     out = Failures(units=estimate.robot.torque_units)
     for j in range(rows.n):
         error = residual[:, j] - residual[keep, j].mean()
@@ -204,33 +190,17 @@ def where_it_fails(
         full = [_full_rate(runs[s.run], s, j) for s in rows.segments]
         orders = _orders(full) if estimate.robot.joints[j].kind == "revolute" else ()
         velocity = known["velocity"][:, j]
-        lift, asymmetry = _reversals(velocity, error, rows, keep)
         columns = cause_columns(known, rows, j, [k for k, _, _ in orders])
         shares = {c: held_out_share(columns[c][keep], error[keep], folds[keep]) for c in CAUSES}
+        lift = _reversal_lift(velocity, error, rows, keep)
         stretches = failing_stretches(error, floor, velocity, rows.still[:, j], rows, shares)
-        out.append(
-            JointFailure(
-                j + 1,
-                rmse,
-                floor,
-                explainable,
-                shares,
-                lift,
-                asymmetry,
-                _bands(full),
-                orders,
-                tuple(float(c) for c in correlation[j]),
-                stretches,
-            )
-        )
+        out.append(JointFailure(j + 1, rmse, floor, explainable, shares, lift, orders, stretches))
     return out
 
 
-def carriers(
-    rows: SegmentedRuns, error: Array, joints: Iterable[int], most: int = 3
-) -> list[tuple[int, str, float]]:
-    """The ``most`` variables that carry the error (M, n) of some joints (from 0): joint (from 1),
-    variable, and the RMS [N m or N] that follows a smooth function of it on stretches left out."""
+def carriers(rows: SegmentedRuns, error: Array, joints: Iterable[int], most: int = 3) -> list[Carrier]:
+    """The ``most`` variables that carry the error (M, n) of some joints (from 0): what follows a smooth
+    function of them on stretches left out."""
     folds, keep = folds_of(rows), np.asarray(rows.keep.all(axis=1), bool)
     known = states(rows)
     of_joints = {
@@ -244,23 +214,16 @@ def carriers(
         size = float(np.sqrt(np.mean(own[keep] ** 2)))
         for name, features in {**of_joints, f"ddq{j + 1}": hats(known[ACCELERATION][:, j])}.items():
             share = held_out_share(features[keep], own[keep], folds[keep])
-            found.append((j + 1, name, size * float(np.sqrt(share))))
-    best = sorted(found, key=lambda one: -one[2])[:most]
-    return [one for one in best if one[2] > 0.0]
+            found.append(Carrier(j + 1, name, size * float(np.sqrt(share))))
+    return [c for c in sorted(found, key=lambda c: -c.rmse)[:most] if c.rmse > 0.0]
 
 
-def _reversals(
-    velocity: Array, error: Array, rows: SegmentedRuns, keep: NDArray[np.bool_]
-) -> tuple[float, float]:
-    """RMS near velocity reversals over elsewhere, and its asymmetry from before to after."""
-    away, _ = from_reversal(velocity, rows)
-    near = np.abs(away) <= NEAR
-    parts = (keep & near & (away < 0.0), keep & near & (away >= 0.0), keep & ~near)
-    squares = np.array([np.mean(error[m] ** 2) if m.any() else np.nan for m in parts])
-    if not np.all(np.isfinite(squares)) or squares[2] == 0.0:
-        return float("nan"), float("nan")
-    one, two, rest = np.sqrt(squares)
-    return float(np.hypot(one, two) / np.sqrt(2.0) / rest), float((two - one) / max(one + two, 1e-300))
+def _reversal_lift(velocity: Array, error: Array, rows: SegmentedRuns, keep: NDArray[np.bool_]) -> float:
+    """RMS near velocity reversals over elsewhere; NaN where one of them does not occur."""
+    near = np.abs(from_reversal(velocity, rows)[0]) <= NEAR
+    if not (keep & near).any() or not np.any(error[keep & ~near]):
+        return float("nan")
+    return float(np.sqrt(np.mean(error[keep & near] ** 2) / np.mean(error[keep & ~near] ** 2)))
 
 
 def _full_rate(run: Measurements, segment: Segment, j: int) -> tuple[Array, Array, float]:
@@ -270,16 +233,6 @@ def _full_rate(run: Measurements, segment: Segment, j: int) -> tuple[Array, Arra
     t = run.t[inside]
     modelled = np.interp(t, motion.t, motion.model_torque[:, j])
     return run.q[inside, j], run.tau[inside, j] - modelled, 1.0 / float(np.median(np.diff(run.t)))
-
-
-def _bands(full: list[tuple[Array, Array, float]]) -> tuple[float, ...]:
-    energy = np.zeros(len(BANDS) - 1)
-    for _, error, rate in full:
-        power = np.abs(np.fft.rfft((error - error.mean()) * np.hanning(len(error)))) ** 2
-        f = np.fft.rfftfreq(len(error), 1.0 / rate)
-        energy += np.histogram(f, [*BANDS[:-1], 1e300], weights=power)[0]
-    total = energy.sum()
-    return tuple(float(e) for e in (energy / total if total > 0.0 else energy))
 
 
 def _orders(full: list[tuple[Array, Array, float]]) -> tuple[tuple[int, float, float], ...]:

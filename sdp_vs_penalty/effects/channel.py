@@ -60,6 +60,7 @@ class Delay(Effect):
 
     reference = _HANDBOOK
     units = ("s", "s")
+    lower = 0.0
     needs_torque = True
     forward = "channel"
     has_memory = True  # the time derivative looks at neighbouring samples
@@ -77,10 +78,9 @@ class TorqueDelay(Delay, JointEffect):
     equation = "T_d (tau_hat(t - T) - tau_hat(t)) / T"
     explanation = (
         "This joint's torque is logged T_d later than its position: a filter in the drive, a slower "
-        "bus. No one channel is early: what a late position brings about, all joints feel. T is T_d."
+        "bus. T is T_d."
     )
     symbol = "T_d"
-    lower = 0.0
 
     def column(self, motion: Motion, joint: int) -> Array:
         return -motion.late_torque_rate(self.shape["T"])[:, joint]
@@ -90,7 +90,7 @@ class GlobalDelay(Delay):
     equation = "T_g (tau_hat(t - T) - tau_hat(t)) / T on every joint"
     explanation = (
         "All torques are logged T_g later than the positions: two clocks, or one filter for all "
-        "channels. T is T_g."
+        "channels. None is early: a joint that sticks or bends before it moves looks so. T is T_g."
     )
     symbol = "T_g"
     whole_robot = True
@@ -101,10 +101,6 @@ class GlobalDelay(Delay):
 
     def torques(self, motion: Motion) -> Array:
         return -motion.late_torque_rate(self.shape["T"])[:, :, None]
-
-    def looks_like(self, size: float, seen: Seen) -> str:
-        # Friction turns round before a joint that sticks or bends does: its torque comes early.
-        return "a joint that sticks or bends before it moves looks as early" if size < 0.0 else ""
 
 
 class TorqueFilter(Effect):

@@ -116,8 +116,6 @@ class Effect(ABC):
     frozen_only: ClassVar[bool] = False
     #: True where a joint can have it several times, with other shape constants.
     several: ClassVar[bool] = False
-    #: The shape constant that is a velocity, beyond that over which dry friction turns round.
-    beyond_turning: ClassVar[str] = ""
     #: True where its joints belong together: one parameter acts on all of them.
     joins: ClassVar[bool] = False
     #: What dry friction does at rest by this law: "holds" is tried where joints do, "turns" elsewhere.

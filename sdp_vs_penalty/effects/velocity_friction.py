@@ -124,7 +124,6 @@ class StribeckFriction(JointEffect):
     symbol = "f_st"
     lower = 0.0
     refines = ("coulomb_friction",)
-    beyond_turning = "vs"
     shapes = {
         "vs": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 1.0)),
         "delta": Shape(2.0, grid=(1.0, 2.0)),

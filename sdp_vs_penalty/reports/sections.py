@@ -211,7 +211,7 @@ def findings(material: Material) -> str:
         body += text("Held-out error of each joint before all findings and with all of them:")
         body += bars(list(first), list(last), floor, units)
         body += table((*heads, "noise floor"), rows, numbers_from=5)
-    body += "".join(text(remark) for remark in (found.beside, *found.remarks) if remark)
+    body += "".join(text(remark) for remark in found.remarks)
     judged = material.judged[material.last_name]
     motions = [replace(rows.motion, torque=modelled) for rows, modelled in judged]
     for curve in found.curves:

@@ -52,10 +52,10 @@ class Measured:
     def joint(self) -> int:
         return self.fitted.joint
 
-    def told(self, seed: int, share: float, before: float, after: float) -> Curve:
-        """For a reader; share : of the error beyond noise that it explains on data left out; before,
-        after : held-out errors of its joint."""
-        f, robot = self.fitted, self.table.robot
+    def told(self, seed: int, floor: float) -> Curve:
+        """For a reader; floor : of its joint's noise, zero where that is not known."""
+        f, robot, before, after = self.fitted, self.table.robot, self.before, self.errors[self.joint]
+        share = (before**2 - after**2) / max(before**2 - floor**2, 1e-300)
         points = self.variables.supported(f.basis)
         grid = f.basis.at(*points.T)
         torque, half = grid @ f.coefficients, band(f, grid, seed)
@@ -71,10 +71,10 @@ class Measured:
             torque,
             torque - half,
             torque + half,
-            share,
+            float(np.clip(share, 0.0, 1.0)),
             None if self.law is None else written(self.law, f, robot.torque_units),
             before,
-            after,
+            float(after),
             filled[:, 0] if single else filled,
             beyond,
         )

@@ -71,8 +71,6 @@ def findings(view: View) -> None:
     with draw.tag("ol", style="findings"):
         for k, finding in enumerate(found.effects):
             _card(view, found, k, finding.text in added)
-    if found.beside:
-        draw.note(found.beside)
     _curves(view, found)
     if len(sure) > 1:
         draw.button(f"Add the {len(sure)} confident ones", lambda: session.add(sure), "add-all")
