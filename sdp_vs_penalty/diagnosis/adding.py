@@ -44,6 +44,9 @@ from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.motion import record_motion
 
+#: An effect with the names of those of its shape constants that are given.
+Wanted = tuple[Effect, frozenset[str]]
+
 
 def add(
     estimate: Estimate | str | Path,
@@ -90,22 +93,20 @@ def add(
         if isinstance(effects, str)
         else ",".join(e if isinstance(e, str) else e.text for e in effects)
     )
-    wanted = parse_effects(texts, estimate.robot)
+    wanted = list(zip(parse_effects(texts, estimate.robot), _given_shapes(texts), strict=True))
     if not wanted:
         raise InputError("No effect to add", "name one, such as presliding_hysteresis:7")
-    added, given, retuned = _retunes(estimate, wanted, _given_shapes(texts), frozen)
+    added, retuned = _retunes(estimate, wanted, frozen)
     if frozen and diagnosed:
         # What has changed of a held model's own effects only identifying them again takes in.
-        fresh = [k for k, effect in enumerate(added) if not _twice(estimate, effect)]
-        added, given = [added[k] for k in fresh], [given[k] for k in fresh]
+        added = [w for w in added if not _twice(estimate, w[0])]
         if not added:
             raise InputError(
                 "All these effects are the held model's own", "identify it again on these runs"
             )
-    for effect in added:
-        if twice := _twice(estimate, effect):
-            raise _refused_twice(estimate, effect, twice)
-    frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
+    for effect, _ in added:
+        _refuse_twice(estimate, effect)
+    frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *(e for e, _ in added)))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
@@ -124,15 +125,13 @@ def add(
         )
 
     progress("estimating shape constants")
-    new = shaped_effects(estimate, added, given, measurements, frozen)
+    new = shaped_effects(estimate, added, measurements, frozen)
     # Refuses constants that are there already.
     Model(estimate.robot, (*estimate.model.effects, *new))
     if frozen:
         return _add_frozen(estimate, new, measurements, seed, progress, gain_errors)
     found = identified([*_own(estimate, retuned), *new])
-    if all(map(all_given, added, given)):
-        return found
-    together = found_together(found, added, given, measurements)
+    together = found_together(found, [w for w in added if not all_given(*w)], measurements)
     if together is None:
         return found
     model, shapes = together
@@ -141,26 +140,22 @@ def add(
 
 
 def _retunes(
-    estimate: Estimate, wanted: Sequence[Effect], given: Sequence[frozenset[str]], frozen: bool
-) -> tuple[list[Effect], list[frozenset[str]], list[ShapeEstimate]]:
-    """The effects that are new to the model with their given constants, and the constants of those
-    that it has already."""
+    estimate: Estimate, wanted: Sequence[Wanted], frozen: bool
+) -> tuple[list[Wanted], list[ShapeEstimate]]:
+    """The effects that are new to the model, and the constants of those that it has already."""
     there = {(e.name, j): e for e in estimate.model.effects for j in e.joints if not e.several}
-    new: list[Effect] = []
-    kept: list[frozenset[str]] = []
-    retuned: list[ShapeEstimate] = []
-    for effect, keys in zip(wanted, given, strict=True):
+    new, retuned = list[Wanted](), list[ShapeEstimate]()
+    for effect, keys in wanted:
         own = [there.get((effect.name, j)) for j in effect.joints]
         if frozen or not keys or not all(own):
-            new.append(effect)
-            kept.append(keys)
+            new.append((effect, keys))
             continue
         for joint, old in zip(effect.joints, own, strict=True):
             assert old is not None
             for key in keys:
                 who = effect.name, joint, key, old.shape[key], effect.shape[key]
                 retuned.append(ShapeEstimate(*who, std=0.0, gain=0.0, at_end=False))
-    return new, kept, retuned
+    return new, retuned
 
 
 def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
@@ -181,7 +176,10 @@ def _twice(estimate: Estimate, effect: Effect) -> set[int]:
     return set() if effect.several else there & set(effect.joints)
 
 
-def _refused_twice(estimate: Estimate, effect: Effect, twice: set[int]) -> InputError:
+def _refuse_twice(estimate: Estimate, effect: Effect) -> None:
+    twice = _twice(estimate, effect)
+    if not twice:
+        return
     there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
     free = sorted(set(range(estimate.robot.n)) - there)
     advice = "name another effect"
@@ -189,7 +187,7 @@ def _refused_twice(estimate: Estimate, effect: Effect, twice: set[int]) -> Input
         joints = "+".join(str(j + 1) for j in free)
         advice += f", or the joints without it: {effect.name}:{joints}"
     where = "" if effect.whole_robot else f" on {formatting.joints([j + 1 for j in sorted(twice)])}"
-    return InputError(f"the model already has {effect.name}{where}", advice)
+    raise InputError(f"the model already has {effect.name}{where}", advice)
 
 
 def _given_shapes(text: str) -> list[frozenset[str]]:
@@ -267,15 +265,14 @@ def all_given(effect: Effect, given: frozenset[str]) -> bool:
 
 def shaped_effects(
     estimate: Estimate,
-    wanted: Sequence[Effect],
-    given: Sequence[frozenset[str]],
+    wanted: Sequence[Wanted],
     measurements: Measurements,
     frozen: bool,
 ) -> list[Effect]:
     """The effects with all constants that were not given estimated, one effect a joint where so."""
     out: list[Effect] = []
     search: Search | None = None
-    for effect, fixed in zip(wanted, given, strict=True):
+    for effect, fixed in wanted:
         if all_given(effect, fixed):
             out.append(effect)
             continue
@@ -301,14 +298,14 @@ def _shaped(search: Search, effect: Effect, joint: int | None, fixed: frozenset[
 
 
 def found_together(
-    found: Estimate, added: Sequence[Effect], given: Sequence[frozenset[str]], measurements: Measurements
+    found: Estimate, added: Sequence[Wanted], measurements: Measurements
 ) -> tuple[Model, list[ShapeEstimate]] | None:
     """The model with its own estimated constants and those of what was ``added`` on the same joints at
     their joint optimum, and its own as `identify` states them; None where none of these moves."""
     shapes = list(map(ShapeEstimate.from_dict, found.details.get("shapes", ())))
     new = {
         (e.name, j, key)
-        for e, fixed in zip(added, given, strict=True)
+        for e, fixed in added
         if not (e.whole_robot or e.joins or e.several)
         for j in e.joints
         for key in free_constants(e)

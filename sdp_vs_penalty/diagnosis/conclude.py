@@ -125,7 +125,7 @@ def _finding(found: Found, k: int, term: Term, errors: Array, doubt: Array) -> F
     size, std = size_of(effect, known.beta, known.covariance)
     joints = () if effect.whole_robot else tuple(j + 1 for j in effect.joints)
     rivals = tuple(dict.fromkeys(_rival_name(effect, r.form.effect) for r in term.rivals))
-    weak = _reasons(found, term, known, size, std, errors[k : k + 2])
+    weak = _reasons(found, term, known, errors[k : k + 2])
     curve = (CURVE,) if "curve" in weak else ()
     return Finding(
         effect.name,
@@ -147,11 +147,11 @@ def _finding(found: Found, k: int, term: Term, errors: Array, doubt: Array) -> F
     )
 
 
-def _reasons(
-    found: Found, term: Term, known: Size, size: float, std: float, errors: Array
-) -> dict[str, str]:
+def _reasons(found: Found, term: Term, known: Size, errors: Array) -> dict[str, str]:
     """Why a finding is weak, with what is said of it; errors (2, n) : held out, before and after it."""
     search, effect, on = found.search, term.form.effect, sorted(term.joints)
+    # An exponent's error changes the number, and hardly the torque.
+    size, std = size_of(effect, known.beta, known.given)
     rows, left, plausible = search.data.rows, found.left, effect.plausible
     torque = np.mean((spread_columns(rows, effect) @ known.beta) ** 2, axis=1)
     looks_like = effect.looks_like(size, rows.seen(effect.joints[0]))
@@ -250,11 +250,12 @@ def _standstill(data: WhiteData, residual: Array) -> str:
 
 @dataclass(frozen=True)
 class Size:
-    """beta (k,) with covariance (k, k) of an effect's parameters; constants : standard deviation of each
-    free shape constant, in its own scale (of its logarithm, or of the value)."""
+    """beta (k,) with covariance (k, k) of an effect's parameters, and that of ``given`` shape constants;
+    constants : standard deviation of each free one, in its own scale (its logarithm, or the value)."""
 
     beta: Array
     covariance: Array
+    given: Array
     constants: dict[str, float]
 
 
@@ -298,7 +299,8 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
         name: float(d * prior_deviation(term.form.effect, name))
         for name, d in zip(own, deviations, strict=False)
     }
-    return Size(beta, covariance[:k, :k], constants)
+    given = np.linalg.pinv(np.linalg.pinv(covariance, hermitian=True)[:k, :k], hermitian=True)
+    return Size(beta, covariance[:k, :k], given, constants)
 
 
 def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Array:

@@ -312,19 +312,18 @@ class SplineFit:
 def smoothed(basis: Basis, raw: Array, columns: Columns, looked: int) -> SplineFit:
     """The curve with the roughness that scores most."""
     own = columns.raw / max(columns.count, 1.0) + 1e-10 * np.trace(columns.raw) * np.eye(len(columns.s))
-    rough = sum(basis.penalties, np.zeros_like(own))
-    best: tuple[float, Array] | None = None
-    for weight in _WEIGHTS if rough.any() else (1.0,):
-        P = own + weight * np.trace(columns.raw) * rough
-        factor = scipy.linalg.cho_factor(columns.D + P, check_finite=False)
-        c = scipy.linalg.cho_solve(factor, columns.s, check_finite=False)
-        freedom = float(np.trace(scipy.linalg.cho_solve(factor, columns.D, check_finite=False)))
-        drop = float(2.0 * c @ columns.s - c @ (columns.D @ c))
-        J = columns.score(drop, freedom, looked)
-        if best is None or best[0] < J:
-            best = J, P
-    assert best is not None
-    return SplineFit(basis, raw, columns, best[1], best[0])
+    rough = np.trace(columns.raw) * sum(basis.penalties, np.zeros_like(own))
+    # In a basis in which all but the data's part of D are diagonal, for any weight.
+    values, V = scipy.linalg.eigh(rough, columns.D + own, check_finite=False)
+    D, s = V.T @ columns.D @ V, V.T @ columns.s
+
+    def score(weight: float) -> float:
+        w = 1.0 / (1.0 + weight * np.maximum(values, 0.0))
+        c = w * s
+        return columns.score(float(2.0 * c @ s - c @ D @ c), float(w @ np.diagonal(D)), looked)
+
+    J, weight = max((score(x), x) for x in (_WEIGHTS if rough.any() else (1.0,)))
+    return SplineFit(basis, raw, columns, own + weight * rough, J)
 
 
 def band(found: SplineFit, grid: Array, seed: int, level: float = 0.95, draws: int = 300) -> Array:

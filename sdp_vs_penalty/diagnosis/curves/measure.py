@@ -21,7 +21,7 @@ from sdp_vs_penalty.diagnosis.curves.bases import (
     smoothed,
 )
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
-from sdp_vs_penalty.diagnosis.curves.laws import LawFit, law_of, recognised, written
+from sdp_vs_penalty.diagnosis.curves.laws import Law, LawFit, law_of, recognised, written
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.effects.effect import follows_alone
@@ -145,23 +145,18 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
     close = [f for n in (1, 2) for f in [f for f in rough if len(f.basis.axes) == n][: CLOSELY // 2]]
     exact = [fitted(f.basis, variables.exact(f.basis), True) for f in close if f.J > APART]
 
-    rated: list[_Rated] = []
-    for f in exact:
-        laws = recognised(
-            f,
-            lambda law, b, f=f: gain * variables.of_law(f.basis, lambda x: law.columns(x, b)),  # type: ignore[misc]
-            score,
-            len(every),
-        )
-        law = law_of(laws, f)
-        best = max([f.J, *(J for J, own in laws if own is law)])
-        rated.append((best, f, law))
-    rated = [r for r in rated if r[0] > search.margin((joint,), terms)]
-    if not rated:
+    least = max([search.margin((joint,), terms), *((1.0 - FORM) * f.J - EQUIVALENT for f in exact)])
+    alike = [f for f in exact if least < f.J]
+    if not alike:
         return None
-    top = max(r[0] for r in rated)
-    alike = [r for r in rated if r[0] > top - EQUIVALENT - FORM * top]
-    return min(alike, key=lambda r: (len(r[1].basis.axes), r[2] is None, -r[0]))
+    best = min(alike, key=lambda f: (len(f.basis.axes), -f.J))
+
+    def on_rows(law: Law, constants: Array) -> Array:
+        return gain * variables.of_law(best.basis, lambda x: law.columns(x, constants))
+
+    laws = recognised(best, on_rows, score, len(every))
+    law = law_of(laws, best)
+    return max([best.J, *(J for J, own in laws if own is law)]), best, law
 
 
 def _measured(
