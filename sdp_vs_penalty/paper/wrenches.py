@@ -19,8 +19,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
 
-from sdp_vs_penalty.effects.links import RigidBody
-from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
@@ -32,7 +30,6 @@ from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.solvers.extremes import Slice
 
@@ -59,11 +56,6 @@ def wrench_regressor(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) 
     return out.reshape(len(q), robot.n, 6, 10 * robot.n)
 
 
-def joint_wrenches(robot: Robot, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
-    """Wrenches (N, n, 6) of rigid links, theta (10 n,); theta need not be physically consistent."""
-    return wrench_regressor(robot, q, dq, ddq) @ np.asarray(theta, float).ravel()
-
-
 @dataclass(frozen=True)
 class WrenchIntervals:
     """For M instants, n joints and six components, (M, n, 6) each [N, N m].
@@ -85,33 +77,18 @@ class WrenchIntervals:
         return worst / widest if widest > 0.0 else 0.0
 
 
-def equal_torques(robot: Robot, constraints: ConstraintSet, theta: Array, bound: Array) -> Slice:
-    """All feasible standard parameters (10 n,) that make the same torques as theta in every motion.
-
-    constraints and bound : on the links' parameters only (a model of the rigid body alone). The
-    equalities are the robot's base parameters. Raises InputError where theta leaves no interior.
-    """
-    base, _ = base_parameters(Model(robot, (RigidBody(robot),)))
-    return Slice.of(constraints, base, np.asarray(theta, float).ravel(), bound)
-
-
 def wrench_intervals(
-    robot: Robot,
-    feasible: Slice,
-    q: ArrayLike,
-    dq: ArrayLike,
-    ddq: ArrayLike,
-    progress: Progress = no_progress,
+    feasible: Slice, regressor: Array, progress: Progress = no_progress
 ) -> WrenchIntervals:
-    """The smallest and largest value of every wrench component at M instants over a slice.
+    """The smallest and largest value of every wrench component, of regressor (M, n, 6, 10 n), over the
+    parameters of a slice (:meth:`Slice.of` with the base parameters for equalities: equal torques).
 
     Two SDPs a component, each certified.
     """
-    rows = wrench_regressor(robot, q, dq, ddq)
-    ends = np.empty((4, *rows.shape[:3]))
-    for index in np.ndindex(*rows.shape[:3]):
-        progress(f"wrench intervals: instant {index[0] + 1} of {len(rows)}")
-        least, most = feasible.minimum(rows[index]), feasible.maximum(rows[index])
+    ends = np.empty((4, *regressor.shape[:3]))
+    for index in np.ndindex(*regressor.shape[:3]):
+        progress(f"wrench intervals: instant {index[0] + 1} of {len(regressor)}")
+        least, most = feasible.minimum(regressor[index]), feasible.maximum(regressor[index])
         ends[:, *index] = least.value, most.value, least.bound, most.bound
     return WrenchIntervals(*ends)
 
@@ -176,20 +153,19 @@ class WrenchStudy:
 def wrench_study(study: Study) -> WrenchStudy:
     problem, x = study.problem, study.experiment
     t = np.linspace(0.0, x.trajectory.duration, study.effort.instants + 2)[1:-1]
-    states = x.trajectory.states(t)
-    model = problem.model("rigid_body")
-    known = problem.constraints(model), x.links, problem.parameter_bound(model)
-    feasible = equal_torques(problem.robot, *known)
-    intervals = wrench_intervals(problem.robot, feasible, *states, progress=study.progress)
+    Y, model = wrench_regressor(problem.robot, *x.trajectory.states(t)), problem.model("rigid_body")
+    links, bound = x.links.ravel(), problem.parameter_bound(model)
+    feasible = Slice.of(problem.constraints(model), study.base, links, bound)
+    intervals = wrench_intervals(feasible, Y, study.progress)
     study.progress("relaxed retrievals")
-    pi, count = study.base @ x.links.ravel(), study.effort.retrievals
+    pi, count = study.base @ links, study.effort.retrievals
     retrieved = (unfeasible_retrievals(problem, pi, count, boxed) for boxed in (True, False))
     estimates = {"published p_hat": published_links(problem, "p_hat")}
     for name, method in study.methods.items():
         if name != "ols":
             estimates[name] = study.links(method, study.simulated)
     (true,), feasible_ones, runs, boxed, unbounded = (
-        [joint_wrenches(problem.robot, links, *states) for links in found]
+        [Y @ links.ravel() for links in found]
         for found in ([x.links], estimates.values(), penalty_links(study), *retrieved)
     )
     named = dict(zip(estimates, feasible_ones, strict=True))

@@ -15,7 +15,7 @@ import numpy as np
 import pandas
 
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.formatting import markdown_table
+from sdp_vs_penalty.formatting import markdown_table, number
 from sdp_vs_penalty.problem.load import load_problem, problem_names
 from sdp_vs_penalty.shootout.contestants import Contestant
 from sdp_vs_penalty.shootout.judge import CLASSES
@@ -61,18 +61,15 @@ def shifted_geometric_mean(seconds: Sequence[float], shift: float = 0.01) -> flo
     return float(np.exp(np.mean(np.log(np.asarray(seconds) + shift))) - shift)
 
 
-def milliseconds(seconds: float) -> str:
-    """Three digits, all digits above a second; a dash for what is none."""
-    if not np.isfinite(seconds):
-        return "-"
-    return f"{1e3 * seconds:.3g}" if seconds < 1.0 else f"{1e3 * seconds:.0f}"
+def _milliseconds(seconds: float) -> str:
+    return number(1e3 * seconds)
 
 
 def _short(name: str, value: object) -> str:
     if not isinstance(value, float):
         return str(value)
     if name == "mean_seconds":
-        return milliseconds(value)
+        return _milliseconds(value)
     if name == "success_percent":
         return f"{value:.0f}"
     return "-" if np.isnan(value) else f"{value:.1e}"
@@ -134,10 +131,10 @@ def advice(table: Sequence[Row], where: str) -> list[str]:
     quick = min(enough, key=lambda r: r["seconds"], default=best)
     said = [
         f"Take {best['solver']}: right on {best['right']} of {best['problems']} problems {where}, "
-        f"{best['silently wrong']} times silently wrong, {milliseconds(best['seconds'])} ms (median).",
+        f"{best['silently wrong']} times silently wrong, {_milliseconds(best['seconds'])} ms (median).",
         "The fastest of those never silently wrong and right at least nine tenths as often is "
         f"{quick['solver']}: {quick['right']} of {quick['problems']}, "
-        f"{milliseconds(quick['seconds'])} ms.",
+        f"{_milliseconds(quick['seconds'])} ms.",
     ]
     if worst["silently wrong"]:
         of = f"{worst['silently wrong']} of {worst['run']}"
@@ -151,7 +148,7 @@ def answer(runs: pandas.DataFrame) -> str:
         return ""
     cells = [
         (r["solver"], *(str(r[k]) for k in ("right", "run", "silently wrong")),
-         milliseconds(r["seconds"]), f"{r['attempts']:.1f}")
+         _milliseconds(r["seconds"]), f"{r['attempts']:.1f}")
         for r in table
     ]  # fmt: skip
     heads = ("solver", "right", "of problems run", "silently wrong", "median [ms]", "attempts")

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, triangle
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, triangle, unsvec
 
 #: Kinds of cones in the order of SCS and CVXOPT.
 KINDS = ("zero", "nonnegative", "soc", "psd", "exp")
@@ -253,12 +253,8 @@ def full_matrices(problem: ConicProblem) -> Rewritten:
 
 def _expand(cone: Cone) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
     """From svec to all entries (column-major; symmetric, so row-major too), and from those to svec."""
-    d = cone.size
+    d, rows = cone.size, cone.rows
     i, j, weight = triangle(d)
-    k, off = np.arange(len(i)), i != j
-    entries = np.concatenate([1.0 / weight, 1.0 / weight[off]])
-    places = np.concatenate([i * d + j, (j * d + i)[off]]), np.concatenate([k, k[off]])
-    out = sparse.csr_matrix((entries, places), (d * d, len(k)))
+    out = sparse.csr_matrix(unsvec(np.eye(rows), d).reshape(rows, -1).T)
     # Column-major: entry (row j, column i) of the lower triangle stands at i * d + j.
-    home = sparse.csr_matrix((weight, (k, i * d + j)), (len(k), d * d))
-    return out, home
+    return out, sparse.csr_matrix((weight, (np.arange(rows), i * d + j)), (rows, d * d))

@@ -8,10 +8,9 @@ import pytest
 from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.paper.wrenches import (
     WrenchIntervals,
-    equal_torques,
-    joint_wrenches,
     unfeasible_retrievals,
     wrench_intervals,
+    wrench_regressor,
 )
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameters
@@ -27,9 +26,9 @@ def states(problem: Problem, count: int, seed: int = 0) -> tuple[np.ndarray, np.
 
 def links_slice(problem: Problem, links: np.ndarray) -> Slice:
     model = problem.model("rigid_body")
-    return equal_torques(
-        problem.robot, problem.constraints(model), links, problem.parameter_bound(model)
-    )
+    base, _ = base_parameters(model)
+    bound = problem.parameter_bound(model)
+    return Slice.of(problem.constraints(model), base, links.ravel(), bound)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +43,7 @@ def feasible(two_link: Problem, real: np.ndarray) -> Slice:
 
 @pytest.fixture(scope="module")
 def intervals(two_link: Problem, feasible: Slice) -> WrenchIntervals:
-    return wrench_intervals(two_link.robot, feasible, *states(two_link, 3))
+    return wrench_intervals(feasible, wrench_regressor(two_link.robot, *states(two_link, 3)))
 
 
 @pytest.mark.parametrize(("name", "column"), [("two_link", "p_real"), ("panda", "p_hat")])
@@ -52,7 +51,7 @@ def test_wrenches_are_those_of_recursive_newton_euler(name: str, column: str) ->
     problem = load_problem(name)
     robot, links = problem.robot, published_links(problem, column)
     q, dq, ddq = states(problem, 5)
-    wrenches = joint_wrenches(robot, links, q, dq, ddq)
+    wrenches = wrench_regressor(robot, q, dq, ddq) @ links.ravel()
     model = robot._with_inertias(links)
     data = model.createData()
     for k in range(5):
@@ -67,13 +66,14 @@ def test_unfeasible_parameters_make_the_same_torques_and_absurd_wrenches(
     base, _ = base_parameters(two_link.model("rigid_body"), two_link.independent)
     q, dq, ddq = states(two_link, 50)
     torque = two_link.robot.inverse_dynamics(real.ravel(), q, dq, ddq)
-    true = joint_wrenches(two_link.robot, real, q, dq, ddq)
+    Y = wrench_regressor(two_link.robot, q, dq, ddq)
+    true = Y @ real.ravel()
     worst = []
     for links in unfeasible_retrievals(two_link, base @ real.ravel(), 5, boxed=False):
         assert inertia.consistency_margin(links).min() < 0.0
         theirs = two_link.robot.inverse_dynamics(links.ravel(), q, dq, ddq)
         assert np.abs(theirs - torque).max() < 1e-6 * np.abs(torque).max()
-        wrenches = joint_wrenches(two_link.robot, links, q, dq, ddq)
+        wrenches = Y @ links.ravel()
         worst.append(np.abs(wrenches - true).max() / np.abs(true).max())
     assert len(worst) == 5
     assert max(worst) > 1e3
@@ -82,7 +82,7 @@ def test_unfeasible_parameters_make_the_same_torques_and_absurd_wrenches(
 def test_interval_contains_the_truth_and_is_certified(
     two_link: Problem, real: np.ndarray, intervals: WrenchIntervals
 ) -> None:
-    true = joint_wrenches(two_link.robot, real, *states(two_link, 3))
+    true = wrench_regressor(two_link.robot, *states(two_link, 3)) @ real.ravel()
     assert np.all(intervals.lower_bound <= true)
     assert np.all(true <= intervals.upper_bound)
     assert np.all(intervals.lower_bound <= intervals.lower)
