@@ -15,7 +15,6 @@ import scipy.linalg
 from scipy import sparse
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import clarabel
@@ -95,9 +94,8 @@ class Slice:
 
     def _solve(self, g: Array) -> tuple[Array, float]:
         """A solver's minimiser of g^T x, |g| = 1, and our own lower bound of that minimum."""
-        k = len(g)
         solution = clarabel.solve(replace(self.sdp.conic, q=g), 1e-10)
-        objective = Objective(LeastSquares(np.zeros((0, k)), np.zeros(0), 0.0, 0.0, 0), linear=g)
+        objective = Objective.without_data(len(g), g)
         evidence = self.reduced, self.sdp.multipliers(solution), solution.x, self.limit
         found = dual_evidence(objective, *evidence)
         return solution.x, found.bound(objective, self.reduced, self.limit)

@@ -69,6 +69,11 @@ class Objective:
     entropy: Entropy | None = None
     linear: Array | float = 0.0
 
+    @classmethod
+    def without_data(cls, p: int, linear: Array | float = 0.0) -> Objective:
+        """linear @ theta alone, theta (p,); zero: what infeasibility is proved of."""
+        return cls(LeastSquares(np.zeros((0, p)), np.zeros(0), 0.0, 0.0, 0), linear=linear)
+
     def value(self, theta: Array) -> float:
         """At theta (p,)."""
         extra = 0.0 if self.entropy is None else self.entropy.value(theta)

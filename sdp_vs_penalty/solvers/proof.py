@@ -16,9 +16,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import verify_proof
@@ -82,7 +81,7 @@ def infeasibility_proof(
     parameters: Sequence[str] = (),
 ) -> Proof:
     """The proof (Farkas) that no |theta_k| <= bound_k satisfies all constraints."""
-    nothing = Objective(LeastSquares(np.zeros((0, len(bound))), np.zeros(0), 0.0, 0.0, 0))
+    nothing = Objective.without_data(len(bound))
     evidence = dual_evidence(
         nothing, ConstraintSet(tuple(constraints)), multipliers, np.zeros(len(bound)), bound
     )
@@ -143,18 +142,13 @@ def difference(proof: Proof, own: Proof) -> str:
     floor by the loss that they make, since another triangle R may make the same one.
     """
     titles = [[f"{c['family']} of {c['name']}" for c in p["constraints"]] for p in (proof, own)]
-    lists = ("parameter", proof["parameters"], own["parameters"]), ("constraint", *titles)
-    for kind, theirs, ours in lists:
-        for fault, one, other in (("lacks", ours, theirs), ("adds", theirs, ours)):
-            if more := list(Counter(one) - Counter(other)):
-                rest = f" and {len(more) - 1} more" * (len(more) > 1)
-                return f"the proof {fault} the {kind} {more[0]}{rest}"
-        for k, (a, b) in enumerate(zip(theirs, ours, strict=True), start=1):
+    names = proof["parameters"], own["parameters"]
+    for kind, pair in (("parameter", names), ("constraint", titles)):
+        for k, (a, b) in enumerate(zip_longest(*pair, fillvalue="none"), start=1):
             if a != b:
-                return f"{kind} {k} is {a} in the proof, {b} of the model (their order differs)"
-    for name, a, b in zip(own["parameters"], proof["bound"], own["bound"], strict=True):
-        if not _close([a], [b]):
-            a, b = (float(Fraction(x)) for x in (a, b))
+                return f"{kind} {k} is {a} in the proof, {b} of the model"
+    for name, a, b in zip(names[1], _array(proof["bound"]), _array(own["bound"]), strict=True):
+        if not _close(a, b):
             return f"the bound of {name} is {a:g} in the proof, {b:g} of the model"
     grams = []
     for p in (proof, own):
@@ -172,14 +166,12 @@ def difference(proof: Proof, own: Proof) -> str:
 
 def _same(field: str, stated: Any, own: Any) -> bool:
     """Whether a field of a constraint is the same."""
-    if field not in ("constant", "coefficients", "entropy"):
+    if field in ("constant", "coefficients"):
+        return _close(_array(stated), _array(own))
+    if field != "entropy" or len(stated) != len(own):
         return bool(stated == own)
-    if field == "constant" or len(stated) != len(own):
-        return _close(stated, own)
-    if field == "coefficients":
-        return all(map(_close, stated, own))
     return all(
-        _close([a["weight"]], [b["weight"]])
+        _close(*(_array([e["weight"]]) for e in (a, b)))
         and _same_gram(*(_array(e["inverse"]).reshape(4, 4) for e in (a, b)))
         # A logarithm: its error is a relative one of the determinant.
         and abs(float(Fraction(a["log_det"]) - Fraction(b["log_det"]))) <= _SAME
@@ -192,12 +184,10 @@ def _same_gram(stated: Array, own: Array) -> bool:
     return bool(np.all(np.abs(stated - own) <= _SAME * np.outer(size, size)))
 
 
-def _close(stated: Sequence[str], own: Sequence[str]) -> bool:
+def _close(a: Array, b: Array) -> bool:
     """Whether each number is the same, by itself."""
-    if len(stated) != len(own):
-        return False
-    a, b = _array(stated), _array(own)
-    return bool(np.allclose(a, b, rtol=_SAME, atol=_ROUNDING * np.abs(b).max(initial=0.0)))
+    atol = _ROUNDING * np.abs(b).max(initial=0.0)
+    return a.shape == b.shape and bool(np.allclose(a, b, rtol=_SAME, atol=atol))
 
 
 def _array(texts: Any) -> Array:

@@ -157,11 +157,8 @@ def proves_infeasible(
     0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound < 0 cannot be (Farkas). It is the
     lower bound of the objective zero: positive exactly if the set is empty.
     """
-    from sdp_vs_penalty.regression.regression import LeastSquares
-
-    p = len(bound)
-    nothing = Objective(LeastSquares(np.zeros((0, p)), np.zeros(0), 0.0, 0.0, 0))
-    return lower_bound(nothing, Entries.of(alike(constraints)), multipliers, np.zeros(0), bound) > 0.0
+    entries, nothing = Entries.of(alike(constraints)), Objective.without_data(len(bound))
+    return lower_bound(nothing, entries, multipliers, np.zeros(0), bound) > 0.0
 
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:

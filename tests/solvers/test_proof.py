@@ -250,8 +250,8 @@ def test_a_proof_of_another_problem_is_refused_by_the_name_of_what_differs(tmp_p
     lies = {
         "order": {**true, "parameters": [names[1], names[0], *names[2:]]},
         "bound of": {**true, "bound": [str(Fraction(x) * 2) for x in true["bound"]]},
-        "lacks the constraint mass": without(true, "mass"),
-        "adds the constraint mass": {**true, "constraints": [*true["constraints"], mass]},
+        "of the model": without(true, "mass"),
+        "none of the model": {**true, "constraints": [*true["constraints"], mass]},
         "constraint 1 is": {**true, "constraints": true["constraints"][::-1]},
         "differs: its constant": with_first(true, "mass", constant=looser),
         "differs: its entropy": with_first(true, prior["family"], entropy=[pull]),
