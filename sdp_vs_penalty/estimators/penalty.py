@@ -278,4 +278,4 @@ class ScaledProblem:
             assert isinstance(part, AffinePart)
             for place, scale, multiplier in zip(group.places, part.scale, shift, strict=True):
                 found[self.received.convex[place]] = self.loss_scale * scale * multiplier
-        return [found.get(c, np.zeros_like(c.constant)) for c in constraints.convex]
+        return constraints.filled(found)

@@ -89,7 +89,7 @@ class PosedSdp:
         cones = None
         if solver_name is None:
             with suppress(NotApplicableError):
-                cones = SmallCones.of(objective.entropy, constraints.convex, len(interior))
+                cones = SmallCones.of(objective.entropy, constraints, len(interior))
         return cls(task, constraints, interior, solver_name or REFERENCE, cones)
 
     def fit(self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None) -> Fit:
@@ -114,7 +114,8 @@ class PosedSdp:
             found = minimise(cones, data, starts, accuracy)
         if found is None:
             return None
-        own = *cones.multipliers(found.multipliers), self.interior, self.task.bound
+        multipliers, slopes = cones.multipliers(found.multipliers)
+        own = self.constraints.filled(multipliers), slopes, self.interior, self.task.bound
         theta = repair(self.constraints, found.theta, self.interior)
         details = {"solver": OWN, "solver_said": [found.said]}
         return Fit(theta, objective, self.constraints, *own, details, found.central)
@@ -160,8 +161,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
         if not np.all(np.isfinite(solution.x)):
             continue
         theta = repair(constraints, problem.theta(solution), interior)
-        own = dict(zip(sent, problem.multipliers(solution), strict=True))
-        multipliers = [own.get(c, np.zeros_like(c.constant)) for c in constraints.convex]
+        multipliers = constraints.filled(problem.multipliers(solution))
         slopes = problem.entropy_slopes(solution)
         details = {"solver": posed.solver, "solver_said": said}
         fit = Fit(theta, objective, constraints, multipliers, slopes, interior, task.bound, details)
@@ -239,7 +239,7 @@ def _refuse_if_proved(
     task: Task, constraints: ConstraintSet, problem: SdpProblem, solution: Solution
 ) -> None:
     """Raises Infeasible where the dual of the largest margin proves that nothing satisfies all."""
-    multipliers = problem.multipliers(solution)
+    multipliers = constraints.filled(problem.multipliers(solution))
     if proves_infeasible(constraints.convex, multipliers, task.bound):
         families = conflicting(constraints.convex, problem.shares(solution))
         what = f"{' and '.join(families)} exclude each other (from the infeasibility certificate)"

@@ -9,7 +9,7 @@ checks them. Bounds that are not convex in the standard parameters are kept besi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -233,6 +233,10 @@ class ConstraintSet:
         """The convex ones without the pseudo-inertias that a minimum thickness of the link contains."""
         thick = {c.name for c in self.convex if c.family == "minimum thickness"}
         return tuple(c for c in self.convex if c.family != "pseudo-inertia" or c.name not in thick)
+
+    def filled(self, multipliers: Mapping[Constraint, Array]) -> list[Array]:
+        """Of each convex one its multiplier; zero for those that were left out."""
+        return [multipliers.get(c, np.zeros_like(c.constant)) for c in self.convex]
 
     def plus(self, more: Sequence[Constraint]) -> ConstraintSet:
         """These and further ones."""

@@ -109,7 +109,7 @@ def _conic(name: str, module: ModuleType, *variant: str) -> Contestant:
             solution.claims,
             solution.status,
             solution.iterations,
-            instance.all_multipliers(sdp.multipliers(solution)),
+            instance.constraints.filled(sdp.multipliers(solution)),
             sdp.entropy_slopes(solution),
             dimacs_error(seen, x, z),
         )

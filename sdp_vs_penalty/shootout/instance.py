@@ -70,11 +70,6 @@ class Instance:
             self.objective, self.sent, centre, self.task.bound, centre, least_loss=least
         )
 
-    def all_multipliers(self, sent: Sequence[Array]) -> list[Array]:
-        """Multipliers of all constraints, in order, from those of the ``sent`` ones."""
-        found = dict(zip(self.sent, sent, strict=True))
-        return [found.get(c, np.zeros_like(c.constant)) for c in self.constraints.convex]
-
     @cached_property
     def hash(self) -> str:
         """Sixteen hexadecimal digits of the problem and the form it is posed in: of objective and

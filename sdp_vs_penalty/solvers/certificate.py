@@ -190,18 +190,13 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
     Feasible by more than rounding (:func:`safe_depth`): the certificate, which forms F(theta) in
     another order, finds no violation. An interior point that is no deeper is what comes out.
     """
-    ways = []
-    for stack in constraints.groups:
-        value, terms = stack.values(theta), stack.terms(theta)
-        ahead, above = stack.values(interior) - value, stack.terms(interior) - terms
-        ways.append((stack, value, ahead, terms, above))
 
     def feasible(step: float) -> bool:
-        # The terms of a point between two others are at most those in between.
+        x = theta + step * (interior - theta)
         return all(
-            cone_depths(stack.cone, value + step * ahead, terms + step * above).min()
+            cone_depths(stack.cone, stack.values(x), stack.terms(x)).min()
             >= safe_depth(stack.constant.shape[1])
-            for stack, value, ahead, terms, above in ways
+            for stack in constraints.groups
         )
 
     if feasible(0.0):

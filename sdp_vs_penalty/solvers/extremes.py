@@ -96,8 +96,8 @@ class Slice:
         """A solver's minimiser of g^T x, |g| = 1, and our own lower bound of that minimum."""
         solution = clarabel.solve(replace(self.sdp.conic, q=g), 1e-10)
         objective = Objective.without_data(len(g), g)
-        evidence = self.reduced, self.sdp.multipliers(solution), solution.x, self.limit
-        found = dual_evidence(objective, *evidence)
+        multipliers = self.reduced.filled(self.sdp.multipliers(solution))
+        found = dual_evidence(objective, self.reduced, multipliers, solution.x, self.limit)
         return solution.x, found.bound(objective, self.reduced, self.limit)
 
 

@@ -69,16 +69,15 @@ class SdpProblem:
             out.append(block * np.outer(scale, scale) * self.loss_scale**2 / self.entropy.weight)
         return np.array(out)
 
-    def multipliers(self, solution: Solution) -> list[Array]:
+    def multipliers(self, solution: Solution) -> dict[Constraint, Array]:
         """The dual matrix or vector of each constraint, in the units of loss per F."""
-        out = []
+        out = {}
         for item in self.placed:
-            part = solution.z[item.rows] * self.loss_scale**2
-            if item.constraint.cone == "psd":
-                matrix = unsvec(part, len(item.constraint.constant))
-                out.append(item.scale.T @ matrix @ item.scale)
-            else:
-                out.append(item.scale * part)
+            c, part = item.constraint, solution.z[item.rows] * self.loss_scale**2
+            psd = c.cone == "psd"
+            out[c] = (
+                item.scale.T @ unsvec(part, len(c.constant)) @ item.scale if psd else item.scale * part
+            )
         return out
 
     def shares(self, solution: Solution) -> Array:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Alike, Constraint, Entries, alike
+from sdp_vs_penalty.robot.constraint import Alike, Constraint, ConstraintSet, Entries, alike
 from sdp_vs_penalty.solvers.objective import Entropy
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 
@@ -27,11 +27,11 @@ _Triplets = tuple[NDArray[np.intp], NDArray[np.intp], Array]
 class SmallCones:
     """Non-negative rows and 4x4 blocks, prepared for any data in the same parameters theta (p,).
 
-    Slacks (rows + 16 blocks,) = constant + slack_map theta, of one kind after the other: rows, then the
-    ``linked`` kinds of blocks that are the entropy's links, then further blocks. weight (blocks,) : of
-    -log det; linear (p,) : the slope of its trace term. curvature turns y / s of the rows and the
-    Kronecker products of S^-1 and Z of the blocks into the entries ``places`` of H (p, p), lower
-    triangle column by column.
+    constraints : those that no other implies. Slacks (rows + 16 blocks,) = constant + slack_map theta,
+    of one kind after the other: rows, then the ``linked`` kinds of blocks that are the entropy's links,
+    then further blocks. weight (blocks,) : of -log det; linear (p,) : the slope of its trace term.
+    curvature turns y / s of the rows and the Kronecker products of S^-1 and Z of the blocks into the
+    entries ``places`` of H (p, p), lower triangle column by column.
     """
 
     constraints: tuple[Constraint, ...]
@@ -47,10 +47,12 @@ class SmallCones:
     places: NDArray[np.intp]
 
     @classmethod
-    def of(cls, entropy: Entropy | None, constraints: Sequence[Constraint], p: int) -> SmallCones:
+    def of(cls, entropy: Entropy | None, constraints: ConstraintSet, p: int) -> SmallCones:
         """Raises NotApplicableError for cones of an order above four."""
         links = entropy.links if entropy is not None and entropy.weight > 0.0 else ()
-        found = _needed(constraints, links)
+        barred = {("pseudo-inertia", *link.indices.tolist()) for link in links}  # by their log det
+        chosen = [c for c in constraints.essential if (c.family, *c.indices.tolist()) not in barred]
+        found = alike(chosen)
         rows = [kind for kind in found if kind.cone == "nonnegative"]
         blocks = [*alike(links), *(kind for kind in found if kind.cone != "nonnegative")]
         matrices = [_matrices(kind) for kind in blocks]
@@ -73,7 +75,7 @@ class SmallCones:
         curvature = _csr(pairs, (p * p, count + len(weight) * ORDER**4))
         places = np.flatnonzero(np.diff(curvature.indptr))
         return cls(
-            tuple(constraints),
+            tuple(chosen),
             (*rows, *blocks),
             len(alike(links)),
             count,
@@ -93,10 +95,10 @@ class SmallCones:
     def slacks(self, theta: Array) -> Array:
         return np.asarray(self.constant + self.slack_map @ theta)
 
-    def multipliers(self, flat: Array) -> tuple[list[Array], Array | None]:
-        """Of each constraint its multiplier (zero where others imply it), and of each link of the
-        entropy the slope S (links, 4, 4) with which -log det is bounded; flat (rows + 16 blocks,)."""
-        own = [np.zeros_like(c.constant) for c in self.constraints]
+    def multipliers(self, flat: Array) -> tuple[dict[Constraint, Array], Array | None]:
+        """Of each constraint that no other implies its multiplier, and of each link of the entropy the
+        slope S (links, 4, 4) with which -log det is bounded; flat (rows + 16 blocks,)."""
+        own = dict[Constraint, Array]()
         slopes = np.empty((np.count_nonzero(self.weight), ORDER, ORDER))
         start = blocks = 0
         for kind in self.kinds:
@@ -115,22 +117,8 @@ class SmallCones:
             elif kind.cone == "psd":
                 Z = Z[:, :size, :size]
             for k, z in zip(kind.places.tolist(), Z, strict=True):
-                own[k] = z
+                own[self.constraints[k]] = z
         return own, slopes if self.linked else None
-
-
-def _needed(constraints: Sequence[Constraint], links: Sequence[Constraint]) -> list[Alike]:
-    """Those that neither a minimum thickness nor a log det implies, with their places among all."""
-    thick = {c.name for c in constraints if c.family == "minimum thickness"}
-    own = {tuple(link.indices.tolist()) for link in links}
-
-    def implied(c: Constraint) -> bool:
-        known = c.name in thick or tuple(c.indices.tolist()) in own
-        return c.family == "pseudo-inertia" and known
-
-    kept = np.array([k for k, c in enumerate(constraints) if not implied(c)], np.intp)
-    found = alike([constraints[k] for k in kept.tolist()])
-    return [replace(kind, places=kept[kind.places]) for kind in found]
 
 
 def _matrices(kind: Alike) -> Alike:

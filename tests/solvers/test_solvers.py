@@ -77,7 +77,7 @@ class Link:
         lower = certificate.lower_bound(
             self.objective,
             self.constraints,
-            sdp.multipliers(solution),
+            self.constraints.filled(sdp.multipliers(solution)),
             theta,
             self.bound,
             sdp.entropy_slopes(solution),

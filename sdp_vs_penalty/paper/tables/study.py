@@ -155,15 +155,13 @@ class Study:
             raise unknown("budget", budget, BUDGETS)
         self.problem, self.budget, self.seed, self.progress = problem, budget, seed, progress
         self.workers, self.effort = workers, BUDGETS[budget]
-        self._results: dict[tuple[str, Data], Result] = {}
-        self._tasks: dict[Data, Task] = {}
         self._made: dict[object, Any] = {}
 
-    def once(self, make: Callable[[Study], Made]) -> Made:
-        """What ``make`` makes of this study, worked out the first time."""
-        if make not in self._made:
-            self._made[make] = make(self)
-        return cast(Made, self._made[make])
+    def once(self, make: Callable[..., Made], *of: Any) -> Made:
+        """What ``make`` makes of this study and further arguments, worked out the first time."""
+        if (key := (make, *of)) not in self._made:
+            self._made[key] = make(self, *of)
+        return cast(Made, self._made[key])
 
     @cached_property
     def experiment(self) -> Experiment:
@@ -201,23 +199,7 @@ class Study:
         self, method: str | Estimator, effects: Sequence[str] | Sequence[Effect] | None = None
     ) -> CrossValidation:
         """Errors of a method on motion of the real run that it has not seen, by FOLDS folds by phase."""
-        own = None if effects is None else tuple(effects)
-        if (key := (method, own)) not in self._made:
-            self.progress(f"folds by phase, {method if isinstance(method, str) else method.name}")
-            split, folds = self._folds(own)
-            estimator = self.estimator(method)
-            judged = self.workers.map(partial(_judged, estimator), folds)
-            self._made[key] = split.result(estimator, judged)
-        return cast(CrossValidation, self._made[key])
-
-    def _folds(self, effects: tuple[Any, ...] | None) -> tuple[Split, list[FoldData | None]]:
-        """The real run's folds, shape constants included; no method changes them."""
-        if (key := ("folds", effects)) not in self._made:
-            assert self.run is not None
-            options = PoseOptions(effects, seed=self.seed)
-            split = split_by_phase(self.problem, self.run, options, FOLDS)
-            self._made[key] = split, list(self.workers.map(split.fold, range(FOLDS)))
-        return cast("tuple[Split, list[FoldData | None]]", self._made[key])
+        return self.once(_unseen, method, None if effects is None else tuple(effects))
 
     def _data(self, label: str, train: Measurements, test: Measurements | None, model: Model) -> Data:
         return Data(label, train, test, model, self.problem.preprocessing.resolve(train))
@@ -233,25 +215,23 @@ class Study:
         return [data for data in (self.simulated, self.repeated) if data is not None]
 
     def task(self, data: Data) -> Task:
-        if data not in self._tasks:
-            self.progress(f"compressing the {data.label} run")
-            self._tasks[data] = make_task(self.problem, data.model, data.regression, seed=self.seed)
-        return self._tasks[data]
+        """What methods are given of the training part of a data set."""
+        return self.once(_task, data)
 
     def result(self, method: str, data: Data) -> Result:
         """A method's estimate from the training part of a data set."""
         self.estimate([method], [data])
-        return self._results[method, data]
+        return cast(Result, self._made[method, data])
 
     def estimate(self, methods: Iterable[str], sets: Sequence[Data]) -> None:
         """Have every method's estimate from each of the data sets, by the workers; a task is small."""
-        new = [(m, d) for m in methods for d in sets if (m, d) not in self._results]
+        new = [(m, d) for m in methods for d in sets if (m, d) not in self._made]
         tasks = []
         for method, data in new:
             tasks.append((self.estimator(method), self.task(data)))
             self.progress(f"{method} on {data.label} data")
         workers = replace(self.workers, progress=self.progress)
-        self._results.update(zip(new, workers.map(_estimated, tasks), strict=True))
+        self._made.update(zip(new, workers.map(_estimated, tasks), strict=True))
 
     @property
     def about_priors(self) -> list[str]:
@@ -333,6 +313,25 @@ class Study:
         estimate = identify(self.problem, box, "reverse-engineering", seed=self.seed)
         seconds = time.perf_counter() - begin
         return Result(estimate.theta, estimate.certificate, seconds, estimate.details)
+
+
+def _task(study: Study, data: Data) -> Task:
+    study.progress(f"compressing the {data.label} run")
+    return make_task(study.problem, data.model, data.regression, seed=study.seed)
+
+
+def _unseen(study: Study, method: str | Estimator, effects: tuple[Any, ...] | None) -> CrossValidation:
+    study.progress(f"folds by phase, {method if isinstance(method, str) else method.name}")
+    split, folds = study.once(_folds, effects)
+    estimator = study.estimator(method)
+    return split.result(estimator, study.workers.map(partial(_judged, estimator), folds))
+
+
+def _folds(study: Study, effects: tuple[Any, ...] | None) -> tuple[Split, list[FoldData | None]]:
+    """The real run's folds, shape constants included; no method changes them."""
+    assert study.run is not None
+    split = split_by_phase(study.problem, study.run, PoseOptions(effects, seed=study.seed), FOLDS)
+    return split, list(study.workers.map(split.fold, range(FOLDS)))
 
 
 def _estimated(given: tuple[Estimator, Task]) -> Result:
