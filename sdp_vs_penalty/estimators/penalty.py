@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -118,37 +119,36 @@ def minimise(
     penalty: ShiftedPenalty, x: Array, tolerance: float
 ) -> tuple[Array, list[Array], dict[str, Any]]:
     """Continue weight and shifts from x until violation and complementarity are below tolerance, in the
-    scaled units of the parts: x (p,), the shifts (multipliers) there, and what was spent; converged :
-    whether the last minimisation ended by itself."""
-    shifts, weight, residual = (
-        [np.zeros_like(part.values(x)) for part in penalty.parts],
-        _FIRST_WEIGHT,
-        np.inf,
-    )
-    near = np.sqrt(_PROXIMAL) * np.eye(len(x))
+    scaled units of the parts: x (p,), the shifts (multipliers) there, and what was spent."""
+    shifts, weight = [np.zeros_like(part.values(x)) for part in penalty.parts], _FIRST_WEIGHT
+    residual, stages, near = np.inf, 0, np.sqrt(_PROXIMAL) * np.eye(len(x))
     told = {"method": "lm", **dict.fromkeys(("ftol", "xtol", "gtol"), 1e-14), "max_nfev": _STEPS}
-    evaluations = stages = 0
 
-    def rows(z: Array, x: Array, shifts: list[Array], weight: float) -> tuple[Array, Array]:
+    @lru_cache(maxsize=1)  # residuals and slopes are asked for in turn
+    def rows(place: bytes, stage: int) -> tuple[Array, Array]:
+        z = np.frombuffer(place)
         r, J = penalty.rows(z, shifts, weight)
         return np.concatenate([r, near @ (z - x)]), np.concatenate([J, near])
 
+    def residuals(z: Array, stage: int) -> Array:
+        return rows(z.tobytes(), stage)[0]
+
+    def slopes(z: Array, stage: int) -> Array:
+        return rows(z.tobytes(), stage)[1]
+
     while stages < _STEPS:
-        now = x, shifts, weight
-        found = optimize.least_squares(
-            lambda *z: rows(*z)[0], x, lambda *z: rows(*z)[1], args=now, **told
-        )
-        x, evaluations, stages = found.x, evaluations + int(found.nfev), stages + 1
+        stages += 1
+        found = optimize.least_squares(residuals, x, slopes, args=(stages,), **told)
+        last, x = x, found.x
         moved = penalty.shifted(x, shifts, weight)
         changes = (np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True))
         previous, residual = residual, float(max(changes, default=0.0)) / weight
         shifts = moved
-        if max(residual, _PROXIMAL * np.abs(x - now[0]).max(initial=0.0)) <= tolerance:
+        if max(residual, _PROXIMAL * np.abs(x - last).max(initial=0.0)) <= tolerance:
             break
         if residual > 0.25 * previous and weight < _LARGEST_WEIGHT:
             weight *= 10.0
-    spent = {"residual": residual, "weight": weight, "evaluations": evaluations, "stages": stages}
-    return x, shifts, {**spent, "converged": bool(found.success)}
+    return x, shifts, {"residual": residual, "stages": stages}
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Fit
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
-from sdp_vs_penalty.shootout import baselines, log_cholesky
+from sdp_vs_penalty.shootout import augmented_lagrangian, baselines
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.judge import Answer, dimacs_error, no_answer
 from sdp_vs_penalty.solvers import absent, solver_modules, through_cvxpy, version, warm_up
@@ -177,10 +177,10 @@ def _baselines() -> list[Contestant]:
             entropy=False,
         ),
         Contestant(
-            "log-cholesky",
-            "log-Cholesky variables, augmented Lagrangian, MINPACK (no SDP solver)",
-            log_cholesky.solve,
-            options=log_cholesky.options,
-            entropy=False,
+            "log-cholesky L-BFGS",
+            "log-Cholesky variables, augmented Lagrangian, SciPy's L-BFGS-B (no SDP solver)",
+            augmented_lagrangian.solve,
+            partial(metadata.version, "scipy"),
+            options=augmented_lagrangian.options,
         ),
     ]

@@ -48,7 +48,7 @@ def test_list_names_instances_and_solvers(capsys):
     for name in (
         "panda gram g mm",
         "chain of 60 links gyration 0",
-        "log-cholesky",
+        "log-cholesky L-BFGS",
         "sdpa-program",
     ):
         assert name in said
