@@ -46,7 +46,7 @@ def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
     out: dict[Any, Any] = {}
     for value, thing in found:
         if out.setdefault(value, thing) is not thing:
-            names = f"{out[value].__name__} and {thing.__name__}"
+            names = " and ".join(getattr(x, "__name__", str(x)) for x in (out[value], thing))
             raise InputError(f"{names} have the same {word}, {value!r}", "give each its own")
     return dict(sorted(out.items()))
 
