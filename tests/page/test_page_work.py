@@ -432,22 +432,6 @@ def test_tabs_without_a_connection_are_kept_a_minute(shown, sessions, monkeypatc
     assert sum(sessions.get(session.token) is not None for session in made) == 4 - shown
 
 
-def test_the_authors_four_files_are_one_run(tmp_path):
-    files = {}
-    for name in uploads.LOG_FILES:
-        (tmp_path / f"user-{name}").write_text("1\n")
-        files[name] = tmp_path / f"user-{name}"
-    files["other.csv"] = tmp_path / "other.csv"
-    missing = dict(files)
-    del missing[uploads.LOG_FILES[2]]
-    assert uploads.logger_folder(tmp_path, missing) is None
-    assert len(missing) == 4
-    made = uploads.logger_folder(tmp_path, files)
-    assert sorted(p.name for p in made.iterdir()) == sorted(uploads.LOG_FILES)
-    assert list(files) == ["other.csv"]
-    assert all((tmp_path / f"user-{name}").exists() for name in uploads.LOG_FILES)
-
-
 def answer(
     headers: dict[str, str], gate: Any = guarded, error: Exception | None = None, **scope: Any
 ) -> tuple[bool, list[Any]]:
