@@ -221,6 +221,14 @@ def test_a_run_is_repaired_where_it_is_certain(sessions, hidden, tmp_path):
     assert beside.splitlines() == list(s.notice.texts)
 
 
+def ended(work: JobProcess, seconds: float) -> bool:
+    """Whether a worker ends within so many seconds; whoever killed it waits for it as well."""
+    until = time.monotonic() + seconds
+    while work.process.is_alive() and time.monotonic() < until:
+        time.sleep(0.01)
+    return not work.process.is_alive()
+
+
 def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions):
     s = opened(sessions, "panda")
 
@@ -237,8 +245,7 @@ def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions):
     assert seconds < 1.0
     assert s.runs == []
     assert s.notice.texts == ("Cancelled: nothing was changed.",)
-    work.process.join(2.0)
-    assert not work.process.is_alive()
+    assert ended(work, 2.0)
 
 
 async def put(session: Session, name: str, kind: str, content: bytes = b"x") -> int:
@@ -330,8 +337,7 @@ def test_a_worker_ends_with_its_server(pool):
     work.pipe.send(LONG)
     assert work.pipe.recv_bytes()  # it works
     work.pipe.close()
-    work.process.join(10.0)
-    assert not work.process.is_alive()
+    assert ended(work, 10.0)
 
 
 async def pieces(*chunks: bytes) -> AsyncIterator[bytes]:
