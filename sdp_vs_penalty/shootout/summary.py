@@ -28,8 +28,6 @@ _HEADINGS = {
 }  # fmt: skip
 #: What is told of the answers called optimal: the median, each for itself.
 _FIGURES = ["objective_error", "violation", "own_gap", "dimacs"]
-#: Links and accuracy of the question that the summary answers first.
-_LINKS, _ACCURACY = 7, 1e-6
 
 
 def summary_rows(runs: pandas.DataFrame, time_limit: float) -> list[Row]:
@@ -142,9 +140,9 @@ def advice(table: Sequence[Row], where: str) -> list[str]:
     return said
 
 
-def answer(runs: pandas.DataFrame) -> str:
-    """Markdown: which solver for seven links at 1e-6, and why; empty where nothing was run on them."""
-    if not (table := ranking(runs, _ACCURACY, _LINKS)):
+def answer(runs: pandas.DataFrame, links: int = 7, accuracy: float = 1e-6) -> str:
+    """Markdown: which solver for so many links, and why; empty where nothing was run on them."""
+    if not (table := ranking(runs, accuracy, links)):
         return ""
     cells = [
         (r["solver"], *(str(r[k]) for k in ("right", "run", "silently wrong")),
@@ -152,7 +150,7 @@ def answer(runs: pandas.DataFrame) -> str:
         for r in table
     ]  # fmt: skip
     heads = ("solver", "right", "of problems run", "silently wrong", "median [ms]", "attempts")
-    words = " ".join(advice(table, f"of {_LINKS} links at {_ACCURACY:.0e}"))
+    words = " ".join(advice(table, f"of {links} links at {accuracy:.0e}"))
     return "\n".join([words, "", *markdown_table(heads, cells)]) + "\n"
 
 
