@@ -228,9 +228,7 @@ def _channels(
     net = (search := Search(log)).run()
     score, (stated, certain) = log.score(net), _stated(search, net)
     sizes = list(residual.size(log, net))
-    assert settings.torque_cutoff is not None
-    samples = 2.0 * settings.torque_cutoff * float(np.ptp(data.motion.t)) * len(log.joints)
-    settled = samples > len(score.theta) + log.n * data.own.shape[2]
+    settled = log.spare > 0.0
     issues = [*first, *stated, *told, *sizes, *residual.find(log, net, score, settled)]
     if any(i.kind == "torque channel kind" for i in sizes):
         issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]

@@ -124,15 +124,23 @@ class Likelihood:
         return Likelihood(self.problem, self.data.some(rows))
 
     @cached_property
+    def spare(self) -> float:
+        """Share of the log's independent samples that are more than one arm has parameters."""
+        score = self.score(self.none)
+        asked = len(score.theta) + self.n * self.data.own.shape[2]
+        return 1.0 - asked / max(self.data.independent * len(self.joints), 1.0)
+
+    @cached_property
     def samples(self) -> float:
-        """How many independent samples M rows hold whose neighbours are alike: M / (1 + 2 sum_k rho_k)
-        of the median joint, over lags before what the arm leaves is correlated no more (Geyer 1992)."""
+        """How many independent samples M rows hold whose neighbours are alike, and no parameter takes:
+        M / (1 + 2 sum_k rho_k) of the median joint, over lags before what the arm leaves is correlated
+        no more (Geyer 1992)."""
         left, count = self.score(self.none).residual[self.moving], self.data.count
         power = np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), 2 * count)) ** 2
         rho = np.fft.irfft(power)[:, :count]
         rho = rho / or_one(rho[:, :1])
         lasts = 2.0 * np.sum(rho * np.cumprod(rho > 0.0, axis=1), axis=1) - 1.0
-        return count / max(float(np.median(lasts)), 1.0)
+        return max(self.spare, 0.1) * count / max(float(np.median(lasts)), 1.0)
 
     def channels(self, repair: Repair) -> Array:
         """(n, M) the torque as repaired, 0 where it is not asked for."""

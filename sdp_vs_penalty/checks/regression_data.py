@@ -37,7 +37,8 @@ class RegressionData:
     motion : (M, n) low-passed states; torque : (n,) low-passed channels, a spline over time;
     own : (n, M, k) columns that each joint's own motion makes; heard : (M, n) 1 where a joint slides, 0
     where its torque is not asked; moving : (n,); shared : the effects whose columns joints share;
-    largest : (n,) sizes that the channels reach.
+    largest : (n,) sizes that the channels reach; independent : how many samples of the low-passed torque
+    the log holds.
     """
 
     shared: Model | None
@@ -47,6 +48,7 @@ class RegressionData:
     heard: Array
     moving: NDArray[np.bool_]
     largest: Array
+    independent: float
 
     @property
     def n(self) -> int:
@@ -70,7 +72,8 @@ class RegressionData:
         assert settings.torque_cutoff is not None
         # As much of the band as the rows can hold, each row independent of the next.
         band = ROWS / (2.0 * DENSE * max(float(run.t[-1] - run.t[0]), 1e-9))
-        settings = replace(settings, torque_cutoff=min(settings.torque_cutoff, band))
+        cutoff = min(settings.torque_cutoff, band)
+        settings = replace(settings, torque_cutoff=cutoff)
         filters, (laws, shared) = RunFilter(run, settings), split(problem.model())
         margin = filters.state.half + filters.column.half
         places = filters.moving(margin)
@@ -98,7 +101,8 @@ class RegressionData:
         # Where all have stopped nothing is asked of any joint.
         motion, heard = Motion(t[asked], q[asked], dq[asked], ddq[asked]), slides[asked].astype(float)
         largest = np.abs(torque).max(axis=0)
-        return cls(shared, motion, spline, own[:, asked], heard, moving, largest)
+        independent = 2.0 * cutoff * float(np.ptp(motion.t))
+        return cls(shared, motion, spline, own[:, asked], heard, moving, largest, independent)
 
 
 def _piece(

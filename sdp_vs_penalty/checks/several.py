@@ -90,17 +90,16 @@ def compare(
     own = apart - 0.5 * len(theta) * np.log(samples * len(runs))
     if max(value, own) < least:
         return
-    log, others = fits[odd], [r for k, r in enumerate(runs) if k != odd]
+    log, ranks = fits[odd], [*(k for k in range(len(runs)) if k != odd), odd]
 
-    def left_out(left: Array, more: Array | None, others: Sequence[Equations]) -> tuple[Array, Array]:
-        weights = np.where(asked, 1.0 / left, 0.0)
-        weights = np.concatenate([np.delete(weights, odd, axis=0)[: len(others)].ravel(), weights[odd]])
-        return log.left_out(repairs[odd], weights, more, others)
+    def left_out(left: Array, more: Array | None, ranks: Sequence[int]) -> tuple[Array, Array]:
+        weights = np.where(asked, 1.0 / left, 0.0)[ranks].ravel()
+        return log.left_out(repairs[odd], weights, more, [runs[k] for k in ranks[:-1]])
 
-    _, before = left_out(one, None, others)
+    _, before = left_out(one, None, ranks)
     if value < 0.5 * own:
-        kind, j, others, more, left = "another arm", -1, [], None, alone
-    arms, after = left_out(left, more, others)
+        kind, j, ranks, more, left = "another arm", -1, [odd], None, alone
+    arms, after = left_out(left, more, ranks)
     found = arms[:, 0 if more is None else -more.shape[2]]
     change = np.log(before / after)[:, log.moving].sum(axis=1)
     x, spread = float(np.mean(found)), float(np.sqrt((c.PARTS - 1) * np.var(found)))
