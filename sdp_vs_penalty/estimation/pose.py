@@ -150,12 +150,12 @@ def pose(
         wanted = options.known, options.weighting, progress, options.instruments != "none"
         chosen = options.effects is not None
         loads = options.known_loads
-        servo = servo_log(problem, model.effects, data, settings, *wanted, chosen, loads)
-        errors = np.column_stack([errors, np.full(problem.robot.n, servo.scale_error)])
+        given = problem, model.effects, data, settings, *wanted, chosen, loads
+        model, data, servo = servo_log(*given)
+        errors = np.column_stack([errors, np.full(problem.robot.n, servo["scale_error"])])
         # Loads are other runs: what they made of the scale is told instead.
-        scaled = replace(options, known=servo.details["known"]) if loads else options
-        details = {"servo": servo.details, "recipe": scaled.recipe()}
-        model, data = servo.model, servo.measurements
+        scaled = replace(options, known=servo["known"]) if loads else options
+        details = {"servo": servo, "recipe": scaled.recipe()}
 
     def compressed(part: Model) -> Regression:
         return in_columns(data, part, settings, workers)

@@ -73,7 +73,9 @@ class Sandwich:
         return np.asarray(np.linalg.qr(self.directions * self.norms[:, None])[0])
 
     def half_widths(self, contrasts: Array, level: float) -> Array:
-        """(k,) half-widths of intervals of linear functions (k, p) of theta, NaN for unseen ones."""
+        """(k,) half-widths of intervals of linear functions (k, p) of theta, or of its first parameters
+        alone; NaN for unseen ones."""
+        contrasts = np.pad(contrasts, ((0, 0), (0, len(self.norms) - contrasts.shape[1])))
         half, seen = np.full(len(contrasts), np.nan), np.flatnonzero(self.sees(contrasts))
         # Numbers of the products of blocks that are held at once.
         for few in np.array_split(seen, 1 + seen.size * self.directions.shape[1] ** 2 // (1 << 20)):
@@ -140,6 +142,7 @@ class Sandwich:
     def gain_response(self, theta: Array) -> Array:
         """(p, n) change of the estimate theta for a unit relative error of each channel's gain."""
         moved = np.zeros((self.directions.shape[1], self.regression.joints))
+        theta = np.pad(theta, (0, len(self.norms) - len(theta)))
         for f in self.regression.per_joint:
             rows, weight = f.triangle[:, :-1], self.weights[f.joint] ** 2
             moved[:, f.joint] = weight * (rows @ theta[f.indices]) @ (rows @ self.directions[f.indices])

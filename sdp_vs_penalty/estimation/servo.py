@@ -217,18 +217,6 @@ def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
     return np.asarray(np.mean(np.log(or_least(left)), axis=0))
 
 
-@dataclass(frozen=True)
-class ServoLog:
-    """model : with the law's effects and the given parameters; measurements : with the motion that the
-    law makes of the command (None of it where instruments were not wanted); details : plain JSON;
-    scale_error : relative standard deviation of the scale that loads set."""
-
-    model: Model
-    measurements: Measurements
-    details: dict[str, Any]
-    scale_error: float = 0.0
-
-
 def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
     """Filters for a log without torque, resolved. Noise of positions is in every column there: the
     states' cut-off begins where the command, free of noise, says how fast the motion is, and rises as
@@ -251,8 +239,10 @@ def servo_log(
     instruments: bool = True,
     chosen: bool = True,
     loads: Sequence[tuple[Source, float]] = (),
-) -> ServoLog:
-    """What stands for the torque in a log without one.
+) -> tuple[Model, Measurements, dict[str, Any]]:
+    """What stands for the torque in a log without one: the model with the law's effects and the given
+    parameters, the measurements with the motion that the law makes of the command (where instruments are
+    wanted), and plain JSON, scale_error in it the relative standard deviation of a scale by loads.
 
     effects : the model's; where servo effects are among them, the law is given, with its delay where
     that is; settings : resolved; known : parameters by name, which set the scale; chosen : whether the
@@ -313,9 +303,7 @@ def servo_log(
         "scale": words_of_scale(known, loads, model.known),
         "scale_error": error,
     }
-    return ServoLog(
-        replace(model, known=scale, reference=factor * model.reference), used, details, error
-    )
+    return replace(model, known=scale, reference=factor * model.reference), used, details
 
 
 def loop_beside_torque(

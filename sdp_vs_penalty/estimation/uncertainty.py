@@ -209,7 +209,7 @@ def _uncertainty(
     def told(base: BaseParameters) -> tuple[Interval, ...]:
         rows = base.rows
         ends = np.where(rows > 0.0, limits.T[:, None], limits.T[::-1, None])
-        noise = np.hypot(known.half_widths(_padded(known, rows), LEVEL) / NORMAL_95, rows @ apart)
+        noise = np.hypot(known.half_widths(rows, LEVEL) / NORMAL_95, rows @ apart)
         other = np.hstack([rows @ extra, rows @ gains @ gain_errors])
         std = np.hypot(noise, np.linalg.norm(other, axis=1))
         return intervals_of(
@@ -224,11 +224,6 @@ def _uncertainty(
     noise = np.sqrt(own.joint_losses(value) / np.maximum(own.joint_rows(), 1))
     spread = np.hstack([known.factor[:p], extra])
     return Uncertainty(told(each), told(base), spread, gains, noise, gain_errors)
-
-
-def _padded(known: Sandwich, rows: Array) -> Array:
-    """Rows (k, p) with zeros for the shape constants."""
-    return np.pad(rows, ((0, 0), (0, known.regression.p - rows.shape[1])))
 
 
 def of_regression(
@@ -252,7 +247,7 @@ def of_regression(
     """
     known = _sandwich_of(task, wide or own, white)
     value = task.ols if theta is None else np.asarray(theta, float)
-    gains = known.gain_response(_padded(known, value[None])[0])[: len(value)]
+    gains = known.gain_response(value)[: len(value)]
     errors = np.zeros((own.joints, 0)) if gain_errors is None else gain_errors
     nothing = np.zeros((len(value), 0))
     return _uncertainty(task, own, known, value, base, constrained, errors, gains, nothing)

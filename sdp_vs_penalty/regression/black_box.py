@@ -141,20 +141,3 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
         ]
         factors.append(Factor(joint, 0, columns, triangular(stack), sum(map(len, stack))))
     return Regression(model.parameters, n, (TimeBlock(0, 0.0, 0.0),), tuple(factors), oversampling=1.0)
-
-
-def load_configurations(path: str | Path, joints: int) -> Array:
-    """(K, n) configurations [rad or m], one a line. Raises InputError for anything else."""
-    try:
-        q = np.loadtxt(path, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"not a table of numbers ({error})", "give each line as many numbers", path
-        ) from error
-    if q.shape[1] != joints or not np.all(np.isfinite(q)):
-        raise InputError(
-            f"{q.shape[1]} numbers a line, or one that is not finite",
-            f"give {joints} finite numbers a line",
-            path,
-        )
-    return q

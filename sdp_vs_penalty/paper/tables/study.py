@@ -33,7 +33,7 @@ from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import measured_run, real_file
 from sdp_vs_penalty.regression.base_parameters import base_parameters
-from sdp_vs_penalty.regression.black_box import BlackBox, load_configurations
+from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -302,7 +302,7 @@ class Study:
             # Configurations of the black box where the authors' file is absent: as many as theirs.
             q = self.problem.robot.random_configurations(1010, self.seed)
         else:
-            q = load_configurations(file, self.problem.robot.n)
+            q = np.loadtxt(file, ndmin=2)
         return BlackBox.of_links(self.problem.robot, x.links, q), file is not None
 
     @cached_property
