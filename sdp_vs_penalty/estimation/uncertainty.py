@@ -10,10 +10,10 @@ extended to the value where constraints have moved it out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -166,6 +166,17 @@ class Uncertainty(Plain):
     def to_dict(self) -> dict[str, Any]:
         """What model.json holds beside the parameters' own intervals."""
         return {"level": LEVEL} | {k: x for k, x in super().to_dict().items() if k != "standard"}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What :meth:`to_dict` wrote, and the parameters' own intervals; ValueError for arrays that do
+        not belong together."""
+        found = super().from_dict(data)
+        p, n = len(found.standard), len(found.torque_noise)
+        shapes = found.spread.shape[:1], found.gain_response.shape, found.gain_errors.shape[:1]
+        if shapes != ((p,), (p, n), (n,)):
+            raise ValueError("uncertainty: arrays of other parameters or joints")
+        return found
 
 
 def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> Sandwich:

@@ -64,6 +64,14 @@ def read_headerless(path: str | Path, rate: float) -> Measurements:
 
 def numbers(path: Path, width: int) -> Array:
     """The rows (N, width) of a file without a header; InputError naming the row that is wrong."""
+    try:  # three times as fast; what NumPy cannot read, the careful reader names or reads
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            rows = np.loadtxt(path, delimiter=",", comments=None, ndmin=2)
+        if rows.shape[1] == width:
+            return rows
+    except (ValueError, UserWarning, OSError):
+        pass
     return np.concatenate([np.zeros((0, width)), *_tables(path, width, 1)])
 
 
