@@ -404,7 +404,7 @@ MODEL_CASES: dict[str, tuple[Callable[[Any], Any], list[str]]] = {
     "a strange joint": (setter("robot", "joints", 0, "kind", value="ball"), ["'ball'"]),
     "noise of other joints": (
         setter("uncertainty", "torque_noise", value=[0.1] * 9),
-        ["wrong content", "reshape"],
+        ["wrong content", "other parameters or joints"],
     ),
     "a strange gravity": (setter("robot", "gravity", value=[1, 2]), ["gravity"]),
     "a strange filter": (setter("preprocessing", "state_cutoff", value=-1.0), ["state_cutoff"]),
