@@ -33,7 +33,7 @@ UNMARKED = {
     "docs/glossary.md": 1,
     "docs/how-to.md": 1,
     "docs/large-data.md": 1,
-    "docs/performance.md": 1,
+    "docs/performance.md": 2,
     "docs/tutorial.md": 3,
     "docs/unseen-motion.md": 6,
     "docs/your-robot.md": 2,

@@ -82,18 +82,20 @@ class Movement:
     def __init__(self, run: Measurements, share: float) -> None:
         self.t = run.t
         self.moves = np.zeros(len(run.t), bool)
-        joints, largest = moving_joints(run), 0.0
+        joints, largest = moving_joints(run), np.zeros(run.n)
 
         def travel(t: Array) -> Array:
-            """(M, n) how far each joint comes within half a second."""
-            return np.abs(interpolated(t + 0.25, run.t, run.q) - interpolated(t - 0.25, run.t, run.q))
+            """(n, M) how far each joint comes within half a second."""
+            far = interpolated(t + 0.25, run.t, run.q) - interpolated(t - 0.25, run.t, run.q)
+            return np.abs(np.ascontiguousarray(far.T))
 
         for _, t in parts(run.t):
             own = travel(t)
-            largest = np.maximum(largest, own.max(axis=0))
+            largest = np.maximum(largest, own.max(axis=1))
         for start, t in parts(run.t):
             own = own if len(t) == len(run.t) else travel(t)  # of a short run it is still there
-            self.moves[start : start + PART] = np.any((own > share * largest) & joints, axis=1)
+            limits = np.where(joints, share * largest, np.inf)
+            self.moves[start : start + PART] = np.any(own > limits[:, None], axis=0)
 
     def at(self, t: Array) -> NDArray[np.bool_]:
         """The same at instants t [s]."""
