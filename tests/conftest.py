@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,6 +65,27 @@ def panda() -> Problem:
 @pytest.fixture(scope="session")
 def two_link() -> Problem:
     return load_problem("two_link")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _issues_say_what_they_mean():
+    """Whatever the check says, in any test: no word of Python's, and the joints of its figures."""
+    from sdp_vs_penalty.checks.issue import Issue
+
+    plain = Issue.__init__
+
+    def told(self, *given, **named):
+        plain(self, *given, **named)
+        text = " ".join((self.where, self.what, self.certainty, self.remedy))
+        assert not re.search(r"\b(None|nan|inf)\b", text), text
+        joints = self.figures.get("joints", ())
+        if 0 < len(joints) <= 2 and not self.where.startswith("all"):
+            numbers = {int(x) for x in re.findall(r"(?:joints?|q|tau|and) ?(\d+)", self.where)}
+            assert set(joints) <= numbers, (self.where, joints)
+
+    Issue.__init__ = told
+    yield
+    Issue.__init__ = plain
 
 
 @pytest.fixture(scope="session")

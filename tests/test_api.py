@@ -1,5 +1,6 @@
 """The front door: every verb takes what users have, shows itself in five lines, names what was given."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -257,6 +258,7 @@ def test_everything_shows_itself_in_five_lines(estimate, files, two_link, panda)
         assert max(map(len, text.splitlines()[1:])) <= 110
         html = thing._repr_html_()
         assert html.startswith("<p>")
+        assert not re.search(r"\bNone\b(?! of)|\bnan\b", f"{text} {html}")
         if words != "spring":
             assert words in text
     assert "&lt;b&gt;" in compare({"<b>": estimate}, files[0])._repr_html_()

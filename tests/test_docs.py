@@ -67,6 +67,7 @@ def run_all(lines: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, s
         code = run_cli(*words)
         shown = capsys.readouterr()
         assert code == 0, f"{line}\n{shown.err}"
+        assert not re.search(r"\bNone\b(?! of)|\bnan\b", shown.out), f"{line}\n{shown.out}"
         said[words[0]] = shown.out
         said[""] += shown.out
     return said

@@ -243,10 +243,15 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found):
     assert "cooled down" in warm.cooled
 
 
-def test_add_estimates_the_shape_and_saves(two_link, tmp_path):
+@pytest.fixture(scope="module")
+def presliding(two_link):
     made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
     data = concatenate(made.runs[:3])
-    estimate = identify(two_link, data, effects=made.truth["model_effects"])
+    return made, data, identify(two_link, data, effects=made.truth["model_effects"])
+
+
+def test_add_estimates_the_shape_and_saves(presliding, tmp_path):
+    made, data, estimate = presliding
     bigger = add(estimate, "presliding_hysteresis:1", data)
     new = bigger.model.effects[-1]
     true = made.hidden[0].shape["d"]
@@ -261,10 +266,8 @@ def test_add_estimates_the_shape_and_saves(two_link, tmp_path):
     np.testing.assert_array_equal(again.rmse, after.rmse)
 
 
-def test_the_ladder_ends_at_the_error_of_what_add_returns(two_link):
-    made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
-    data = concatenate(made.runs[:3])
-    estimate = identify(two_link, data, effects=made.truth["model_effects"])
+def test_the_ladder_ends_at_the_error_of_what_add_returns(presliding):
+    made, data, estimate = presliding
     result = diagnose(estimate, data, made.runs[3])
     assert result.effects
     added = compare(add(estimate, result, data), made.runs[3])[0]
@@ -287,6 +290,9 @@ def test_a_gain_is_added_beside_its_own_reference(two_link):
     estimate = identify(two_link, data, effects=made.truth["model_effects"])
     bigger = add(estimate, "torque_gain:2", data)
     assert abs(bigger.theta[-1]) == pytest.approx(made.hidden[0].size, rel=0.2)
+    held = add(bigger, "stribeck_friction:1", data, frozen=True)
+    np.testing.assert_array_equal(held.theta[:-1], bigger.theta)
+    assert np.isfinite(held.uncertainty.standard[-1].std)
 
 
 @pytest.mark.parametrize(

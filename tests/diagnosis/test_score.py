@@ -8,7 +8,8 @@ import pytest
 from challenge.judge import wilson
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import ALPHA, EQUIVALENT
+from sdp_vs_penalty.diagnosis.constants import ALPHA, EQUIVALENT, FORM
+from sdp_vs_penalty.diagnosis.curves.measure import _instead
 from sdp_vs_penalty.diagnosis.library import Batch, Form
 from sdp_vs_penalty.diagnosis.remaining import spectral_lines
 from sdp_vs_penalty.diagnosis.score import Fit, Score
@@ -207,6 +208,7 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
     # Error that swells at reversals, with tails.
     error = rng.normal(size=M) * np.where(slow, 6.0, 1.0) * np.exp(rng.normal(0.0, 0.3, M))
     assert not found(error).any()
+    assert not found(np.zeros(M)).any()
     knock = error.copy()
     knock[700:704] += 60.0
     where = np.flatnonzero(found(knock))
@@ -256,3 +258,31 @@ def test_events_are_told_one_by_one_or_together():
     assert event_lines([push, hum, push, hum]) == together
     assert event_lines([push] * 4) == ["4 events on joint 2, 1.00 s to 1.50 s"]
     assert event_lines([push, hum] * 2, every=True) == lines * 2
+
+
+@pytest.mark.parametrize(
+    ("lead", "beside", "constants", "stands"),
+    [
+        (1.01, None, 1, True),  # it has to do better
+        (0.99, None, 1, False),
+        (
+            -0.99,
+            5.0,
+            1,
+            True,
+        ),  # unless the terms need a curve besides, or have more constants than its law
+        (-1.01, 5.0, 1, False),
+        (-0.99, None, 9, True),
+        (-1.01, None, 9, False),
+    ],
+)
+def test_a_curve_stands_in_the_place_of_terms_that_are_no_better(lead, beside, constants, stands):
+    own = [SimpleNamespace(form=SimpleNamespace(k=1, constants=constants))]
+    named = 40.0 + (beside or 0.0)
+    J = named + lead * (EQUIVALENT + FORM * named)
+    other = None if beside is None else (beside, None, None)
+    assert _instead(40.0, own, (J, None, SimpleNamespace(size=3)), other) is stands
+    assert not _instead(
+        -40.0, own, (EQUIVALENT - 0.1, None, None), None
+    )  # terms are worth nothing at least
+    assert _instead(-40.0, own, (EQUIVALENT + 0.1, None, None), None)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.diagnosis.conclude import _standstill
+from sdp_vs_penalty.diagnosis.conclude import _reasons, _standstill
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, raises
 from sdp_vs_penalty.diagnosis.remaining import remainder
 from sdp_vs_penalty.signals.noise import REPETITION
@@ -110,3 +110,52 @@ def test_a_rise_is_of_any_joint():
     assert raises(np.array([1.0, 1.0]), np.array([0.95, 1.021]))
     assert not raises(np.array([1.0, 1.0]), np.array([0.95, 1.019]))
     assert not raises(np.array([1.0, 1.0]), np.array([0.3, 1.04]))  # repaid by the other joint
+
+
+#: What is changed of a finding that nothing speaks against, and what then does.
+DOUBTS = [
+    ({}, set()),
+    ({"rivals": ("another",)}, {"rivals"}),
+    ({"std": 0.21}, {"uncertain"}),
+    ({"J": 19.9}, {"small"}),
+    ({"after": 0.995}, {"not_held_out", "more_left"}),
+    ({"beyond": 0.9}, {"more_left"}),
+    ({"beyond": 0.9, "known": False}, set()),
+    ({"beside": 1.9}, {"shared"}),
+    ({"beside": 2.1}, set()),
+    ({"beta": 2.1}, {"implausible"}),  # more torque than there is
+    ({"plausible": 0.32}, {"implausible"}),  # three times as large as machines have it
+    ({"plausible": 0.35}, set()),
+    ({"looks_like": "a step"}, {"looks_like"}),
+    ({"replaced": True}, {"curve"}),
+]
+
+
+@pytest.mark.parametrize(("change", "doubts"), DOUBTS)
+def test_each_doubt_about_a_finding_has_a_ground_of_its_own(change, doubts, monkeypatch):
+    usual = {"rivals": (), "std": 0.19, "J": 20.1, "after": 0.5, "beyond": 0.8, "known": True}
+    usual |= {"beside": 9.0, "beta": 1.9, "plausible": None, "looks_like": ""}
+    case = SimpleNamespace(**{**usual, "replaced": False, **change})
+
+    def term() -> Any:
+        effect = SimpleNamespace(parameters=[0], joints=(0,))
+        effect.plausible = None if case.plausible is None else np.array([case.plausible])
+        effect.looks_like = lambda size, seen: case.looks_like
+        form = SimpleNamespace(effect=effect)
+        return SimpleNamespace(form=form, joints={0}, J=case.J, rivals=case.rivals, key=("made", 0))
+
+    own, other = term(), term()
+    block = SimpleNamespace(joint=0, parameters=[0], columns=np.ones((5, 1)))
+    rows = SimpleNamespace(n=2, t=np.zeros(5), torque=np.full((5, 2), 2.0))
+    rows.blocks, rows.seen = lambda effect: [block], lambda joint: None
+    fit = lambda others, _: SimpleNamespace(energy=lambda _: case.beside if others else 10.0)  # noqa: E731
+    search = SimpleNamespace(terms=[own, other], score=SimpleNamespace(fit=fit), fit=None)
+    search.data = SimpleNamespace(rows=rows, known=case.known)
+    curves = [SimpleNamespace(replaced=(own,) * case.replaced)]
+    left = SimpleNamespace(beyond=np.array([case.beyond, 0.0]))
+    found = SimpleNamespace(search=search, left=left, curves=curves)
+    beta = 1.0 if case.plausible else case.beta
+    errors = np.array([[1.0, 1.0], [case.after, 1.0]])
+    monkeypatch.setattr("sdp_vs_penalty.diagnosis.conclude.size_of", lambda *_: (1.0, case.std))
+    known = SimpleNamespace(beta=np.array([beta]), given=None)
+    assert set(_reasons(found, own, known, errors)) == doubts

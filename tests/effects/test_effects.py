@@ -170,3 +170,15 @@ def test_a_filter_that_looks_both_ways_may_be_joints_that_stick():
     )
     assert "stand still" in zero.looks_like(0.005, Seen(stands=0.1))
     assert zero.looks_like(0.005, Seen()) == late.looks_like(0.005, Seen(stands=0.1)) == ""
+
+
+def test_torque_is_that_of_the_columns_over_the_models_own_width():
+    """Stribeck friction turns over the width of the Coulomb friction beside it."""
+    robot = robots()["arm"]
+    motion = sines(np.random.default_rng(2), robot.n, np.arange(0.0, 4.0, 0.01))
+    model = Model(robot, parse_effects("coulomb_friction@v_s=0.3,stribeck_friction", robot))
+    theta = np.linspace(0.5, 1.5, len(model.parameters))
+    torque = np.column_stack([c.columns @ theta[c.indices] for c in model.columns(motion)])
+    sign, dip = np.tanh(motion.dq / 0.3), np.exp(-((motion.dq / 0.1) ** 2))
+    np.testing.assert_allclose(torque, sign * (theta[:3] + theta[3:] * dip), atol=1e-12)
+    np.testing.assert_allclose(model.torque(theta, motion), torque, atol=1e-12)

@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.effects import Model, effect_types, parse_effects
+from sdp_vs_penalty.effects.dry_friction import _solved
 from sdp_vs_penalty.effects.effect import Array
 from sdp_vs_penalty.effects.forward import Plant, State, advance
 from sdp_vs_penalty.exporters.content import Content
@@ -112,3 +113,19 @@ def test_channels_are_undone_and_others_left_out():
     assert p.left_out == ("joint_elasticity:1",)
     declared = {kind.forward for kind in effect_types().values()}
     assert declared == {"torque", "channel", "drive", "left out"}
+
+
+@pytest.mark.parametrize("width", [1e-4, 0.1])
+def test_impulses_of_dry_friction_solve_their_law(width):
+    """f = p tanh(y / w), y = y0 - G f, of joints that move each other strongly."""
+    rng, count, m = np.random.default_rng(0), 300, 5
+    A = rng.normal(size=(count, m, m))
+    G = np.einsum("kij,klj->kil", A, A) + 0.05 * np.eye(m)
+    y0, p = 3.0 * rng.normal(size=(count, m)), rng.uniform(0.1, 2.0, (count, m))
+    f = _solved(y0, G, p, np.zeros((count, m)), np.full(m, width))
+    y = y0 - np.einsum("kij,kj->ki", G, f)
+    left = f - p * np.tanh(y / width)
+    stuck = np.abs(y) < 3.0 * width  # there the law is steep, and y is what is found
+    assert np.abs(np.where(stuck, 0.0, left)).max() < 1e-6
+    assert np.abs(np.where(stuck, width * left, 0.0)).max() < 1e-6 * width + 1e-7
+    assert 0.1 < stuck.mean() < 0.9

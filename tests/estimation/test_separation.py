@@ -48,6 +48,7 @@ def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(estim
     assert found.seconds < found.default_seconds
     content = json.loads(joint_trajectory(estimate.robot.joint_names, found.trajectory))
     assert content["joint_names"] == list(estimate.robot.joint_names)
+    assert len(content["points"]) == 501
     np.testing.assert_allclose(content["points"][-1]["positions"], q[-1], atol=1e-3)
 
 

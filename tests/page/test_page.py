@@ -255,19 +255,3 @@ def test_with_the_keyboard_alone(context, server, files):
     walk("joint-2")
     page.keyboard.press("Enter")
     expect(page.locator(key("joint-2"))).to_have_attribute("aria-pressed", "true")
-    go(page, "diagnose")
-    walk("diagnose")
-    page.keyboard.press("Enter")
-    page.wait_for_selector(key("add-0"))
-    idle(page)
-    walk("add-0")
-    page.keyboard.press("Enter")
-    page.wait_for_selector("table.history")
-    idle(page)
-    before, after = errors(page)[0]
-    assert after < 0.6 * before
-    walk("undo")
-    page.keyboard.press("Space")
-    page.wait_for_selector(key("undo"), state="detached")
-    go(page, "diagnose")
-    assert page.evaluate("document.activeElement.innerText") == "Diagnose"

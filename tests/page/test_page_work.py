@@ -22,9 +22,9 @@ from commands import python
 from page_sessions import do, finish, opened, saved
 from starlette.requests import ClientDisconnect
 
-from sdp_vs_penalty import InputError, Problem, cross_validate, follow, load_estimate
+from sdp_vs_penalty import InputError, Problem, follow, load_estimate
 from sdp_vs_penalty.checks.urdf import check_urdf
-from sdp_vs_penalty.diagnosis import Curve, load_diagnosis
+from sdp_vs_penalty.diagnosis import Curve
 from sdp_vs_penalty.page import jobs, uploads, worker
 from sdp_vs_penalty.page import sessions as sessions_module
 from sdp_vs_penalty.page.auth_middleware import guarded
@@ -107,67 +107,6 @@ def test_a_urdf_with_an_impossible_link_is_named_and_mended(sessions, tmp_path):
     assert "physically impossible" in found["said"][0]
     assert made == ["fixed.urdf"]
     assert all(c.consistent for c in check_urdf(s.folder / "fixed.urdf"))
-
-
-@pytest.mark.slow
-def test_the_story_without_a_browser(sessions, two_link, hidden, tmp_path):
-    """The same models, numbers and files as the functions of the command line give."""
-    files = saved(tmp_path, hidden.runs, "a.csv", "b.csv", "c.csv", "my test.csv")
-    s = opened(sessions, "two_link", **files)
-    assert [r["use"] for r in s.runs] == ["train", "train", "train", "test"]
-    do(s, s.identify, s.diagnose)
-    found = s.findings.effects[0]
-    assert found.effect == "presliding_hysteresis"
-    do(s, lambda: s.add([found.text]))
-    before, after = (m.comparison["rmse"] for m in s.history)
-    assert after[0] < 0.6 * before[0]
-    assert s.history[1].judged_on == ["my test.csv"]
-    assert s.added == {s.findings.effects[0].text}
-    estimate = load_estimate(s.history[1].file)
-    from sdp_vs_penalty import compare
-
-    assert compare(estimate, hidden.runs[3])[0].rmse.tolist() == pytest.approx(after, rel=1e-12)
-    assert s.history[1].runs == ["a.csv", "b.csv", "c.csv", "my test.csv"]
-    read = s.recording(s.history[1], "my test.csv")
-    left = read["torque"] - read["modelled"]
-    np.testing.assert_allclose(np.sqrt(np.mean(left**2, axis=0)), after, rtol=1e-4)
-    assert "--data a.csv b.csv c.csv" in s.commands()[0]
-    again = taken_and_opened(s, sessions)
-    assert again.history[0].comparison["rmse"] == pytest.approx(after, rel=1e-9)
-    do(s, lambda: s.ask("methods", "Comparing", methods=["ols"], folds=True))
-    found = s.answer("methods")
-    runs = [tmp_path / f"{name}.csv" for name in "abc"]
-    effects = estimate.model.effects
-    unseen = cross_validate(two_link, runs, "ols", effects=effects).relative_error_percent
-    assert found["rows"][0][-1] == f"{unseen:.4g} %"
-    s.undo()
-    assert len(s.history) == 1
-    assert s.findings is not None
-    s.undo()
-    assert len(s.history) == 1
-
-
-@pytest.mark.slow
-def test_bounds_of_the_page_hold_and_are_on_the_command_line(sessions, hidden, tmp_path):
-    free, bound = (opened(sessions, "two_link", **saved(tmp_path, hidden.runs, "a.csv")) for _ in "ab")
-    for s in (free, bound):
-        s.options = {"bounds": "total=:8"} if s is bound else {}
-        do(s, s.identify)
-    assert "--bounds total=:8" in bound.commands()[0]
-    masses = [float(load_estimate(s.history[0].file).links[:, 0].sum()) for s in (free, bound)]
-    assert masses[0] > 8.0 >= masses[1] - 1e-6
-
-
-def taken_and_opened(s: Session, sessions: Sessions) -> Session:
-    """The model, the findings and the runs that a session hands out are all that another one needs."""
-    ready: list[str] = []
-    for name in ("model.json", "findings.json", *(f"run-{k + 1}.csv" for k in range(len(s.runs)))):
-        do(s, partial(s.take, name, ready.append))
-    assert load_diagnosis(s.folder / "findings.json").to_dict() == s.findings.to_dict()
-    files = {run["name"]: s.folder / name for run, name in zip(s.runs, ready[2:], strict=True)}
-    other = opened(sessions, "two_link", **files)
-    do(other, lambda: other.open_model(str(s.folder / "model.json"), "model.json"))
-    return other
 
 
 def test_a_turned_robot_is_set_upright_by_the_check(sessions, hidden, tmp_path):

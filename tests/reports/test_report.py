@@ -120,12 +120,14 @@ def test_the_figures_are_those_of_the_models(made):
         assert f"{comparison.rmse[1]:.4g}" in html
     text = re.sub(r"<[^>]+>", " ", html)
     assert "coulomb_friction" in text
+    visible = re.sub(r"<script.*?</script>|<style.*?</style>|<[^>]+>", " ", html, flags=re.DOTALL)
+    assert not re.search(r"(?<!=)\bNone\b(?! of)|\bnan\b", visible)
     ahead = follow(list(models.values())[-1], run, steps=100)  # as many as the report takes
     assert ahead.verdict in text
     cut = [f.seconds for f in ahead.free if not f.left]
     assert all(seconds <= 483 * 2e-3 for seconds in cut)
     assert ("report --forward" in text) == bool(cut)
-    assert run.names[0] in text
+    assert f"identified from ( {run.names[0]} )" in text or f"identified from ({run.names[0]})" in text
     last = list(models.values())[-1]
     assert last.provenance["data_hash"] in text
     assert f"numpy {np.__version__}" in text

@@ -14,6 +14,7 @@ import pytest
 from scipy import sparse
 
 from sdp_vs_penalty import InputError
+from sdp_vs_penalty.robot import Constraint
 from sdp_vs_penalty.shootout import profile, standard_instances, summary
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instance import Instance, in_units
@@ -229,6 +230,18 @@ def test_the_conic_error_of_a_line_is_known(kind, x, z, error):
     one = sparse.csc_matrix([[-1.0]])
     line = ConicProblem(0.0 * one, np.ones(1), one, -np.ones(1), (Cone(kind, 1),))
     assert dimacs_error(line, np.array([x]), np.array([z])) == pytest.approx(error)
+
+
+def test_violations_are_in_units_of_their_own_cones():
+    """Rows: the largest term that they can hold; a cone: its largest row; a matrix: its diagonal."""
+    x, inside, bound = np.array([3.0, 0.0]), np.zeros(2), np.array([10.0, 10.0])
+    rows = Constraint("a", "", "nonnegative", [0], np.array([1.0, 40.0]), np.array([[-1.0, -20.0]]))
+    assert relative_violation([rows], x, inside, bound) == pytest.approx(2.0 / 10.0)  # and 20 of 200
+    cone = Constraint("a", "", "soc", [0], np.array([1.0, 0.0]), np.array([[0.0, 2.0]]))
+    assert relative_violation([cone], x, inside, bound) == pytest.approx(5.0 / 20.0)
+    matrix = Constraint("a", "", "psd", [0], np.diag([4.0, 9.0]), np.diag([-2.0, 0.0])[None])
+    assert relative_violation([matrix], x, inside, bound) == pytest.approx(2.0 / 4.0)
+    assert relative_violation([rows, cone, matrix], np.zeros(2), inside, bound) == 0.0
 
 
 def _sleep() -> bytes:

@@ -18,6 +18,7 @@ from sdp_vs_penalty.signals.phases import (
     phase_windows,
     tracks_of,
 )
+from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
 
 
 def share(train: Measurements, judged: Measurements) -> float:
@@ -141,3 +142,25 @@ def test_a_run_is_split_by_phase():
     assert phase_windows(clock, 27.0, 0.7, 0.5, 5.0) is None
     once = MotionClock(0, 0.0, 20.0, False)
     assert phase_windows(once, 20.0, 0.7, 0.5, 1.5) == ([(0.0, 14.0)], [(14.5, 20.0)])
+
+
+def test_a_long_recording_is_seen_in_windows_spread_over_it():
+    """At most 4000 rows at twice 8 Hz: 250 s, here a quarter of all."""
+
+    def ramp(name: str, seconds: float) -> Measurements:
+        t = np.arange(0.0, seconds + 0.05, 0.1)
+        return Measurements(t, t[:, None], t[:, None], names=(name,))
+
+    short, long = concatenate([ramp("a", 120.0), ramp("b", 130.0)]), ramp("long", 1000.0)
+    assert window_subsample(short, SETTINGS) is short
+    assert subsample_sentence(short, short, "noise of") is None
+    part = window_subsample(long, SETTINGS)
+    ends = [(run.t[0], run.t[-1]) for run in part.runs()]
+    np.testing.assert_allclose(ends, 62.5 * np.array([[0, 1], [5, 6], [10, 11], [15, 16]]), atol=0.11)
+    assert part.names[1] == "long, 312.5 s to 375 s"
+    said = subsample_sentence(part, long, "noise of")
+    assert said == "Long recording: noise of 250 s of its 1000 s, 4 windows spread over it."
+    many = window_subsample(concatenate([ramp(str(k), 10.0) for k in range(100)]), SETTINGS)
+    assert len(many.names) == 25
+    assert many.names[0].startswith("0, 0 s to 10 s")
+    assert many.names[-1].startswith("99, ")

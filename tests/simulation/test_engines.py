@@ -69,6 +69,9 @@ def test_a_rejected_link_is_named(name, two_link):
     links[1, 4] = -1.0
     with pytest.raises(InputError, match="link 2"):
         present(name)(two_link.robot, links)
+    links[0], links[1, 4] = 0.0, true_links(two_link)[1, 4]
+    with pytest.raises(InputError, match=r"link 1 .*has no mass"):
+        present(name)(two_link.robot, links)
 
 
 @pytest.mark.parametrize("name", ["MuJoCo", "ODE"])
