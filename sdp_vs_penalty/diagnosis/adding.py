@@ -280,7 +280,7 @@ def shaped_effects(
         if search is None:
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
-            search = Search(prepare(rows, estimate, frozen), Library((), (), {}))
+            search = Search(prepare(rows, estimate, frozen), Library())
         joints = [None] if effect.whole_robot else effect.joints[:1] if effect.joins else effect.joints
         out += [_shaped(search, effect, joint, fixed) for joint in joints]
     return out

@@ -49,7 +49,7 @@ from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM_KNOWN
+from sdp_vs_penalty.signals.noise import RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
 from sdp_vs_penalty.signals.standstill import STILL
 
 
@@ -208,29 +208,27 @@ def invisible_effects(search: Search) -> tuple[Invisible, ...]:
 
 def remarks(data: WhiteData, residual: Array, held_out: str, new_share: float | None) -> tuple[str, ...]:
     """Sentences about the diagnosis as a whole."""
-    found = [_noise(data.noise.source), _standstill(data, residual)]
-    found.append(repeatability_warning(new_share) or "")
-    if held_out == "folds":
-        found.append(
-            "Held-out errors come from folds by the phase of the motion: sizes from the other folds, "
-            "the choice of effects and constants from all rows. A test run (--test) judges both."
-        )
-    return tuple(text for text in found if text)
-
-
-def _noise(source: str) -> str:
-    if source == REPETITION:
-        return ""
-    if source == RESIDUAL:
-        return (
-            "No motion repeats and the log shows no steady noise above the motion's band (too slow, "
-            "smoothed before it was logged, or louder in motion), so noise and model error cannot be "
-            "separated: the noise shown is the error itself. Record a run with more than one period."
-        )
-    return (
-        f"No motion repeats: the noise is that of the torque's spectrum above the motion's band, "
-        f"{SPECTRUM_KNOWN}. Record a run with more than one period to know it better."
+    said = (
+        _NOISE.get(data.noise.source),
+        _standstill(data, residual),
+        repeatability_warning(new_share),
+        _FOLDS if held_out == "folds" else None,
     )
+    return tuple(text for text in said if text)
+
+
+#: What is said of a noise that no repetition shows, by its source; and of errors without a test run.
+_NOISE = {
+    RESIDUAL: "No motion repeats and the log shows no steady noise above the motion's band (too slow, "
+    "smoothed before it was logged, or louder in motion), so noise and model error cannot be "
+    "separated: the noise shown is the error itself. Record a run with more than one period.",
+    SPECTRUM: "No motion repeats: the noise is that of the torque's spectrum above the motion's band, "
+    f"{SPECTRUM_KNOWN}. Record a run with more than one period to know it better.",
+}
+_FOLDS = (
+    "Held-out errors come from folds by the phase of the motion: sizes from the other folds, the choice "
+    "of effects and constants from all rows. A test run (--test) judges both."
+)
 
 
 def _standstill(data: WhiteData, residual: Array) -> str:

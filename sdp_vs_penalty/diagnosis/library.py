@@ -7,7 +7,7 @@ like all others, and is never a finding.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence, Set
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -112,21 +112,17 @@ class Batch:
 
 @dataclass(frozen=True)
 class Library:
-    """batches : of forms that are missing effects; own : the model's with other shape constants; keys :
-    of all candidates; acts : the joints whose torque each candidate changes."""
+    """batches : of forms that are missing effects; own : the model's with other shape constants;
+    candidates : how many they are, whatever their forms."""
 
-    batches: tuple[Batch, ...]
-    own: tuple[Batch, ...]
-    acts: dict[Key, frozenset[int]]
-
-    @property
-    def candidates(self) -> int:
-        return len(self.acts)
+    batches: tuple[Batch, ...] = ()
+    own: tuple[Batch, ...] = ()
+    candidates: int = 0
 
 
-def library(data: WhiteData, keys: Set[Key] | None = None) -> Library:
-    """All candidates beside the model, or those of these keys; their columns white."""
-    forms = list(_forms(data.rows, data.estimate.model, data.frozen, keys))
+def library(data: WhiteData) -> Library:
+    """All candidates beside the model; their columns white."""
+    forms = list(_forms(data.rows, data.estimate.model, data.frozen))
     if not data.frozen:
         forms += own_forms(data.estimate)
     blocks = data.rows.blocks_of([f.effect for f in forms])
@@ -135,7 +131,7 @@ def library(data: WhiteData, keys: Set[Key] | None = None) -> Library:
         if own:
             joints = tuple(sorted(b.joint for b in own))
             groups.setdefault((joints, form.k, form.own), []).append(at)
-    batches, acts = [], dict[Key, frozenset[int]]()
+    batches = []
     for (joints, k, _), members in groups.items():
         white = []
         for j in joints:
@@ -144,10 +140,8 @@ def library(data: WhiteData, keys: Set[Key] | None = None) -> Library:
             ]
             white.append(data.white(np.hstack(parts), j))
         batches.append(Batch(joints, tuple(forms[at] for at in members), np.stack(white)))
-        for at in members:
-            acts[forms[at].key] = acts.get(forms[at].key, frozenset()) | frozenset(joints)
     missing, changed = (tuple(b for b in batches if bool(b.own) == own) for own in (False, True))
-    return Library(missing, changed, acts)
+    return Library(missing, changed, len({f.key for b in batches for f in b.forms}))
 
 
 def own_forms(estimate: Estimate) -> Iterator[Form]:
@@ -171,7 +165,7 @@ def own_forms(estimate: Estimate) -> Iterator[Form]:
                         yield Form((effect.name, joint), other, (place,), name)
 
 
-def _forms(rows: SegmentedRuns, model: Model, frozen: bool, keys: Set[Key] | None) -> Iterator[Form]:
+def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
     """Every effect of the library. What the model already has on a joint is left out, unless it is held
     fixed and may have changed."""
     taken = set[Key]()
@@ -187,10 +181,9 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool, keys: Set[Key] | Non
             continue
         for joint in (None,) if kind.whole_robot else range(rows.n):
             key = (name, joint)
-            if key in taken or (keys is not None and key not in keys) or not _at_rest(kind, rows, joint):
-                continue
-            every = kind.candidates(model.robot, joint, start)
-            yield from (Form(key, e) for e in every if warm or not e.needs_temperature)
+            if key not in taken and _at_rest(kind, rows, joint):
+                every = kind.candidates(model.robot, joint, start)
+                yield from (Form(key, e) for e in every if warm or not e.needs_temperature)
 
 
 def _at_rest(kind: type[Effect], rows: SegmentedRuns, joint: int | None) -> bool:

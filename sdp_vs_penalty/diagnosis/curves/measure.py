@@ -103,7 +103,8 @@ def measured_curves(
         own = [t for t in search.terms if t.joints == {joint}]
         rest = [t for t in search.terms if t not in own]
         beside = _best(search, search.terms, joint, variables) if joint in left else None
-        alone = _best(search, rest, joint, variables) if own else None
+        wanted = own and (beside is not None or joint in parts)
+        alone = _best(search, rest, joint, variables) if wanted else None
         instead = alone is not None and _instead(search.worth(own, rest), own, alone, beside)
         best = alone if instead else beside
         if best is not None:
