@@ -139,7 +139,7 @@ class Diagnosis(Shown, Plain):
     left: tuple[Carrier, ...] = ()
     remains: tuple[Remaining, ...] = ()
 
-    def selected(self, numbers: Sequence[int] | None = None, confident: bool = False) -> Diagnosis:
+    def selected(self, numbers: Sequence[float] | None = None, confident: bool = False) -> Diagnosis:
         """Only the findings of these numbers (from 1, in the order of adding), or the confident ones.
 
         Changed shape constants are not numbered: they stay, the confident ones or all. Curves, which
@@ -147,9 +147,9 @@ class Diagnosis(Shown, Plain):
         Raises InputError for a number that is not there, and where no finding is left.
         """
         for number in numbers or ():
-            if not 1 <= number <= len(self.effects):
+            if number not in range(1, len(self.effects) + 1):
                 raise InputError(
-                    f"finding {number} does not exist, there are {len(self.effects)}",
+                    f"finding {number:g} does not exist, there are {len(self.effects)}",
                     "number them from 1 in the order of the list",
                 )
         chosen = tuple(

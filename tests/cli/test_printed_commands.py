@@ -248,6 +248,7 @@ def rigid_model(panda: Problem, tmp_path_factory: pytest.TempPathFactory) -> Pat
         ("--from findings.json --only 1 --confident", "exclude each other"),
         ("--from findings.json --only 1;2", "--only '1;2'"),
         ("--from findings.json --only 13", "findings.json: finding 13 does not exist, there are 12"),
+        ("--from findings.json --only 1.5", "findings.json: finding 1.5 does not exist, there are 12"),
         ("--from nothing.json", "nothing.json: cannot be read"),
         ("--from model.json", "model.json: not a findings.json"),
         ("--from old.json", "old.json: the field 'text' is missing"),

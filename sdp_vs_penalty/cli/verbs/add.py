@@ -95,7 +95,7 @@ def _effects(
     if confident and only is not None:
         raise InputError("--confident and --only exclude each other", "leave one out")
     found = load_diagnosis(findings)
-    wanted = None if only is None else list(map(int, numbers("--only", only)))
+    wanted = None if only is None else numbers("--only", only)
     try:
         return found.selected(wanted, confident)
     except InputError as error:
