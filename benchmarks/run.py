@@ -1,6 +1,6 @@
 """Every figure of speed and memory, by one command.
 
-    python benchmarks/run.py [--data DATA] [--only PART ...] [--out results]
+    python benchmarks/run.py [--data DATA] [--only PART ...] [--rows N ...] [--out results]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda; default:
 SDP_VS_PENALTY_DATA). Each part runs in a process of its own on one thread; figures are ratios within one
@@ -28,9 +28,10 @@ PARTS = {
     "fits": "compressed data to a certified fit, beside Clarabel",
     "renewed": "a renewed fit",
     "processes": "commands as processes, beside bare imports",
+    "memory": "processor time and peak memory of whole commands on long recordings",
 }
 #: Measured once, by scripts that left (the commit that had them): they stay in the table.
-LEFT = {"solvers": "8fe364a0", "rivals": "ffa8cd7", "growth": "204ffd3f", "memory": "90b66d2e"}
+LEFT = {"solvers": "8fe364a0", "rivals": "ffa8cd7", "growth": "204ffd3f"}
 NAMES = ["part", "what", "ours", "other", "unit", "ratio", "note", "when"]
 
 
@@ -43,7 +44,8 @@ def measure(part: str, given: argparse.Namespace) -> list[dict[str, Any]]:
 
     problem, folder = load_problem("panda"), given.data / "panda"
     run = load_measurements(folder, joints=7)
-    rows = getattr(speed, part)(problem, folder if part == "text" else run)
+    more = {"text": (folder,), "memory": (run, given.rows)}.get(part, (run,))
+    rows = getattr(speed, part)(problem, *more)
     used = " ".join(f"{name} {version}" for name, version in versions().items())
     when = f"{datetime.now(UTC):%Y-%m-%d %H:%M}, load {os.getloadavg()[0]:.0f}, {used}"
     ratios = ["" if r.other is None else r.other / r.ours for r in rows]
@@ -59,6 +61,8 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=os.environ.get("SDP_VS_PENALTY_DATA"))
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
                         help=", ".join(PARTS))  # fmt: skip
+    parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000],
+                        help="lengths of the memory part")  # fmt: skip
     parser.add_argument("--out", type=Path, default=HERE.parent / "results")
     parser.add_argument("--measure", help=argparse.SUPPRESS)
     given = parser.parse_args()
@@ -68,11 +72,12 @@ def main() -> None:
     if given.measure:
         print(json.dumps(measure(given.measure, given)))
         return
+    words = ["--data", str(given.data), "--rows", *map(str, given.rows)]
     threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
     rows: list[dict[str, Any]] = []
     for number, part in enumerate(given.only, 1):
         print(f"{number}/{len(given.only)} {part}: {PARTS[part]}", flush=True)
-        command = [sys.executable, __file__, "--measure", part, "--data", str(given.data)]
+        command = [sys.executable, __file__, "--measure", part, *words]
         done = subprocess.run(command, env=os.environ | threads, stdout=subprocess.PIPE, text=True)
         if done.returncode:
             print(f"  {part} failed; the others go on", flush=True)

@@ -1,19 +1,19 @@
 """What things cost: this program's way and another one, measured in one process or one run.
 
 Parts of `benchmarks/run.py`, which says how they are started and writes what they return. Each command
-is a process of its own on one thread.
+is a process of its own on one thread; memory is its peak beyond that of the same command on an input
+error (imports).
 """
 
 from __future__ import annotations
 
 import os
-import resource
 import subprocess
 import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -158,16 +158,24 @@ def renewed(problem: Problem, run: Measurements) -> list[Row]:
 
 
 PROGRAM = [sys.executable, "-m", "sdp_vs_penalty"]
+#: Run by a small process: a child's peak begins with the memory of the process that starts it.
+_WORK = """
+import resource, subprocess, sys
+quiet = subprocess.DEVNULL
+subprocess.run(sys.argv[1:], stdout=quiet, stderr=quiet)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+"""
 
 
-def measured(command: list[str]) -> float:
-    """Processor time [s] of a process on one thread, its bytecode in place."""
+def measured(command: list[str]) -> tuple[float, float]:
+    """Processor time [s] and peak memory [MB] of a process on one thread, its bytecode in place."""
     env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     env |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(command, env=env, check=True, capture_output=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    around = [sys.executable, "-c", _WORK, *command]
+    done = subprocess.run(around, env=env, check=True, capture_output=True, text=True)
+    seconds, peak = map(float, done.stdout.split())
+    return seconds, peak
 
 
 def processes(problem: Problem, run: Measurements) -> list[Row]:
@@ -189,6 +197,53 @@ def processes(problem: Problem, run: Measurements) -> list[Row]:
         used: dict[str, list[float]] = {key: [] for key in commands}
         for _ in range(3):  # in turn
             for key, command in commands.items():
-                used[key].append(measured(command))
+                used[key].append(measured(command)[0])
     bare, note = min(used.pop("bare")), "other: a process that imports numpy, scipy.linalg, scipy.signal"
     return [Row(f"{key} as a process, CPU", min(x), bare, "s", note) for key, x in used.items()]
+
+
+def write(path: Path, rows: int, model: Estimate) -> None:
+    """A recording as CSV, a part at a time: a Panda at 1 kHz on sums of sines that never come back; its
+    torque is a model's, with a Stribeck friction that this lacks and white noise."""
+    rng, n, part = np.random.default_rng(5), 7, 50_000
+    noise = np.array([0.15, 0.2, 0.15, 0.15, 0.08, 0.08, 0.06])  # N m
+    centre = np.array([0.0, -0.3, 0.0, -1.8, 0.0, 1.9, 0.3])  # rad
+    omega = 2.0 * np.pi * rng.uniform(0.05, 0.6, (n, 6))
+    size = 0.14 * rng.uniform(0.6, 1.4, omega.shape) / (1.0 + omega / 4.0)
+    phase = rng.uniform(0.0, 2.0 * np.pi, omega.shape)
+    with path.open("w") as file:
+        file.write(",".join(["t", *(f"{x}{j + 1}" for x in ("q", "tau") for j in range(n))]) + "\n")
+        for start in range(0, rows, part):
+            t = np.arange(start, min(rows, start + part)) / 1000.0
+            at = t[:, None, None] * omega + phase
+            q = centre + (size * np.sin(at)).sum(axis=2)
+            dq = (size * omega * np.cos(at)).sum(axis=2)
+            tau = model.predict(q, dq, (-size * omega**2 * np.sin(at)).sum(axis=2))
+            tau[:, 3] += 0.8 * np.exp(-((dq[:, 3] / 0.05) ** 2)) * np.tanh(dq[:, 3] / 0.005)
+            q, tau = q + rng.normal(0.0, 2e-5, q.shape), tau + rng.normal(size=q.shape) * noise
+            np.savetxt(file, np.column_stack([t, q, tau]), ["%.3f"] + ["%.6f"] * n + ["%.4f"] * n, ",")
+
+
+def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[Row]:
+    """Processor seconds and peak memory of whole commands on recordings of so many rows at 1 kHz."""
+    rows = []
+    with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
+        true = identify(problem, run, check=False)
+        true.save(Path(folder, "model.json"))
+        log, model, out = (str(Path(folder, x)) for x in ("run.csv", "model.json", "out.json"))
+        commands = {
+            "identify": ["identify", "panda", "--data", log, "--out", out],
+            "check": ["check", log, "--problem", "panda"],
+            "compare": ["compare", model, "--data", log],
+            "convert": ["convert", log, "--out", out.replace(".json", ".npz")],
+            "diagnose": ["diagnose", model, "--data", log],
+        }
+        imports = {verb: measured([*PROGRAM, *words])[1] for verb, words in commands.items()}
+        for count in counts:
+            write(Path(log), count, true)
+            for verb, words in commands.items():
+                seconds, most = measured([*PROGRAM, *words])
+                note = f"peak memory {most - imports[verb]:.0f} MB beyond imports"
+                rows.append(Row(f"{verb}, {count} rows", seconds, None, "s", note))
+                print("  ", rows[-1].what, f"{seconds:.1f} s", note, file=sys.stderr, flush=True)
+    return rows
