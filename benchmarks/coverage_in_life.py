@@ -10,8 +10,6 @@ channels. Rigid bodies by Pinocchio; friction, controller and channels by the fo
 What is judged is `identify` as users call it, shape constants, filters and prior included.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 from pathlib import Path

@@ -5,8 +5,6 @@ regressor, CVXPY minimises the squared residual subject to positive definite pse
 No bounds, no weights, no certificate, no intervals, and columns do not pass the filter of the torque.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -9,8 +9,6 @@ are those for which the unguarded inequalities would prove the false claim: sing
 asymmetric, of another size. (The proofs of a library: `sdp-vs-penalty verify DIR`.)
 """
 
-from __future__ import annotations
-
 import argparse
 import copy
 import hashlib

@@ -8,8 +8,6 @@ part. Writes benchmarks.csv and benchmarks.md; parts that are not measured this 
 there hold of them, with its date.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

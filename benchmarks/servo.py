@@ -9,8 +9,6 @@ that act late, positions of 12 bits or of fine encoders, logged at 50 to 500 Hz.
 Seeds below 1000 are for development.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import tempfile

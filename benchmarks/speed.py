@@ -5,8 +5,6 @@ is a process of its own on one thread; memory is its peak beyond that of the sam
 error (imports).
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 Read from the imports themselves, lazy ones and those for types included: what a reader has to follow.
 """
 
-from __future__ import annotations
-
 import ast
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path

@@ -30,8 +30,6 @@ from sdp_vs_penalty.solvers import solver_modules
 
 ESTIMATOR = '''"""Least squares with a pull of every parameter to the nominal one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -4,8 +4,6 @@ Every case is simulated by its own seed, diagnosed without sight of the truth, a
 it. Cases are kept one by one, so that an interrupted challenge goes on where it stopped.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import time

@@ -1,7 +1,5 @@
 """The classes of the challenge: what is hidden in a case, and how strongly."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

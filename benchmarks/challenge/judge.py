@@ -1,7 +1,5 @@
 """Is a diagnosis right? Answers of yes and no about the record of one case, and Wilson's interval."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import Any

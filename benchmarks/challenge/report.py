@@ -1,7 +1,5 @@
 """The challenge's figures: shares with Wilson's intervals, by class, by nuisance, by effect."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 

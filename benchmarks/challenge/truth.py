@@ -3,8 +3,6 @@
 And whether a measured curve is right: its variables, and what adding it buys on a new motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -6,8 +6,6 @@ drawn whole from the number in their name; their joints dip at slow speed, diffe
 behind gears and ripple.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

@@ -16,8 +16,6 @@ may state the same number of the same joint. Writes corruptions.csv and corrupti
 judged on arms that nobody looked at.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor

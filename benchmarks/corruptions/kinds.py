@@ -4,8 +4,6 @@ A generator that knows nothing of the data check: each corruption says what was 
 under which names the check may report it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

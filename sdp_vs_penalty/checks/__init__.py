@@ -5,8 +5,6 @@ the arm's dynamics judges compositions of transformations of the log (transforma
 reported is the net repair, each number once. Several runs are compared with each other at last.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,8 +1,6 @@
 """The decision constants of the check: unit, meaning, and where each number comes from (the bench of
 benchmarks/corruptions on its tuning arms, where nothing else is said)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 # -- rows and columns that hypotheses are judged on ----------------------------------------------------

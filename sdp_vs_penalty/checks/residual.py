@@ -5,8 +5,6 @@ Two witnesses for each joint: how much one arm leaves of its torque, and how muc
 model of this joint alone would leave. Friction, however odd, is in both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial

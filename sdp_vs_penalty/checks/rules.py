@@ -1,8 +1,6 @@
 """The rules about rows and clock, each on the run as those before have mended it, and those about what
 channels can show: idle joints, dead and clipped torque, coarse steps, rates."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial

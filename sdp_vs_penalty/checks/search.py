@@ -5,8 +5,6 @@ repair that is added has to predict parts of the log that the arm was not fitted
 to lie beyond what arms and loggers differ by themselves, with its interval.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

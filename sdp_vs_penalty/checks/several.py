@@ -6,8 +6,6 @@ question is asked as within a log: which number of that run makes it theirs, to 
 zero, or the ten parameters of a load on the last link.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial

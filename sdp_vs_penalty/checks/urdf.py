@@ -1,7 +1,5 @@
 """Which inertials of a URDF are physically possible, by how much, and the nearest ones that are."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Measurements: the type, its files (one file a format in formats/), public data sets."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(

@@ -1,7 +1,5 @@
 """The public measurements that can be fetched: where they are, which version, what they are."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath

@@ -1,7 +1,5 @@
 """How what a user writes in a word becomes values: numbers, pairs, windows of time."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.errors import InputError
 
 

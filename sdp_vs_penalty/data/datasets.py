@@ -4,8 +4,6 @@ Nothing of them is part of this package. Each file is pinned to a commit and to 
 in the user's cache in the authors' own format; what this program reads is converted beside it.
 """
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Reading and writing runs: the format comes from the suffix, what makes a run useless is refused."""
 
-from __future__ import annotations
-
 import glob
 from collections.abc import Mapping, Sequence
 from contextlib import suppress

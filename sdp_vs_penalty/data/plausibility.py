@@ -10,8 +10,6 @@ the unit away without any guess about the motion:
   the two means that one of them is in degrees.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements

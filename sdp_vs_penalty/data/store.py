@@ -6,8 +6,6 @@ ends; it lies in $TMPDIR, else in /var/tmp, which is on a disk where /tmp may no
 of a mapped array stays in memory until something else needs the memory.
 """
 
-from __future__ import annotations
-
 import hashlib
 import mmap
 import os

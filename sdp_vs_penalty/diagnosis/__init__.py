@@ -1,7 +1,5 @@
 """Which physical effect a model misses: `diagnose.diagnose` finds it, `adding.add` adds it."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(

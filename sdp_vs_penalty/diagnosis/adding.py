@@ -1,7 +1,5 @@
 """The verb ``add``: an effect joins the model, and everything is identified again."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

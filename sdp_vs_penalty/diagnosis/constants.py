@@ -3,8 +3,6 @@
 Evidence is twice the logarithm of odds (Kass, Raftery, JASA 1995); shares have no unit.
 """
 
-from __future__ import annotations
-
 # The score.
 
 #: Rows of a joint beyond which more of them tell no law better (Miller, Dunson, JASA 2019). Of six weak

@@ -1,7 +1,5 @@
 """The verb: which effect does the model miss?"""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -6,8 +6,6 @@ the motion take its place: sizes come from the other folds, the choice of effect
 rows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

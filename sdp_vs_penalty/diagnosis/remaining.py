@@ -11,8 +11,6 @@ repeats. A hum is a line in the spectrum: at the frequencies of a periodogram th
 is exponential.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Sentences and pictures of comparisons and diagnoses; plain values in, no models."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,8 +1,6 @@
 """White rows: the log's rows in units of their noise, the model's own columns on them, and their
 clusters."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

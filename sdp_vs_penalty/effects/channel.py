@@ -1,7 +1,5 @@
 """What the torque channels do to the torque: a zero, a gain, a delay, a filter."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Base of the effects that change with time."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 

@@ -1,7 +1,5 @@
 """The links' inertia and weight, what is carried, and links that stand elsewhere than the model says."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache, cached_property

@@ -1,7 +1,5 @@
 """A torque that is known as a table: what was measured and has no name yet."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache

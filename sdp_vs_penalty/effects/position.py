@@ -1,7 +1,5 @@
 """Torques that follow the position of a joint."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

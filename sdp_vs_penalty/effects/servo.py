@@ -5,8 +5,6 @@ equation of motion reads 0 = Y theta - k (q_cmd - q) + d dq: linear in the links
 gains together, up to one common factor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

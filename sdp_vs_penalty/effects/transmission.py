@@ -1,7 +1,5 @@
 """What joints have with each other through their gears."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Friction of a joint that is a function of its velocity, and of the load that it carries."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, JointEffect, Motion

@@ -1,7 +1,5 @@
 """From measurements to a certified estimate, and how well the data determine it."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(

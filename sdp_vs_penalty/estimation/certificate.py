@@ -1,7 +1,5 @@
 """What is certified of an estimate, as a record and in words."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Decisions of this folder that are numbers, each with its unit, its meaning and where it is from."""
 
-from __future__ import annotations
-
 #: Probability of every interval, and of the decision that a separating run is to make right [-].
 LEVEL = 0.95
 #: Quantile of the normal distribution for LEVEL, in which standard deviations are given.

@@ -5,8 +5,6 @@ its repetitions and a guard of the filters' reach around it, identifies from the
 included, as ``identify`` does, and is judged on what it left out. Every row is judged once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

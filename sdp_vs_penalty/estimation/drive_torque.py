@@ -9,8 +9,6 @@ and not the noise: two-stage least squares with them are consistent, and convex 
 constraints (Janot, Vandanjon, Gautier, IEEE Trans. Control Systems Technology 2014).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

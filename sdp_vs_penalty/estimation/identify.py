@@ -7,8 +7,6 @@ curvature of the entropic pull at the nominal robot P0, and of the joints' own p
 scale squared. Above one half of what both know, prior variance over the sum, it is from the data.
 """
 
-from __future__ import annotations
-
 import platform
 import sys
 from collections.abc import Mapping, Sequence

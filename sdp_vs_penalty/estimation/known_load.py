@@ -17,8 +17,6 @@ joints together, the start of the convex problem that is posed
 (:mod:`~sdp_vs_penalty.regression.instruments`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

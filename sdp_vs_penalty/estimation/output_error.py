@@ -8,8 +8,6 @@ the linearised problem). Where the simulation cannot stay with the motion (an ar
 restarted in windows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -14,8 +14,6 @@ time by which the scores exceed white noise. What all directions say together co
 freedom more, which keeps short runs finite (a moderated t: Smyth 2004).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -11,8 +11,6 @@ least squares leave is in rad. The terms of all laws, and the command's derivati
 about the last T), are compressed together: each law at each delay is a small problem.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

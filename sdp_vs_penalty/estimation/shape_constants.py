@@ -9,8 +9,6 @@ uniformly in its own scale.
 least squares leave, with the same columns; a step is a pass over the data.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

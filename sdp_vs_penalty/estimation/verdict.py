@@ -6,8 +6,6 @@ them grade the same model and measurements differently. What is not known never 
 can exist. A diagnosis names what is missing; the grade is the same with and without it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self

@@ -1,7 +1,5 @@
 """The verb ``verify``: what a proof proves, and whether it is of this model and these data."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from pathlib import Path
 from typing import Any

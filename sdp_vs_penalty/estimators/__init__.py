@@ -1,7 +1,5 @@
 """Estimators, one file a family."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any, cast

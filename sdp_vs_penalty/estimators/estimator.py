@@ -4,8 +4,6 @@ A file in this folder that defines subclasses of :class:`Estimator` is their reg
 estimator sees compressed data and constraints as arrays; it knows neither files nor robots.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

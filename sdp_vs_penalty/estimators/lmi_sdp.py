@@ -8,8 +8,6 @@ link's mass must lie in, an entropic pull towards the problem's nominal robot, a
 The default is the first two (results/default_method.md).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Classical least squares (CLS): no constraint, the lowest loss of all."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

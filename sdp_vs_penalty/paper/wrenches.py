@@ -10,8 +10,6 @@ The paper's supplementary material shows on a spatial 2R why that matters: param
 every torque can bear impossible loads. They come from the relaxed retrieval: torques and no physics.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

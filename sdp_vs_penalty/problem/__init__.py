@@ -1,7 +1,5 @@
 """What is known of a robot before anything is measured: bounds, nominal links, published values."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(

@@ -7,8 +7,6 @@ least 10 cm, or 1 m where nothing but the joints is known.
 Nominal links are a plausible arm, known before anything is measured: never published estimates.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Decisions of this folder that are numbers: defaults that keep the feasible set of a robot without
 published bounds (a URDF) bounded, each with its unit, its meaning and where it is from."""
 
-from __future__ import annotations
-
 #: Mass of one link [kg]: a link of no mass is not one; a file's own inertials allow three times theirs.
 DEFAULT_LINK_MASS = (0.01, 100.0)
 #: A link's mass lies in a ball around its frame: this times the link's reach [-], at least the radius

@@ -1,7 +1,5 @@
 """The verb ``convert``: measurements of another program, for the robot of a problem."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -6,8 +6,6 @@ model.json holds a problem whole, beside its robot: what it does not narrow is w
 other defaults of a later version do not change the bounds of an old model.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Collection, Mapping, Sequence

@@ -1,7 +1,5 @@
 """A problem from its name, a URDF file, or its folder: problem.toml, and the tables that it names."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial

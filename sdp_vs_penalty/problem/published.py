@@ -5,8 +5,6 @@ errata.toml beside them says so and, if a number is concerned, what follows from
 Real measurements, where they are at hand, are never replaced silently.
 """
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The data, compressed: triangular factors that merge, base parameters, black boxes."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(

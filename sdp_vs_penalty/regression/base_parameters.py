@@ -1,7 +1,5 @@
 """Base parameters by name: the standard parameter each one leads with, and its whole symbol."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Non-linear least squares within bounds, where the residual comes with its Jacobian."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

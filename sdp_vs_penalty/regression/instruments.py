@@ -20,8 +20,6 @@ With torque logged the command itself is the motion of the instruments: the cont
 of q into the motion, not into the command. How well a loop follows decides only how much they tell.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple

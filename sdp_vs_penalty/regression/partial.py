@@ -1,7 +1,5 @@
 """Partial regression: what columns show, and what least squares in them leave of others."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.robot.arrays import Array

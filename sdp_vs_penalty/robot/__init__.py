@@ -1,7 +1,5 @@
 """The arm itself: kinematics, inertia (the parameter order), constraints, URDF files, trajectories."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(

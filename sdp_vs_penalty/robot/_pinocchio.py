@@ -4,8 +4,6 @@ Two other packages answer to the same name: PyPI's `pinocchio` (a nose plug-in) 
 PYTHONPATH puts in front of the wheel.
 """
 
-from __future__ import annotations
-
 from sdp_vs_penalty.errors import InputError
 
 try:

@@ -1,7 +1,5 @@
 """What all numbers of this package come in: arrays of doubles, whose shapes the docstrings say."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The body of a link: an ellipsoid outside of which it has no mass, and where that is known from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

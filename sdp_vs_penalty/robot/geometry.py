@@ -5,8 +5,6 @@ packages that ROS knows; a link of which one is missing or cannot be read has no
 body is then taken from what else is known.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass

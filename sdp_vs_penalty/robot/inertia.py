@@ -17,8 +17,6 @@ parameters: m > 0, and the inertia about the centre of mass is positive definite
 triangle inequalities (Traversaro, Brossette, Escande, Nori, IROS 2016).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -5,8 +5,6 @@ so that torques go the other way, tau = A^T tau_m. A row of A with several entri
 through the gears of other joints: a coupled wrist, a differential, a parallelogram.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ Pinocchio model is built from it on first use. Inertial parameters never live in
 are an argument, because they are what is being identified.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

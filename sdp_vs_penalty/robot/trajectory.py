@@ -16,8 +16,6 @@ vanish at both ends. For a move by d in T its extremes are 35/16 |d| / T (veloci
 T^2 (acceleration) and 52.5 |d| / T^3 (jerk).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ reductions n_j, as ros_control's transmission_interface: simple: q_m = n q; diff
 (n_j1 q_1 +- n_j2 q_2); four-bar: q_m1 = n_a1 n_j1 q_1, q_m2 = n_a2 (n_j2 q_2 + q_1).
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field

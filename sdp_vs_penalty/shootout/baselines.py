@@ -1,7 +1,5 @@
 """What users do without choosing an SDP solver: the formulas in CVXPY, or an exact penalty."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Who takes part: our default method, every conic solver of the library, what users do without one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial

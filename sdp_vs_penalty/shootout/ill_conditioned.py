@@ -4,8 +4,6 @@ Each takes a standard instance, such as the simulated Panda with a minimum thick
 thing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

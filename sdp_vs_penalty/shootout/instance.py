@@ -1,7 +1,5 @@
 """One problem of the shootout: the mathematical problem, and the form in which solvers get it."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ The library is what `shootout --export` writes; the catalogue is the part of it 
 by itself.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass

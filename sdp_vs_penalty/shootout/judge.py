@@ -6,8 +6,6 @@ from the contestant's own multipliers, and ``dimacs``, the largest DIMACS error 
 it saw. The classes are those of the table in summary.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass

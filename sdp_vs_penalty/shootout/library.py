@@ -6,8 +6,6 @@ proved bounds that lies, and a proof that `verify` checks in rational arithmetic
 all with sizes and SHA-256. The same version writes the same bytes on the same machine.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 from collections import Counter

@@ -5,8 +5,6 @@ fastest solver that did. A run counts by its figures, whatever it was asked for:
 violation at most ten times the accuracy, and a claim of success; or infeasibility, rightly claimed.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import io
 from pathlib import Path

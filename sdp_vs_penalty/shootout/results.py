@@ -1,7 +1,5 @@
 """runs.csv: one row a run, written as runs end, read back to go on where a shootout stopped."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The shootout from names to runs.csv: proofs of the instances' intervals first, then every run."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

@@ -1,7 +1,5 @@
 """Instances as they come: simulated and measured robots, and random serial chains."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache

@@ -4,8 +4,6 @@ The shifted geometric mean is exp(mean log(t + s)) - s with s = 10 ms over all r
 right at the time limit.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence

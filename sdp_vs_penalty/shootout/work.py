@@ -6,8 +6,6 @@ the numbers that come back; a child that takes too long is killed with all that 
 asks for too much memory or dies by a signal is told apart.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

@@ -1,7 +1,5 @@
 """Filters, derivatives, noise: from samples to rows that every column passes like the torque."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(

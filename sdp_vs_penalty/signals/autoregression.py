@@ -1,7 +1,5 @@
 """Noise as an autoregression: its coefficients from residuals, and what it leaves of a series."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

@@ -12,8 +12,6 @@ Where nothing repeats it is that of the torque's spectrum above the motion's ban
 is called noise is a guess.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property

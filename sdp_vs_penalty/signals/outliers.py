@@ -3,8 +3,6 @@
 With unit variance the energy of m rows of whitened noise is chi-square with m degrees of freedom.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 

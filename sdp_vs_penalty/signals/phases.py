@@ -7,8 +7,6 @@ that show it. A fold is one stretch of every motion's clock; training keeps off 
 filtered rows share samples of the log.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

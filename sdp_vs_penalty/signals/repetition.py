@@ -4,8 +4,6 @@ Whatever a model gets wrong comes back with the motion; noise is new each time. 
 measures noise or tells it from error rests on the repeats found here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias

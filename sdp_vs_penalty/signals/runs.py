@@ -1,7 +1,5 @@
 """A run as it was recorded: its rate, its gaps, which joints move and when."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property

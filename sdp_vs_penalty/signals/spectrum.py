@@ -1,8 +1,6 @@
 """The spectra of a run: of positions, what the robot was told to do and how sharply it moved; of torque,
 what is noise above the band of the motion, and whether it was smoothed before it was logged."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

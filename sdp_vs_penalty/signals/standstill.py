@@ -5,8 +5,6 @@ and a torque measured meanwhile is no evidence for or against any. Friction that
 does say more, over a travel that shows in the positions (Dahl, AIAA Journal 1976).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -9,8 +9,6 @@ sets of its manual, the third argument of solve() and options(). What solve() as
 finest that a loop around it may ask.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import shutil

@@ -11,8 +11,6 @@ so that any multipliers, projected onto their cones, give a lower bound on the o
 give a tight one. Nothing a solver says about itself enters.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Clarabel (Goulart, Chen 2024), called directly on our conic data: the default."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

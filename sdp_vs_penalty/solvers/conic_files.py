@@ -1,8 +1,6 @@
 """Files of conic problems: sparse SDPA (.dat-s; Borchers, Optimization Methods and Software 1999) and
 the conic benchmark format (.cbf), version 3 (H. A. Friberg, CBF format reference)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """COPT, commercial, where its package and a licence are found; called through CVXPY."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """CSDP (Borchers 1999), the command-line program, through the sparse SDPA format."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """CVXOPT's conelp (Andersen, Dahl, Vandenberghe) with its LDL factorisation."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

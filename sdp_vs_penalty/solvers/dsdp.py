@@ -1,7 +1,5 @@
 """DSDP (Benson, Ye 2008), a dual-scaling method, the command-line program dsdp5."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

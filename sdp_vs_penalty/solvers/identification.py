@@ -6,8 +6,6 @@ quadratic form the large constant rho^T rho sits between the solver and the loss
 and "solved" to 1e-8 of the constant can be percents of the loss.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Command-line solvers that read the sparse SDPA format: CSDP, DSDP, SDPA."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import tempfile

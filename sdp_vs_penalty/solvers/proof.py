@@ -11,8 +11,6 @@ Weak duality as in :mod:`certificate`; Jansson, Chaykin, Keil, SIAM J. Numer. An
 approximate multipliers.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """QICS (He, Saunderson, Fawzi 2024), an interior-point method for nonsymmetric cones."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """SCS (O'Donoghue, Chu, Parikh, Boyd 2016), a first-order splitting method, called directly."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

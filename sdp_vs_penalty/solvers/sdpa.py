@@ -1,7 +1,5 @@
 """SDPA (Fujisawa, Fukuda, Kojima, Nakata, Yamashita) through sdpa-python."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

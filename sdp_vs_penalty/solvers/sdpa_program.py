@@ -1,7 +1,5 @@
 """SDPA (Yamashita et al. 2010), the command-line program."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

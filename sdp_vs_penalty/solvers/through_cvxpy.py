@@ -1,7 +1,5 @@
 """Our conic form stated in CVXPY and handed to one of its solvers."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

@@ -13,8 +13,6 @@ error, in any order of summation (Higham, Accuracy and Stability, 2002, sec. 3.1
 is formed in rational arithmetic and factorised exactly: feasible is then a fact.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any

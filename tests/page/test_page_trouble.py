@@ -1,7 +1,5 @@
 """The workbench when things go wrong: cancelled work, closed tabs, bad files, other sites."""
 
-from __future__ import annotations
-
 import http.client
 import os
 import pickle

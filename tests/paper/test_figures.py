@@ -1,7 +1,5 @@
 """Figures: all of the paper's but the photograph, with units, in colours that all can tell apart."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

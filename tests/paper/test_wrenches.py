@@ -1,7 +1,5 @@
 """Internal wrenches: Newton-Euler, the unfeasible example, certified intervals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

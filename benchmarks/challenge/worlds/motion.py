@@ -1,7 +1,5 @@
 """Motions inside an arm's limits: periodic, aperiodic, and from point to point with pauses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 

@@ -1,8 +1,6 @@
 """What may be wrong with positions, with the clock and with the base: units, signs, order, zeros, rate,
 mounting."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """What may be wrong with torque channels: gain, delay, filter, weight, bends, drifts and steps."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

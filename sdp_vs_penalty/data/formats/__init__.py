@@ -6,8 +6,6 @@ are not counted from 1. Readers return a run as it is in the file: clock and num
 afterwards, or mended by the data check.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from types import ModuleType

@@ -1,8 +1,6 @@
 """CSV: RUN.csv with the header t,q1..qn,dq1..dqn,tau1..taun, one row a sample; read piece by piece:
 memory for the numbers and for one piece, however long the file."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """MATLAB .mat files (versions 4 to 7) with variables t, q, tau (dq optional), or q1, q2, ..."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """NPZ: NumPy's own archive of arrays t, q1..qn, dq1..dqn, tau1..taun, or whole q, dq, tau (N, n)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The authors' Panda log: a folder with four text files, one number a line, sample-major."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sdp_vs_penalty.data.formats import csv

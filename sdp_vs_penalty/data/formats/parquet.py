@@ -1,7 +1,5 @@
 """Parquet tables with the columns of RUN.csv (extra [formats])."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path

@@ -6,8 +6,6 @@ out; what remains has to be one of a quantity's words. Where several kinds of co
 quantity, the word that comes first is taken: a torque before a current.
 """
 
-from __future__ import annotations
-
 import fnmatch
 import re
 import warnings

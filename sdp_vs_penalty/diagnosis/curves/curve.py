@@ -1,7 +1,5 @@
 """A measured curve as a finding: what it runs over, its values with their band, and its JSON."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -5,8 +5,6 @@ a = c_g's / c_g'D c_g. The best of these are fitted once more on the rows themse
 about as much as the curve does, the simplest that explains about as much as any is named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache

@@ -1,8 +1,6 @@
 """Curves of the joints on which something without a name is left: which variables, instead of which
 findings, and the law that it may be. One score decides, the one of all other forms."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial

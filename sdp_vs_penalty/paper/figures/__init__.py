@@ -1,7 +1,5 @@
 """The paper's figures."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Figures 1 to 7, of the Panda: its motions, torques and their errors, and physics engines."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 

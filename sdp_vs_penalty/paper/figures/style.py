@@ -1,8 +1,6 @@
 """How figures look: print size, the colour-blind-safe palette of Okabe and Ito, lines that also differ
 in pattern, so that they survive a black-and-white printer."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

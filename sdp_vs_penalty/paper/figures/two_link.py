@@ -1,7 +1,5 @@
 """Figures 8 to 10, of the 2R: drawn from its parameters, its torques, its internal wrenches."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

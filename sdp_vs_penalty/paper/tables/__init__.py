@@ -1,7 +1,5 @@
 """The comparison tables, one file each: a file with a :class:`Maker` is its registration."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from functools import cache

@@ -1,7 +1,5 @@
 """Data table: how much measured motion each method needs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

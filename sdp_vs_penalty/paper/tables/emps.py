@@ -1,7 +1,5 @@
 """EMPS table: the public nonlinear benchmark, by force along a motion and by simulated position."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.data.datasets import converted

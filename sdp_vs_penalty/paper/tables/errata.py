@@ -1,7 +1,5 @@
 """Errata: where the paper contradicts itself, with the numbers that show it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study

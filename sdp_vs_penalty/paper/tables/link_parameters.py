@@ -1,7 +1,5 @@
 """Tables VII, VIII and IX: links' parameters about their centres of mass, row by row."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 

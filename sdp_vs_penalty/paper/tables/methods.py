@@ -1,7 +1,5 @@
 """Method table: every method on every data set, judged by the same independent figures."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.estimation.constants import ROUNDING

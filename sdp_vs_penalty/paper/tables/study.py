@@ -1,7 +1,5 @@
 """What several tables share: the data of a problem and every method's estimate, computed once."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence

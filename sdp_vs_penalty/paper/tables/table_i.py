@@ -1,7 +1,5 @@
 """Table I: the sigmoid friction of every joint, published and fitted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Table II: the exciting trajectory, published, as commanded, and better conditioned ones."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.estimation.excitation import Excitation, Limits, Regressor, excite

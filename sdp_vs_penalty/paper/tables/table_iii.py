@@ -1,7 +1,5 @@
 """Table III: base parameters and friction, published and ours."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

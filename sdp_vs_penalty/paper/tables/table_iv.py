@@ -1,7 +1,5 @@
 """Table IV: torque error of each joint on motion that no estimate was made from."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Table V, and the runs that Figures 5 to 7 share: physics engines, published ones and those at hand."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Table VI: the DH table of the 2R, as printed and as the problem's kinematics has it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study

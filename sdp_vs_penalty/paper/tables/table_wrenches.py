@@ -1,7 +1,5 @@
 """How far internal wrenches differ between parameters that make the same torques."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study

@@ -1,7 +1,5 @@
 """Unseen table: errors on motion that was not trained on, fold by fold, and what lowers them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements

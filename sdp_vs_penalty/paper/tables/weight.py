@@ -1,7 +1,5 @@
 """Weight table: where the paper's penalty weight xi makes its penalties exact."""
 
-from __future__ import annotations
-
 from itertools import product
 from typing import Any
 
