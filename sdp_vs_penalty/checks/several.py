@@ -130,9 +130,9 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     names = f"the rows before t = {t:.4g} s", f"the rows from t = {t:.4g} s on"
     logs = [(x, repair, name) for x, name in zip(both, names, strict=True)]
     for _, issue in compare(logs, c.TIMES**0.5):  # within a log, friction changes as well
+        place = f"{issue.where}, t = {t:.4g} s" if issue.figures["joints"] else f"t = {t:.4g} s"
         yield replace(
-            issue, kind="two arms",
-            where=", ".join([issue.where] * bool(issue.figures["joints"]) + [f"t = {t:.4g} s"]),
+            issue, kind="two arms", where=place,
             severity="error" if issue.figures["times"] > c.TIMES else "warning",
             remedy="cut the run there and use each part by itself (--window)",
             figures={**issue.figures, "t": t},

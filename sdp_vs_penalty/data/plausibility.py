@@ -37,25 +37,29 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
         for j, (joint, low, high) in enumerate(zip(robot.joints, *extremes(run.q), strict=True)):
             q, travel, turns = run.q[:, j], high - low, joint.kind == "revolute"
             limited = np.isfinite(joint.lower) and np.isfinite(joint.upper)
-            far = np.maximum(joint.lower - q, q - joint.upper) if limited else np.abs(q)
-            worst, name = int(np.argmax(far)), run.names[0]
-            # As the user finds it: below the header of a CSV file.
-            row = f"row {worst + 2}" if name.endswith(".csv") else f"sample {worst + 1}"
-            place, motors = f"{name}: {row}, column q{j + 1}", _MOTORS if turns else ""
-            if limited and far[worst] > (_TURN if turns else 2.0 * (joint.upper - joint.lower)):
+            motors = _MOTORS if turns else ""
+            most = _TURN if turns else 2.0 * (joint.upper - joint.lower)
+            if limited and max(joint.lower - low, high - joint.upper) > most:
+                worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
                 unit, units = ("rad", "degrees to radians") if turns else ("m", "millimetres to metres")
                 raise InputError(
-                    f"{place}: {q[worst]:.6g} is far outside the range of joint {j + 1} "
-                    f"({joint.lower:.4g} to {joint.upper:.4g} {unit})",
+                    f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of "
+                    f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})",
                     f"convert {units}{motors}, or choose the problem that belongs to this file",
                 )
             # A motion to and fro over many turns, not a shaft that goes on turning.
             if not limited and turns and travel > 8.0 * _TURN and abs(q[-1] - q[0]) < 0.5 * travel:
                 raise InputError(
-                    f"{place}: joint {j + 1} swings through {travel / _TURN:.0f} turns: positions look "
-                    "like degrees",
+                    f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}: joint {j + 1} swings "
+                    f"through {travel / _TURN:.0f} turns: positions look like degrees",
                     f"convert to radians{motors}",
                 )
+
+
+def _place(run: Measurements, k: int) -> str:
+    """The k-th sample of a run as the user finds it: below the header of a CSV file."""
+    name = run.names[0]
+    return f"{name}: row {k + 2}" if name.endswith(".csv") else f"{name}: sample {k + 1}"
 
 
 def check_torque(run: Measurements) -> None:

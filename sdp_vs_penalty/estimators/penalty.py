@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -28,6 +27,7 @@ from sdp_vs_penalty.estimators.barycentric import BarycentricPart, barycentric_b
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
+from sdp_vs_penalty.regression.bounded_least_squares import in_turn
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import (
@@ -124,21 +124,14 @@ def minimise(
     residual, stages, near = np.inf, 0, np.sqrt(_PROXIMAL) * np.eye(len(x))
     told = {"method": "lm", **dict.fromkeys(("ftol", "xtol", "gtol"), 1e-14), "max_nfev": _STEPS}
 
-    @lru_cache(maxsize=1)  # residuals and slopes are asked for in turn
-    def rows(place: bytes, stage: int) -> tuple[Array, Array]:
-        z = np.frombuffer(place)
+    def rows(z: Array) -> tuple[Array, Array]:
         r, J = penalty.rows(z, shifts, weight)
         return np.concatenate([r, near @ (z - x)]), np.concatenate([J, near])
 
-    def residuals(z: Array, stage: int) -> Array:
-        return rows(z.tobytes(), stage)[0]
-
-    def slopes(z: Array, stage: int) -> Array:
-        return rows(z.tobytes(), stage)[1]
-
     while stages < _STEPS:
         stages += 1
-        found = optimize.least_squares(residuals, x, slopes, args=(stages,), **told)
+        residuals, slopes = in_turn(rows)  # of this stage's shifts and weight
+        found = optimize.least_squares(residuals, x, slopes, **told)
         last, x = x, found.x
         moved = penalty.shifted(x, shifts, weight)
         changes = (np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True))

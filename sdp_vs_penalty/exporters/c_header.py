@@ -17,7 +17,7 @@ ENDING, FILE, ABOUT = ".h", "model.h", "a C header without dependencies"
 _HELD = ("rigid_body", "viscous_friction", "coulomb_friction", "rotor_inertia", "torque_offset")
 
 #: @ stands for the robot's name, $word for an entry of :func:`write`.
-_TEMPLATE = (Path(__file__).parent / "c_header.h").read_text()
+_TEMPLATE = Path(__file__).parent / "c_header.h"
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
@@ -39,7 +39,7 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
     name = re.sub(r"\W", "_", robot.name) or "robot"
     name = name if name.isascii() and not name[0].isdigit() else "robot"
     joints = robot.joints
-    text = Template(_TEMPLATE.replace("@", name)).substitute(
+    text = Template(_TEMPLATE.read_text().replace("@", name)).substitute(
         robot=_comment(robot.name),
         method=_comment(estimate.method),
         joints=_comment(", ".join(robot.joint_names)),

@@ -7,6 +7,22 @@ import numpy as np
 from sdp_vs_penalty.robot.arrays import Array
 
 
+def in_turn(
+    at: Callable[[Array], tuple[Array, Array]],
+) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+    """Residual and Jacobian as SciPy asks for them, one after the other at the same x, of ``at``, which
+    computes them together; once for each x."""
+    asked, answer = np.full(1, np.nan), (np.zeros(0), np.zeros(0))
+
+    def both(x: Array) -> tuple[Array, Array]:
+        nonlocal asked, answer
+        if not np.array_equal(x, asked):
+            asked, answer = x.copy(), at(x)
+        return answer
+
+    return lambda x: both(x)[0], lambda x: both(x)[1]
+
+
 def least_squares(
     at: Callable[[Array], tuple[Array, Array]],
     start: Array,
@@ -23,19 +39,11 @@ def least_squares(
     """
     from scipy import optimize
 
-    asked = np.full(len(start), np.nan)
-    answer = asked, asked
-
-    def both(x: Array) -> tuple[Array, Array]:
-        nonlocal asked, answer
-        if not np.array_equal(x, asked):
-            asked, answer = x.copy(), at(x)
-        return answer
-
+    residual, jacobian = in_turn(at)
     # SciPy's reflected step, which it discards, and its step along a gradient of 0.
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         found = optimize.least_squares(
-            lambda x: both(x)[0], np.clip(start, *ends), lambda x: both(x)[1],
-            bounds=ends, xtol=xtol, ftol=ftol, gtol=None, max_nfev=steps,
+            residual, np.clip(start, *ends), jacobian, bounds=ends, xtol=xtol, ftol=ftol,
+            gtol=None, max_nfev=steps,
         )  # fmt: skip
     return found.x, found.fun, found.jac
