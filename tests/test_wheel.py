@@ -61,7 +61,7 @@ def test_the_command_works_from_another_folder(installed, tmp_path, two_link):
 
 #: Every package that only an extra brings, as it is imported.
 EXTRAS = (
-    "matplotlib", "pyarrow", "rosbags", "plotly", "nicegui", "scs", "cvxopt", "sdpap", "qics",
+    "matplotlib", "rosbags", "plotly", "nicegui", "scs", "cvxopt", "sdpap", "qics",
     "distributed", "mujoco", "dartpy", "pybullet",
 )  # fmt: skip
 

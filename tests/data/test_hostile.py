@@ -86,8 +86,8 @@ def test_no_bomb_takes_more_than_its_size_allows(kind, tmp_path, monkeypatch):
     elif kind == "mat":
         savemat(path, {"t": zeros}, do_compression=True)
     elif kind == "parquet":
-        parquet = pytest.importorskip("pyarrow.parquet")
         import pyarrow
+        from pyarrow import parquet
 
         parquet.write_table(pyarrow.table({"t": zeros, "q1": zeros, "tau1": zeros}), path)
     elif kind == "zstd":

@@ -1,4 +1,4 @@
-"""Parquet tables with the columns of RUN.csv (extra [formats])."""
+"""Parquet tables with the columns of RUN.csv."""
 
 from collections.abc import Iterator
 from itertools import chain
@@ -10,38 +10,32 @@ import numpy as np
 from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of, understood
 from sdp_vs_penalty.data.measurements import Measurements, gathered
 from sdp_vs_penalty.data.store import PART
-from sdp_vs_penalty.errors import missing_extra
 from sdp_vs_penalty.files import writing
 
 SUFFIXES = (".parquet", ".pq")
 
 
-def _module() -> tuple[Any, Any]:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise missing_extra("Parquet files need", "formats") from error
-    return pyarrow, pyarrow.parquet
-
-
 def read(path: Path, choice: Choice) -> Measurements:
     """Numeric columns of the table; others (time stamps, texts) are ignored."""
-    arrow, parquet = _module()
+    from pyarrow import parquet
+
     # Buffered ahead, all of a row group would be in memory.
     with (
         understood(path, "Parquet file", "write it anew, or convert it to CSV"),
         parquet.ParquetFile(path, pre_buffer=False) as file,
     ):
-        return gathered(_pieces(path, choice, arrow, file))
+        return gathered(_pieces(path, choice, file))
 
 
-def _pieces(path: Path, choice: Choice, arrow: Any, file: Any) -> Iterator[Measurements]:
+def _pieces(path: Path, choice: Choice, file: Any) -> Iterator[Measurements]:
     """The rows in consecutive pieces, at least one.
 
     Texts are not read at all: one that is stored once can come in every row.
     """
-    types, names = arrow.types, []
+    import pyarrow as arrow
+    from pyarrow import types
+
+    names = []
     for one in file.schema_arrow:
         kind = one.type.value_type if types.is_dictionary(one.type) else one.type
         names += [one.name] * bool(types.is_integer(kind) or types.is_floating(kind))
@@ -54,7 +48,9 @@ def _pieces(path: Path, choice: Choice, arrow: Any, file: Any) -> Iterator[Measu
 
 
 def write(measurements: Measurements, path: Path) -> None:
-    arrow, parquet = _module()
+    import pyarrow as arrow
+    from pyarrow import parquet
+
     tables = (arrow.table(columns_of(part)) for part in measurements.parts())
     first = next(tables, None) or arrow.table(columns_of(measurements))
     with writing(path) as file, parquet.ParquetWriter(file, first.schema) as writer:
