@@ -26,7 +26,7 @@ from sdp_vs_penalty.simulation import MAKERS, experiment
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint, log_uniform
 from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
-from sdp_vs_penalty.solvers import solver_modules
+from sdp_vs_penalty.solvers import solver_types
 
 ESTIMATOR = '''"""Least squares with a pull of every parameter to the nominal one."""
 
@@ -57,30 +57,20 @@ class Ridge(Estimator):
 
 SOLVER = '''"""Clarabel under another name, asked for half the digits."""
 
-from __future__ import annotations
+from sdp_vs_penalty.solvers.clarabel import Clarabel
 
-from typing import Any
-
-from sdp_vs_penalty.solvers import clarabel
-from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-
-NAME = "half-hearted"
-EXTRA = None
-REQUIRES = ("package", "clarabel")
-CONES = clarabel.CONES
 WARM = []
 
 
-def options(accuracy: float) -> dict[str, Any]:
-    return {"accuracy": 10.0 * accuracy}
+class HalfHearted(Clarabel):
+    name = "half-hearted"
+    finest = 1e-9
 
+    def options(self, accuracy, variant=""):
+        return super().options(10.0 * accuracy)
 
-def warm_up() -> None:
-    WARM.append(True)
-
-
-def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
-    return clarabel.solve(problem, **options(accuracy))
+    def warm_up(self):
+        WARM.append(True)
 '''
 
 
@@ -92,7 +82,7 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         (sdp_vs_penalty.solvers, "half_hearted", SOLVER),
         (sdp_vs_penalty.effects, NAME, FILE),
     )
-    known = (estimator_types, solver_modules, effect_types, hidden_cases)
+    known = (estimator_types, solver_types, effect_types, hidden_cases)
     for package, name, content in homes:
         folder = tmp_path / package.__name__.rpartition(".")[2]
         folder.mkdir()
@@ -148,7 +138,7 @@ def test_a_solver_is_one_file(added):
     assert gap < 1e-7
     contestant = contestants()["half-hearted"]
     contestant.warm_up()
-    assert contestant.absent is None
+    assert not contestant.absent
     assert sys.modules["sdp_vs_penalty.solvers.half_hearted"].WARM == [True]
 
 

@@ -4,8 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import metadata
-from inspect import signature
-from types import ModuleType
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError, unknown
@@ -15,7 +13,8 @@ from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.shootout import augmented_lagrangian, baselines
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.judge import Answer, dimacs_error, no_answer
-from sdp_vs_penalty.solvers import absent, solver_modules, through_cvxpy, version, warm_up
+from sdp_vs_penalty.solvers import solver_types, through_cvxpy
+from sdp_vs_penalty.solvers.solver import Solver
 from sdp_vs_penalty.version import __version__
 
 _LOOP = "inside our loop: scaled, certified, solved again where the gap is loose"
@@ -24,7 +23,7 @@ Options = Callable[[float], dict[str, Any]]
 
 @dataclass(frozen=True)
 class Contestant:
-    """name, description, solve(instance, accuracy) and version; absent : why it is not here, or None.
+    """name, description, solve(instance, accuracy) and version; absent : why it is not here, or "".
 
     options : what it is told at an accuracy, by the names of its documentation; None: it cannot be
         asked, and promises ``promise``. entropy : whether log det can be posed to it. warm_up : what a
@@ -35,7 +34,7 @@ class Contestant:
     description: str
     solve: Callable[[Instance, float], Answer]
     version: Callable[[], str] = lambda: __version__
-    absent: str | None = None
+    absent: str = ""
     options: Options | None = None
     promise: float = 1e-8
     entropy: bool = True
@@ -65,8 +64,9 @@ class Contestant:
 def contestants() -> dict[str, Contestant]:
     """All of them by name, absent ones included."""
     found = _baselines()
-    for name, module in solver_modules().items():
-        own, finest = _conic(name, module), signature(module.solve).parameters["accuracy"].default
+    for name, kind in solver_types().items():
+        conic = kind()
+        own, finest = _conic(conic), conic.finest
         certified = replace(
             own,
             name=f"{name} certified",
@@ -75,7 +75,7 @@ def contestants() -> dict[str, Contestant]:
             options=None,
             promise=max(Contestant.promise, 10.0 * finest),
         )
-        found += [own, certified, *(_conic(name, module, v) for v in getattr(module, "VARIANTS", ()))]
+        found += [own, certified, *(_conic(conic, v) for v in conic.variants)]
     return {c.name: c for c in sorted(found, key=lambda c: c.name)}
 
 
@@ -95,12 +95,12 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     return [everyone[name] for name in names], []
 
 
-def _conic(name: str, module: ModuleType, *variant: str) -> Contestant:
+def _conic(solver: Solver, variant: str = "") -> Contestant:
     """A solver of the library; variant : another parameter set of its manual."""
 
     def solve(instance: Instance, accuracy: float) -> Answer:
         sdp = instance.sdp
-        solution = module.solve(sdp.conic, accuracy, *variant)
+        solution = solver.solve(sdp.conic, accuracy, variant)
         seen, x, z = solution.seen or (sdp.conic, solution.x, solution.z)
         return Answer(
             sdp.theta(solution),
@@ -112,18 +112,16 @@ def _conic(name: str, module: ModuleType, *variant: str) -> Contestant:
             dimacs_error(seen, x, z),
         )
 
-    about = (module.__doc__ or "").strip().splitlines()[0]
-    for word in variant:
-        about = f"{name} with the parameter set {word} of its manual"
+    about = f"{solver.name} with the parameter set {variant} of its manual"
     return Contestant(
-        " ".join((name, *variant)),
-        about,
+        f"{solver.name} {variant}".rstrip(),
+        about if variant else solver.description,
         solve,
-        lambda: version(module),
-        absent(module),
-        lambda accuracy: module.options(accuracy, *variant),
-        entropy="exp" in module.CONES,
-        warm_up=lambda: warm_up(module),
+        solver.version,
+        solver.absent,
+        partial(solver.options, variant=variant),
+        entropy="exp" in solver.cones,
+        warm_up=lambda: None if solver.absent else solver.warm_up(),
     )
 
 

@@ -58,10 +58,12 @@ class Solution:
     seen: tuple[ConicProblem, Array, Array] | None = None
 
     @classmethod
-    def none(cls, problem: ConicProblem, status: str) -> Solution:
+    def none(
+        cls, problem: ConicProblem, status: str, claims: str = "failed", iterations: int = 0
+    ) -> Solution:
         """What a solver that gave up returned."""
         x, z = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
-        return cls(x, z, "failed", status, 0)
+        return cls(x, z, claims, status, iterations)
 
 
 @cache

@@ -2,35 +2,20 @@
 
 import os
 from pathlib import Path
-from typing import Any
 
-from sdp_vs_penalty.solvers import through_cvxpy
-from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-
-NAME = "copt"
-EXTRA = "its vendor, with a licence"
-REQUIRES = ("package", "coptpy")
-CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
-warm_up = through_cvxpy.warm_up
+from sdp_vs_penalty.solvers.solver import ACCURACY
+from sdp_vs_penalty.solvers.through_cvxpy import ThroughCvxpy
 
 
-def licence() -> str | None:
-    """What is missing of the licence, or None."""
-    folders = [
-        os.environ.get("COPT_LICENSE_DIR"),
-        os.environ.get("COPT_HOME"),
-        str(Path.home() / "copt"),
-    ]
-    if any(folder and (Path(folder) / "license.dat").is_file() for folder in folders):
-        return None
-    return "no license.dat in COPT_LICENSE_DIR, COPT_HOME or ~/copt"
+class Copt(ThroughCvxpy):
+    name = "copt"
+    extra = "its vendor, with a licence"
+    requires = "package", "coptpy"
+    told = dict.fromkeys(("RelGap", "FeasTol", "DualTol"), ACCURACY)
 
-
-def options(accuracy: float) -> dict[str, Any]:
-    """What the solver is told, in its own words, for a relative gap and feasibility."""
-    return {"RelGap": accuracy, "FeasTol": accuracy, "DualTol": accuracy}
-
-
-def solve(problem: ConicProblem, accuracy: float = 1e-10) -> Solution:
-    """Solve to the accuracy asked for (relative gap and feasibility)."""
-    return through_cvxpy.solve(problem, "COPT", options(accuracy))
+    def licence(self) -> str:
+        named = (os.environ.get(name) for name in ("COPT_LICENSE_DIR", "COPT_HOME"))
+        folders = [*(Path(folder) for folder in named if folder), Path.home() / "copt"]
+        if any((folder / "license.dat").is_file() for folder in folders):
+            return ""
+        return "no license.dat in COPT_LICENSE_DIR, COPT_HOME or ~/copt"

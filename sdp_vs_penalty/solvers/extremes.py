@@ -17,7 +17,7 @@ from scipy import sparse
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.solvers import clarabel
+from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import dual_evidence, repair
 from sdp_vs_penalty.solvers.identification import RowBuilder, SdpProblem, largest_margin
 from sdp_vs_penalty.solvers.objective import Objective
@@ -94,7 +94,7 @@ class Slice:
 
     def _solve(self, g: Array) -> tuple[Array, float]:
         """A solver's minimiser of g^T x, |g| = 1, and our own lower bound of that minimum."""
-        solution = clarabel.solve(replace(self.sdp.conic, q=g), 1e-10)
+        solution = solver("clarabel").solve(replace(self.sdp.conic, q=g), 1e-10)
         objective = Objective.without_data(len(g), g)
         multipliers = self.reduced.filled(self.sdp.multipliers(solution))
         found = dual_evidence(objective, self.reduced, multipliers, solution.x, self.limit)
@@ -106,7 +106,7 @@ def _interior(constraints: ConstraintSet, free: Array, theta: Array, bound: Arra
     reduced = [_reduced(c, free, theta) for c in constraints.convex]
     reach = np.abs(free.T) @ (bound + np.abs(theta))
     problem = largest_margin(reduced, np.zeros(free.shape[1]), reach)
-    solution = clarabel.solve(problem.conic, 1e-9)
+    solution = solver("clarabel").solve(problem.conic, 1e-9)
     point = theta + free @ problem.theta(solution)
     margin = constraints.margin(point)
     if not margin > 0.0:

@@ -10,7 +10,7 @@ x and z of the original, so that a solver is judged on the problem that was pose
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -41,6 +41,8 @@ class Rewritten:
 
     def then(self, step: Callable[[ConicProblem], Rewritten]) -> Rewritten:
         following = step(self.problem)
+        if following.problem is self.problem:
+            return self
 
         def back(x: Array, z: Array) -> tuple[Array, Array]:
             return self.back(*following.back(x, z))
@@ -52,25 +54,27 @@ def unchanged(problem: ConicProblem) -> Rewritten:
     return Rewritten(problem, lambda x, z: (x, z))
 
 
-def linear_matrix_inequalities(problem: ConicProblem, group: int = 10) -> Rewritten:
-    """Linear objective, no equalities, only psd and nonnegative cones: what SDPA's format holds.
+def suited(problem: ConicProblem, kinds: Collection[str], order: Sequence[str] = ()) -> Rewritten:
+    """For a solver that takes a "quadratic" objective and cones of these ``kinds``, or not, in an order.
 
-    group : rows of a quadratic objective that share one arrow matrix; many small ones are cheaper.
+    Raises NotApplicableError where a cone is left that it lacks.
     """
-    reject(problem, {"exp"})
-    return (
-        unchanged(problem)
-        .then(lambda p: linear_objective(p, group))
-        .then(without_equalities)
-        .then(arrows)
-    )
+    found = unchanged(problem)
+    if "quadratic" not in kinds:
+        # Ten rows share one matrix where only these are left: many small ones are cheaper.
+        found = found.then(lambda p: linear_objective(p, None if "soc" in kinds else 10))
+    if "zero" not in kinds:
+        found = found.then(without_equalities)
+    if "soc" not in kinds:
+        found = found.then(arrows)
+    if lacking := sorted({c.kind for c in found.problem.cones} - set(kinds)):
+        raise NotApplicableError(f"the solver has no {', '.join(lacking)} cone")
+    return found.then(lambda p: reorder(p, order)) if order else found
 
 
-def reject(problem: ConicProblem, kinds: set[str]) -> None:
-    """Raise NotApplicableError where the problem has a cone of these kinds."""
-    found = sorted({c.kind for c in problem.cones} & kinds)
-    if found:
-        raise NotApplicableError(f"the solver has no {', '.join(found)} cone")
+def linear_matrix_inequalities(problem: ConicProblem) -> Rewritten:
+    """Linear objective, no equalities, only psd and nonnegative cones: what SDPA's format holds."""
+    return suited(problem, {"nonnegative", "psd"})
 
 
 def quadratic_factor(problem: ConicProblem) -> sparse.csr_matrix:

@@ -1,47 +1,42 @@
 """SCS (O'Donoghue, Chu, Parikh, Boyd 2016), a first-order splitting method, called directly."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-from sdp_vs_penalty.solvers.rewrite import reorder, sizes
-
-NAME = "scs"
-EXTRA = "solvers"
-REQUIRES = ("package", "scs")
-CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
+from sdp_vs_penalty.solvers.rewrite import KINDS, sizes
+from sdp_vs_penalty.solvers.solver import ACCURACY, Solver
 
 #: The first word of its status; what follows says that it is inaccurate.
 _CLAIMS = {"solved": "optimal", "infeasible": "infeasible", "unbounded": "unbounded"}
 
 
-def options(accuracy: float) -> dict[str, Any]:
-    """What the solver is told, in its own words, for a relative gap and feasibility.
+class Scs(Solver):
+    name = "scs"
+    extra = "solvers"
+    requires = "package", "scs"
+    order = KINDS
+    finest = 1e-7
+    # The rest are its defaults, which its documentation recommends (adaptive scale, normalisation,
+    # Anderson acceleration over 10 steps).
+    told = {"eps_abs": ACCURACY, "eps_rel": ACCURACY, "max_iters": 100_000}
 
-    The rest are its defaults, which its documentation recommends (adaptive scale, normalisation,
-    Anderson acceleration over 10 steps).
-    """
-    return {"eps_abs": accuracy, "eps_rel": accuracy, "max_iters": 100_000}
+    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+        import scs
 
-
-def solve(problem: ConicProblem, accuracy: float = 1e-7) -> Solution:
-    """Solve to the accuracy asked for (absolute and relative residuals)."""
-    import scs
-
-    ordered = reorder(problem)
-    p, rows, start = ordered.problem, [np.zeros(0, np.intp)], 0
-    for cone in p.cones:
-        i, j = np.triu_indices(cone.size)  # entry (j, i), j >= i: column i of the lower triangle
-        rows.append(start + (j * (j + 1) // 2 + i if cone.kind == "psd" else np.arange(cone.rows)))
-        start += cone.rows
-    lower = np.concatenate(rows)
-    data = {"P": p.P, "A": p.A.tocsr()[lower].tocsc(), "b": p.b[lower], "c": p.q}
-    result = scs.SCS(data, sizes(p.cones), verbose=False, **options(accuracy)).solve()
-    z = np.empty(len(lower))
-    z[lower] = result["y"]
-    x, z = ordered.back(np.array(result["x"]), z)
-    info = result["info"]
-    word, _, more = info["status"].partition(" ")
-    claims = "inaccurate" if word == "solved" and more else _CLAIMS.get(word, "failed")
-    return Solution(x, z, claims, info["status"], int(info["iter"]))
+        rows, start = [np.zeros(0, np.intp)], 0
+        for cone in problem.cones:
+            i, j = np.triu_indices(cone.size)  # entry (j, i), j >= i: column i of the lower triangle
+            rows.append(start + (j * (j + 1) // 2 + i if cone.kind == "psd" else np.arange(cone.rows)))
+            start += cone.rows
+        lower = np.concatenate(rows)
+        A = problem.A.tocsr()[lower].tocsc()
+        data = {"P": problem.P, "A": A, "b": problem.b[lower], "c": problem.q}
+        result = scs.SCS(data, sizes(problem.cones), verbose=False, **told).solve()
+        z, info = np.empty(len(lower)), result["info"]
+        z[lower] = result["y"]
+        word, _, more = info["status"].partition(" ")
+        claims = "inaccurate" if word == "solved" and more else _CLAIMS.get(word, "failed")
+        return Solution(np.array(result["x"]), z, claims, info["status"], int(info["iter"]))

@@ -34,6 +34,7 @@ from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.signals import Preprocessing
 from sdp_vs_penalty.solvers import ConicProblem, Objective, Solution
+from sdp_vs_penalty.solvers.clarabel import Clarabel
 
 seeds = st.integers(0, 2**32 - 1)
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
@@ -214,17 +215,15 @@ def test_a_model_without_links_is_a_bounded_least_squares_problem(two_link):
 
 def without_answers(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
     """The solver's first answers are not numbers."""
-    from sdp_vs_penalty.solvers import clarabel
+    real, calls = Clarabel.run, iter(range(1000))
 
-    real, calls = clarabel.solve, iter(range(1000))
-
-    def solve(problem: ConicProblem, accuracy: float) -> Solution:
-        answer = real(problem, accuracy)
+    def run(self: Clarabel, problem: ConicProblem, told: dict[str, Any]) -> Solution:
+        answer = real(self, problem, told)
         if next(calls) >= failures:
             return answer
         return replace(answer, x=np.full_like(answer.x, np.nan), claims="failed")
 
-    monkeypatch.setattr(clarabel, "solve", solve)
+    monkeypatch.setattr(Clarabel, "run", run)
 
 
 def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(panda, monkeypatch):

@@ -29,7 +29,7 @@ from sdp_vs_penalty.shootout.judge import (
     relative_violation,
 )
 from sdp_vs_penalty.shootout.work import Assignment, in_child, run
-from sdp_vs_penalty.solvers import Cone, ConicProblem, clarabel
+from sdp_vs_penalty.solvers import Cone, ConicProblem, solver
 
 CONTESTANTS = contestants()
 SMALL = (
@@ -186,7 +186,7 @@ def test_the_forms_users_write_have_the_same_optimum(two_link):
         assert verdict.kind == "right"
         assert verdict.own_gap <= 0.01
         sdp = posed.sdp  # what the file says of its optimum is the loss there
-        solution = clarabel.solve(sdp.conic, 1e-9)
+        solution = solver("clarabel").solve(sdp.conic, 1e-9)
         x, P = solution.x, sdp.conic.P  # the upper triangle
         square = x @ (P @ x) - 0.5 * x @ (P.diagonal() * x)
         optimum = sdp.offset + sdp.loss_scale**2 * (square + sdp.conic.q @ x)
@@ -200,7 +200,7 @@ def test_conic_errors_see_each_kind_of_mistake(two_link):
     """Zero at the optimum; each error by itself, planted; of the entropic problem too."""
     for made in (two_link, instance("two_link simulated one-step regulariser")):
         conic = made.sdp.conic
-        answer = clarabel.solve(conic, 1e-10)
+        answer = solver("clarabel").solve(conic, 1e-10)
         assert dimacs_error(conic, answer.x, answer.z) < 1e-7
         nothing = replace(answer, x=np.full_like(answer.x, np.nan))
         assert dimacs_error(conic, nothing.x, nothing.z) == np.inf

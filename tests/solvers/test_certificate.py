@@ -15,7 +15,7 @@ from sdp_vs_penalty.estimators import Fit, LmiSdp, Task, interior_point
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.solvers import ConicProblem, Objective, Solution, clarabel
+from sdp_vs_penalty.solvers import ConicProblem, Objective, Solution, solver
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=15, deadline=None, derandomize=True)
@@ -242,7 +242,9 @@ def test_the_certificate_decides_whether_a_solver_gave_up(finds, monkeypatch):
 
         @staticmethod
         def solve(problem: ConicProblem, accuracy: float) -> Solution:
-            found = replace(clarabel.solve(problem, accuracy), claims="failed", status="stalled")
+            found = replace(
+                solver("clarabel").solve(problem, accuracy), claims="failed", status="stalled"
+            )
             return found if finds else replace(found, x=0.0 * found.x, z=0.0 * found.z)
 
     monkeypatch.setattr("sdp_vs_penalty.estimators.sdp_fit.solver", lambda _: Doubtful)

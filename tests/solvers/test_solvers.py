@@ -1,7 +1,6 @@
 """Every solver on the same problems, judged by our own certificate; the rewritings and file formats."""
 
 from dataclasses import replace
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -21,19 +20,18 @@ from sdp_vs_penalty.solvers import (
     Entropy,
     Objective,
     Solution,
-    absent,
     certificate,
     least_squares_sdp,
     repair,
     rewrite,
     solver,
-    solver_modules,
-    version,
+    solver_types,
 )
 from sdp_vs_penalty.solvers.identification import SdpProblem
+from sdp_vs_penalty.solvers.solver import Solver
 from sdp_vs_penalty.solvers.verified import certainly_feasible
 
-SOLVERS = solver_modules()
+SOLVERS = {name: kind() for name, kind in solver_types().items()}
 NAMES = list(SOLVERS)
 
 
@@ -90,17 +88,16 @@ class Link:
         )
 
 
-def usable(name: str) -> ModuleType:
-    reason = absent(SOLVERS[name])
-    if reason is not None:
-        pytest.skip(reason)
+def usable(name: str) -> Solver:
+    if SOLVERS[name].absent:
+        pytest.skip(SOLVERS[name].absent)
     return SOLVERS[name]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_primal_and_dual_certify_the_optimum(name):
-    module, link = usable(name), Link()
-    solution = module.solve(link.sdp.conic, 1e-7)
+    conic, link = usable(name), Link()
+    solution = conic.solve(link.sdp.conic, 1e-7)
     assert solution.claims in ("optimal", "inaccurate")
     assert solution.x.shape == link.sdp.conic.q.shape
     assert solution.z.shape == link.sdp.conic.b.shape
@@ -113,12 +110,12 @@ def test_primal_and_dual_certify_the_optimum(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_log_det_is_solved_or_declined(name):
-    module, link = usable(name), Link(entropic=True)
-    if "exp" not in module.CONES:
+    conic, link = usable(name), Link(entropic=True)
+    if "exp" not in conic.cones:
         with pytest.raises(rewrite.NotApplicableError, match="exp"):
-            module.solve(link.sdp.conic, 1e-7)
+            conic.solve(link.sdp.conic, 1e-7)
         return
-    solution = module.solve(link.sdp.conic, 1e-7)
+    solution = conic.solve(link.sdp.conic, 1e-7)
     assert solution.claims in ("optimal", "inaccurate")
     gap, violation = link.gap(solution)
     assert -1e-12 <= gap <= 1e-4
@@ -127,11 +124,11 @@ def test_log_det_is_solved_or_declined(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_an_empty_feasible_set_is_never_called_solved(name):
-    module, link = usable(name), Link()
+    conic, link = usable(name), Link()
     heavy = build.linear("total mass", "robot", [0], [[1.0]], [-4.0])  # m >= 4 where m <= 3
     constraints = link.constraints.plus([heavy])
     sdp = least_squares_sdp(link.objective, constraints.convex, link.nominal, link.bound, link.nominal)
-    solution = module.solve(sdp.conic, 1e-7)
+    solution = conic.solve(sdp.conic, 1e-7)
     assert solution.claims not in ("optimal", "inaccurate", "unbounded")
 
 
@@ -204,10 +201,10 @@ def test_the_entropic_problem_is_exported_to_cbf_only(tmp_path):
 def test_unknown_and_absent_solvers_are_named(monkeypatch):
     with pytest.raises(InputError, match="clarabel, "):
         solver("gurobi")
-    monkeypatch.setattr(SOLVERS["cvxopt"], "REQUIRES", ("package", "no_such_package"))
+    monkeypatch.setattr(solver_types()["cvxopt"], "requires", ("package", "no_such_package"))
     with pytest.raises(InputError, match=r"no_such_package is not installed .*the extra \[solvers\]"):
         solver("cvxopt")
-    monkeypatch.setattr(SOLVERS["mosek"], "REQUIRES", ("package", "numpy"))
+    monkeypatch.setattr(solver_types()["mosek"], "requires", ("package", "numpy"))
     monkeypatch.delenv("MOSEKLM_LICENSE_FILE", raising=False)
     monkeypatch.setenv("HOME", "/nonexistent")
     with pytest.raises(InputError, match="no licence"):
@@ -216,12 +213,13 @@ def test_unknown_and_absent_solvers_are_named(monkeypatch):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_solver_states_its_contract(name):
-    module = SOLVERS[name]
-    assert (module.__doc__ or "").strip()
-    assert {"quadratic", "zero", "nonnegative", "soc", "psd", "exp"} >= module.CONES
-    assert module.options(1e-5) != module.options(1e-7)
-    if absent(module) is None and module.REQUIRES[0] == "package":
-        assert version(module)[0].isdigit()
+    conic = SOLVERS[name]
+    assert conic.description
+    assert {"quadratic", "zero", "nonnegative", "soc", "psd", "exp"} >= conic.cones
+    for variant in ("", *conic.variants):
+        assert conic.options(1e-5, variant) != conic.options(1e-7, variant)
+    if not conic.absent and conic.requires[0] == "package":
+        assert conic.version()[0].isdigit()
 
 
 OURS = "primal-dual"

@@ -82,12 +82,12 @@ def methods() -> Listing:
 
 
 def solvers() -> Listing:
-    from sdp_vs_penalty.solvers import absent, installed_by, solver_modules
+    from sdp_vs_penalty.solvers import solver_types
 
     rows: Rows = []
-    for name, module in solver_modules().items():
-        here = "yes" if absent(module) is None else "absent"
-        rows.append((name, here, installed_by(module), (module.__doc__ or "").strip().splitlines()[0]))
+    for name, kind in solver_types().items():
+        found = kind()
+        rows.append((name, "absent" if found.absent else "yes", found.source, found.description))
     return ("name", "here", "installed by", "what it is"), rows
 
 

@@ -1,0 +1,110 @@
+"""What a conic solver declares, and how any of them is asked.
+
+A file in this folder that defines a subclass of :class:`Solver` is its registration: it says what the
+solver takes and is told, and runs it on a problem of that form. Rewriting the problem, reading the
+answer back and finding out what is installed are here, once.
+"""
+
+import importlib
+import importlib.util
+import shutil
+import subprocess
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib import metadata
+from typing import Any, ClassVar
+
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.rewrite import full_matrices, suited, unchanged
+
+#: Stands in :attr:`Solver.told` for the accuracy that is asked for.
+ACCURACY = "accuracy"
+#: All kinds of cones, and a quadratic objective.
+EVERYTHING = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
+
+
+class Solver(ABC):
+    """A conic solver of others, named on the command line.
+
+    extra : what installs it, an extra of this package or words (None: the core installation); requires :
+    the ("package", module) or ("program", command) without which it is absent; system_package : Debian's
+    name of a program, where it is not the command's.
+    cones : what it takes; what it lacks is rewritten. order : of the kinds of cones, where it wants one;
+    full_matrices : whether a psd cone's rows are all entries of the matrix instead of svec's.
+    told : options by the names of its documentation; variants : further sets of these from its manual,
+    by name; finest : the finest accuracy that a loop around it may ask for.
+    """
+
+    name: ClassVar[str]
+    extra: ClassVar[str | None] = None
+    requires: tuple[str, str]
+    system_package: ClassVar[str] = ""
+    cones: ClassVar[frozenset[str]] = EVERYTHING
+    order: ClassVar[tuple[str, ...]] = ()
+    full_matrices: ClassVar[bool] = False
+    told: ClassVar[Mapping[str, Any]]
+    variants: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    finest: ClassVar[float] = 1e-10
+
+    @abstractmethod
+    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+        """Its answer to a problem that is written as it wants it."""
+
+    def options(self, accuracy: float, variant: str = "") -> dict[str, Any]:
+        """What it is told for an accuracy, relative, of gap and feasibility."""
+        told = {**self.told, **self.variants.get(variant, {})}
+        return {name: accuracy if value is ACCURACY else value for name, value in told.items()}
+
+    def solve(self, problem: ConicProblem, accuracy: float, variant: str = "") -> Solution:
+        """Its answer to any problem; raises NotApplicableError for cones that it cannot be given."""
+        form = suited(problem, self.cones, self.order)
+        sent = (full_matrices if self.full_matrices else unchanged)(form.problem)
+        found = self.run(sent.problem, self.options(accuracy, variant))
+        x, z = sent.back(found.x, found.z)
+        seen = None if form.problem is problem else (form.problem, x, z)
+        x, z = form.back(x, z)
+        return replace(found, x=x, z=z, seen=seen)
+
+    def licence(self) -> str:
+        """What is missing of a licence, or ""."""
+        return ""
+
+    @property
+    def absent(self) -> str:
+        """Why it cannot be used on this machine and what to do, "" where it can."""
+        kind, what = self.requires
+        there = shutil.which(what) if kind == "program" else importlib.util.find_spec(what)
+        if there is None:
+            return f"the {kind} {what} is not installed (source: {self.source})"
+        return self.licence()
+
+    @property
+    def source(self) -> str:
+        """The extra, or the words, that say where it comes from."""
+        if self.extra is None:
+            return "the core installation"
+        return self.extra if " " in self.extra else f"the extra [{self.extra}]"
+
+    @property
+    def description(self) -> str:
+        """The first line of its file."""
+        return (sys.modules[type(self).__module__].__doc__ or "").strip().partition("\n")[0]
+
+    def warm_up(self) -> None:
+        """Pay for what its first call costs once."""
+        if self.requires[0] == "package":
+            importlib.import_module(self.requires[1])
+
+    def version(self) -> str:
+        """The installed version of what it requires; empty where a program does not say."""
+        kind, what = self.requires
+        if kind == "package":
+            return metadata.version(metadata.packages_distributions().get(what, [what])[0])
+        command = ["dpkg-query", "-W", "-f", "${Version}", self.system_package or what]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+        except OSError:
+            return ""
+        return done.stdout.strip() if done.returncode == 0 else ""
