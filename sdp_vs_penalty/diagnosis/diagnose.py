@@ -133,7 +133,7 @@ def _offered(search: Search, judge: Judge) -> Found:
     if not left.matters and not parts:
         return found
     curves = measured_curves(final, left.matters, parts, folds_of(final.data.rows))
-    return _with_curves(found, curves, judge)
+    return _with_curves(found, curves, judge) if curves else found
 
 
 def _retuned(search: Search, judge: Judge) -> tuple[Estimate, list[ShapeEstimate], Array | None]:

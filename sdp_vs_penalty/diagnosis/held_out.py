@@ -131,7 +131,8 @@ class Judge:
             splits = _folds(white, estimate, effects, by_fold or {})
             return HeldOut(estimate, self.frozen, splits, "folds")
         model = model_beside(estimate, effects, changes=self.frozen)
-        train, there = (compress(run, model, estimate.preprocessing) for run in (self.data, self.test))
+        runs, settings = (self.data, self.test), estimate.preprocessing
+        train, there = (compress(run, model, settings, blocks_per_run=1) for run in runs)
         if self.frozen:
             train, there = (rows.beside(estimate.theta) for rows in (train, there))
         return HeldOut(estimate, self.frozen, (Split(tuple(effects), train, there),), "test")

@@ -122,10 +122,10 @@ class Fit:
         """(n, M, r) an orthonormal one of the columns."""
         return np.asarray(self.design.A @ self.W / self.level[:, None, None])
 
-    def deviance(self, rss: Array) -> float:
-        """-2 log L of the joints' squared errors (n,)."""
+    def deviance(self, rss: Array) -> Array:
+        """(...,) -2 log L of the joints' squared errors (..., n)."""
         v = np.maximum(rss / self.degrees, self.floor)
-        return float(np.sum(self.degrees * np.log(v) + rss / v))
+        return np.asarray(np.sum(self.degrees * np.log(v) + rss / v, axis=-1))
 
     def scaled(self, columns: dict[int, Array]) -> dict[int, Array]:
         return {j: z / self.level[j] for j, z in columns.items()}

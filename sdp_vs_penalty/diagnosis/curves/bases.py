@@ -9,7 +9,7 @@ effective degrees of freedom tr (D + P)^-1 D in the place of k; lambda is where 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
 
@@ -27,8 +27,8 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 _DEGREE = 3
-#: Splines along one variable, and along each of a pair.
-_ALONE, _PAIR = 32, 9
+#: Splines along one variable, along each of a pair, and along each where pairs are looked through.
+_ALONE, _PAIR, _ROUGHLY = 32, 9, 6
 
 
 @dataclass(frozen=True)
@@ -58,17 +58,6 @@ class Axis:
         return np.asarray(BSpline.design_matrix(inside, knots, _DEGREE).toarray())
 
     @property
-    def penalty(self) -> Array:
-        """(count, count) of second differences of the coefficients (Eilers, Marx 1996). Where splines
-        are many, also of first ones, as large as they are for a wave as long as the range: where few
-        measurements lie, such a curve levels off instead of going on straight."""
-        if self.is_sign:
-            return np.zeros((2, 2))
-        first, second = (np.diff(np.eye(self.count), k, axis=0) for k in (1, 2))
-        level = 0.0 if self.count == _PAIR else (2.0 * np.pi / self.count) ** 2
-        return np.asarray(second.T @ second + level * first.T @ first)
-
-    @property
     def points(self) -> Array:
         """Where the curve is written down: at its knots, and at three values between each."""
         count = 4 * (self.count - _DEGREE) + 1
@@ -94,20 +83,20 @@ class Basis:
         """(N, size) at given values of the variables."""
         return _products([axis.columns(x) for axis, x in zip(self.axes, values, strict=True)])
 
+    @property
+    def roughly(self) -> Basis:
+        """A pair's with fewer splines; over one variable itself."""
+        few = [replace(a, count=_ROUGHLY) if a.count == _PAIR else a for a in self.axes]
+        return Basis(tuple(few))
+
     def of_motion(self, motion: Motion) -> Array:
         """(N, size) along a motion."""
         return self.at(*(a.variable.along(motion) for a in self.axes))
 
     @property
-    def penalties(self) -> list[Array]:
-        """(size, size) roughness along each variable, each of unit trace."""
-        out, counts = [], [a.count for a in self.axes]
-        for k, axis in enumerate(self.axes):
-            if not axis.is_sign:
-                before, after = (np.eye(int(np.prod(c))) for c in (counts[:k], counts[k + 1 :]))
-                rough = np.kron(np.kron(before, axis.penalty), after)
-                out.append(rough / np.trace(rough))
-        return out
+    def roughness(self) -> Array:
+        """(size, size) the sum of that along each variable, each of unit trace."""
+        return _roughness(tuple(a.count for a in self.axes), tuple(a.is_sign for a in self.axes))
 
     @property
     def grid(self) -> tuple[Array, ...]:
@@ -118,6 +107,24 @@ class Basis:
     def points(self) -> Array:
         """(P, variables) all of the grid."""
         return np.array(list(product(*self.grid)))
+
+
+@lru_cache
+def _roughness(counts: tuple[int, ...], signs: tuple[bool, ...]) -> Array:
+    """Of second differences of the coefficients (Eilers, Marx 1996). Where splines are many, also of
+    first ones, as large as they are for a wave as long as the range: where few measurements lie, such a
+    curve levels off instead of going on straight. None along a sign."""
+    size = int(np.prod(counts))
+    out = np.zeros((size, size))
+    for k, count in enumerate(counts):
+        if not signs[k]:
+            first, second = (np.diff(np.eye(count), d, axis=0) for d in (1, 2))
+            level = 0.0 if count <= _PAIR else (2.0 * np.pi / count) ** 2
+            own = second.T @ second + level * first.T @ first
+            before, after = (np.eye(int(np.prod(c))) for c in (counts[:k], counts[k + 1 :]))
+            rough = np.kron(np.kron(before, own), after)
+            out += rough / np.trace(rough)
+    return out
 
 
 def _products(columns: Sequence[Array]) -> Array:
@@ -246,13 +253,14 @@ class Columns:
             v = score.worth_of_one(T, fit.residual - T @ c, inverse, freedom)
         return cls(fit, joint, z, C, D, s, raw, count, v + count / ALPHA)
 
-    def score(self, drop: float, freedom: float, looked: int) -> float:
-        """The score of something that takes ``drop`` of the weighted squared error with so much freedom,
-        of so many looked at."""
-        fit, N, rss = self.fit, max(self.count / self.v, 3.0), self.fit.rss.copy()
-        rss[self.joint] = max(rss[self.joint] - drop * fit.level[self.joint] ** 2, 0.0)
+    def score(self, drop: Array, freedom: Array, looked: int) -> Array:
+        """The score of what takes ``drop`` (...) of the weighted squared error with so much freedom
+        (...), of so many looked at."""
+        fit, N, j = self.fit, max(self.count / self.v, 3.0), self.joint
+        rss = np.repeat(fit.rss[None], np.size(drop), axis=0).reshape(*np.shape(drop), -1)
+        rss[..., j] = np.maximum(fit.rss[j] - drop * fit.level[j] ** 2, 0.0)
         gain = fit.deviance(fit.rss) - fit.deviance(rss)
-        return gain / self.v - freedom * np.log(N) - 2.0 * np.log(max(looked, 1))
+        return np.asarray(gain / self.v - freedom * np.log(N) - 2.0 * np.log(max(looked, 1)))
 
     def without_fold(self, fold: NDArray[np.intp], P: Array) -> Array:
         """(F, k) coefficients from the rows outside of each fold (M,), the fit's columns refitted
@@ -312,18 +320,16 @@ class SplineFit:
 def smoothed(basis: Basis, raw: Array, columns: Columns, looked: int) -> SplineFit:
     """The curve with the roughness that scores most."""
     own = columns.raw / max(columns.count, 1.0) + 1e-10 * np.trace(columns.raw) * np.eye(len(columns.s))
-    rough = np.trace(columns.raw) * sum(basis.penalties, np.zeros_like(own))
+    rough = np.trace(columns.raw) * basis.roughness
     # In a basis in which all but the data's part of D are diagonal, for any weight.
     values, V = scipy.linalg.eigh(rough, columns.D + own, check_finite=False)
     D, s = V.T @ columns.D @ V, V.T @ columns.s
-
-    def score(weight: float) -> float:
-        w = 1.0 / (1.0 + weight * np.maximum(values, 0.0))
-        c = w * s
-        return columns.score(float(2.0 * c @ s - c @ D @ c), float(w @ np.diagonal(D)), looked)
-
-    J, weight = max((score(x), x) for x in (_WEIGHTS if rough.any() else (1.0,)))
-    return SplineFit(basis, raw, columns, own + weight * rough, J)
+    weights = _WEIGHTS if rough.any() else np.ones(1)
+    w = 1.0 / (1.0 + weights[:, None] * np.maximum(values, 0.0))
+    c = w * s
+    J = columns.score(2.0 * c @ s - np.sum((c @ D) * c, axis=1), w @ np.diagonal(D), looked)
+    best = int(np.argmax(J))
+    return SplineFit(basis, raw, columns, own + weights[best] * rough, float(J[best]))
 
 
 def band(found: SplineFit, grid: Array, seed: int, level: float = 0.95, draws: int = 300) -> Array:

@@ -233,7 +233,7 @@ def recognised(f: SplineFit, on_rows: OnRows, score: Score, looked: int) -> list
         return _normal(_in_splines(f.basis, law, constants), f.columns)
 
     def rated(fit: LawFit) -> float:
-        return f.columns.score(fit.chi2, fit.size, looked)
+        return float(f.columns.score(np.array(fit.chi2), np.array(fit.size), looked))
 
     every = []
     for law, c in _scanned(f.basis):

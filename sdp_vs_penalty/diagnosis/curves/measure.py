@@ -140,10 +140,10 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
         columns = Columns.of(score, fit, data.white(raw, joint), joint, robust)
         return smoothed(basis, raw, columns, len(every))
 
-    rough = sorted((fitted(b, variables.coarse(b), False) for b in every), key=lambda f: -f.J)
-    close = [f for n in (1, 2) for f in [f for f in rough if len(f.basis.axes) == n][: CLOSELY // 2]]
-    exact = [fitted(f.basis, variables.exact(f.basis), True) for f in close if f.J > APART]
-
+    rough = [(fitted(b.roughly, variables.coarse(b.roughly), False).J, b) for b in every]
+    rough = sorted((r for r in rough if r[0] > APART), key=lambda r: -r[0])
+    close = [b for n in (1, 2) for b in [b for _, b in rough if len(b.axes) == n][: CLOSELY // 2]]
+    exact = [fitted(b, variables.exact(b), True) for b in close]
     least = max([search.margin((joint,), terms), *((1.0 - FORM) * f.J - EQUIVALENT for f in exact)])
     alike = [f for f in exact if least < f.J]
     if not alike:
