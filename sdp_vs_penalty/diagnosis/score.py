@@ -242,7 +242,7 @@ class Score:
         return self._judged(fit, fit.deviance(fit.rss), form, columns)
 
     def _judged(
-        self, fit: Fit, before: float, form: Form, columns: dict[int, Array], spent: float = 0.0
+        self, fit: Fit, before: Array, form: Form, columns: dict[int, Array], spent: float = 0.0
     ) -> Term:
         """spent : coefficients that the fit to compare with has, of the form's."""
         none = Term(form, columns, beta=np.zeros(form.k))
@@ -262,7 +262,7 @@ class Score:
         v = self.worth_of_one(T, left, inverse, form.k) + count / ALPHA
         N = max(count * len(on) / v, 3.0)
         size = float(np.trace(inverse @ D)) - spent
-        J = drop / v - (size + form.constants) * np.log(N) - 2.0 * np.log(self.looked)
+        J = float(drop) / v - (size + form.constants) * np.log(N) - 2.0 * np.log(self.looked)
         return replace(none, J=J, beta=beta)
 
     def apart(self, fit: Fit, form: Form, columns: dict[int, Array]) -> tuple[Array, Array]:
