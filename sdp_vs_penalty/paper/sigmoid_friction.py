@@ -29,13 +29,14 @@ from sdp_vs_penalty.signals.preprocessing import Rows
 RowsOf = Callable[[Model], Rows]
 
 
-class SigmoidLinearised(Effect):
+class SigmoidFriction(Effect):
     """f / phi_1 and its derivatives by phi_2 and phi_3 at given phi: three columns a joint.
 
-    Not in the library of effects: its columns belong to one step of :func:`fit_sigmoid`.
+    Not in the library of effects: its columns belong to one step of :func:`fit_sigmoid`; with the
+    parameters (phi_1, 0, 0) it is the friction itself.
     """
 
-    name = "sigmoid_linearised"
+    name = "sigmoid_friction"
     equation = "s(dq) - s(0), s(v) = 1 / (1 + exp(-phi_2 (v + phi_3)))"
     explanation = "One step of the fit of Table I."
     reference = "Gaz et al., RA-L 2019, eq. 12"
@@ -168,7 +169,7 @@ class _Data:
         """(M, n, b + 3 n) derivative of the torque in x."""
         amplitude, slope, shift = x[self.rigid.shape[2] :].reshape(3, -1)
         slope = np.exp(slope)
-        sigmoid = SigmoidLinearised(self.robot, np.column_stack([slope, shift]))
+        sigmoid = SigmoidFriction(self.robot, np.column_stack([slope, shift]))
         own = [c.columns for c in self.rows_of(Model(self.robot, (sigmoid,))).columns]
         scale = np.stack([np.ones(len(slope)), amplitude * slope, amplitude], axis=1)
         probes = np.stack(own, axis=1) * scale

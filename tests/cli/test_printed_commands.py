@@ -83,7 +83,7 @@ def robot(kind: str, folder: Path) -> str:
 
 #: Arms, and whether what they miss is searched for (in half a minute) or told.
 KINDS = [
-    ("URDF named two_link", True), ("folder", False),
+    ("folder", False), pytest.param("URDF named two_link", True, marks=pytest.mark.long),
     *(pytest.param(kind, True, marks=pytest.mark.slow) for kind in ("panda", "folder", "SCARA")),
 ]  # fmt: skip
 

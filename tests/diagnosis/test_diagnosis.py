@@ -215,7 +215,7 @@ def test_a_joint_that_does_not_move(panda):
 def test_one_joint():
     problem = load_problem("emps")
     made = hidden_runs(problem, [("asymmetric_viscous_friction", [0])], "strong", seed=23)
-    result = diagnosed(made)
+    result = diagnosed(made, runs=1)
     assert len(result.noise_floor) == 1
     assert first_name(result) == ("asymmetric_viscous_friction", (1,))
     assert result.effects[0].unit == "N*s/m"

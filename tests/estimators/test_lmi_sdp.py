@@ -97,7 +97,7 @@ def relative_torque_error(problem: Problem, theta: np.ndarray, truth: np.ndarray
     return float(np.linalg.norm(model.torque(theta, motion) - torque) / np.linalg.norm(torque))
 
 
-@settings(max_examples=8, deadline=None, derandomize=True)
+@settings(max_examples=5, deadline=None, derandomize=True)
 @given(seeds)
 def test_a_random_feasible_robot_round_trips(seed):
     """Simulate, identify, predict another motion: a tree of one to five joints of both kinds."""

@@ -12,7 +12,7 @@ from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimators import LmiSdp, PenaltyPaper, Task, interior_point, make_estimator
 from sdp_vs_penalty.estimators.barycentric import barycentric_box
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
-from sdp_vs_penalty.estimators.penalty import Penalty, ScaledProblem
+from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyTwoStep, ScaledProblem
 from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]
@@ -125,7 +125,7 @@ def test_penalty_obeys_bounds_that_no_sdp_can_take(panda):
     task = posed_task(tight, run_of(panda, panda.nominal_links, noise=0.02))
     _, sdp = certify(task, SAME.fit(task))
     assert sdp.violations["barycentric inertia"] > 1e-3
-    theta, certificate = certify(task, Penalty(starts=2).fit(task))
+    theta, certificate = certify(task, Penalty(starts=1).fit(task))
     moments = inertia.barycentric_from_standard(theta[task.links])[:, 4:]
     assert np.all(moments >= box[:, 4:, 0] - 1e-9)
     assert np.all(moments <= box[:, 4:, 1] + 1e-9)
@@ -135,10 +135,10 @@ def test_penalty_obeys_bounds_that_no_sdp_can_take(panda):
 
 def test_penalty_two_step_minimises_the_distance_to_the_base_parameters(panda):
     task = posed_task(panda, run_of(panda, panda.nominal_links, noise=0.3))
-    theta, certificate = certify(task, make_estimator("penalty-two-step").fit(task))
+    theta, certificate = certify(task, PenaltyTwoStep(starts=1).fit(task))
     assert certificate.worst <= 1e-9
     assert certificate.gap < 1e-3  # of its own objective
-    one_step, other = certify(task, make_estimator("penalty").fit(task))
+    one_step, other = certify(task, Penalty(starts=1).fit(task))
     assert task.base_distance.loss(theta) < task.base_distance.loss(one_step)
     assert other.loss < certificate.loss
 
@@ -178,7 +178,7 @@ def test_on_the_real_panda(panda, data_folder):
     run = load_measurements(data_folder / "panda", joints=7, stop=14.0)
     task = posed_task(panda, run, seed=11)
     _, sdp = certify(task, SAME.fit(task))
-    fit = make_estimator("penalty").fit(task)
+    fit = Penalty(starts=2).fit(task)
     theta, strong = certify(task, fit)
     assert abs(strong.loss / sdp.loss - 1.0) < 1e-3
     assert strong.worst <= 1e-9

@@ -23,7 +23,7 @@ from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
 from sdp_vs_penalty.simulation.worlds.world import DryFriction, TrueMotion, World
 
 #: Of the torque: what sampling, and columns that are of first order in their parameter, may cost.
-ACCURACY = 0.02
+ACCURACY = 0.01
 #: Draws a joint: together they meet every form and every sign that a world draws.
 DRAWS = 3
 #: Sizes over those at which worlds begin, where a half is too small for the time between two samples.
@@ -100,7 +100,7 @@ def _case(
     kind = effect_types()[hidden.effect]
     width = _width(kind.name)
     # Derivatives in time are differences; friction states are integrated in the world, exact in columns.
-    fine, rate = (2000.0, 1000.0) if kind.has_memory or hidden.shift is not None else (100.0, 25.0)
+    fine, rate = (500.0, 250.0) if kind.has_memory or hidden.shift is not None else (100.0, 25.0)
     t = np.arange(0.0, 17.0, 1.0 / fine)
     true = TrueMotion(t, *trajectory.states(t))
     rows, seen = slice(None, None, int(fine / rate)), slice(int(BEGIN * rate), int(END * rate))

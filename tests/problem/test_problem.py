@@ -227,3 +227,71 @@ def test_delta_is_not_consistent_at_its_printed_digits(panda):
 def test_an_unknown_column_is_refused(panda):
     with pytest.raises(InputError, match="no published parameters 'p_star'"):
         published_links(panda, "p_star")
+
+
+@pytest.mark.parametrize("length", [0.6, 6.0])
+@pytest.mark.parametrize("efforts", [(200.0, 40.0), (np.inf, np.inf), (500.0, 500.0)])
+def test_a_nominal_link_is_a_tube_between_half_actuators(length, efforts):
+    """4 kg/m, a quarter as thick as long; actuators of 0.08 kg (torque / N m)^(3/4), by torque limits,
+    or, where these are missing or placeholders, thrice what holds 10 kg/m, up to 1000 N m.
+    """
+    here, apart, out = np.eye(4), np.eye(4), np.array([0.0, 1.0, 0.0])
+    apart[0, 3] = length
+    places = zip((here, apart), efforts, strict=True)
+    joints = tuple(
+        Joint(f"j{k}", "revolute", k - 1, place, out, here, effort=effort)
+        for k, (place, effort) in enumerate(places)
+    )
+    (first, last), sources = plausible_links(Robot("two", joints), np.zeros((2, 10)))
+    assert sources == ("kinematics",) * 2
+    torque = 1.5 * 10.0 * 9.81 * np.array([2.0 * length, length]) ** 2
+    torque = np.minimum(efforts if efforts[0] == 200.0 else torque, 1000.0)
+    tube, (own, next_) = 4.0 * length, 0.5 * 0.08 * torque**0.75
+    expected = np.diag([0.2 * (0.25 * length) ** 2] * 3 + [0.0]) * (tube + own + next_)
+    for mass, x in ((tube, 0.5 * length), (own, 0.0), (next_, length)):
+        at = np.array([x, 0.0, 0.0, 1.0])
+        expected += mass * np.outer(at, at)
+    np.testing.assert_allclose(inertia.pseudo_inertia(first), expected, rtol=1e-12, atol=1e-12)
+    # What it ends in is not known: all of it at its joint.
+    assert last[0] == pytest.approx(tube + next_)
+    np.testing.assert_allclose(last[1:4], 0.0, atol=1e-12)
+
+
+def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
+    """1 m, 1.5 times the reach, the stroke, twice a given mass's root mean square; 100 kg or thrice."""
+    here, up = np.eye(4), np.array([0.0, 0.0, 1.0])
+    arm = Joint("j", "revolute", -1, here, up, here)
+    far = np.eye(4)
+    far[0, 3] = 2.0
+    ball = inertia.standard_from_barycentric([50.0, 0.8, 0, 0, 0.5, 0, 0.5, 0, 0, 0.5])
+    mean = np.sqrt(0.8**2 + 0.5 * 3 * 0.5 / 50.0)
+    for joints, links, mass, radius in (
+        ((arm,), [[0.0] * 10], 100.0, 1.0),
+        ((arm, replace(arm, name="k", parent=0, placement=far)), [[0.0] * 10] * 2, 100.0, 3.0),
+        ((replace(arm, kind="prismatic", lower=-1.0, upper=3.0),), [[0.0] * 10], 100.0, 4.0),
+        ((arm,), [ball], 150.0, 2.0 * mean),
+    ):
+        robot = Robot("one", joints)
+        box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
+        found = Problem("one", "one", robot, box, np.array(links)).link_defaults
+        np.testing.assert_allclose(found, [[mass, radius]] * robot.n, rtol=1e-12)
+
+
+def test_bounds_alone_draw_ellipsoids_that_fill_them(tmp_path):
+    """Of at least 6 cm; masses share the middle of the total by surface, up to nine tenths of theirs."""
+    (tmp_path / "problem.toml").write_text(
+        'title = "t"\n[kinematics]\nconvention = "modified"\na = [0.0, 0.5]\nd = [0.0, 0.0]\n'
+        'alpha_over_pi = [0.0, 0.0]\n[bounds]\ntables = ["bounds.csv"]\ntotal_mass = [4.0, 8.0]\n'
+    )
+    rows = "c1x,-0.3,0.1\nc1y,-0.1,0.1\nc1z,-0.02,0.02\nm2,0,1\nc2x,0,0.6\nc2y,-0.01,0.01\nc2z,0,0.1\n"
+    (tmp_path / "bounds.csv").write_text(f"parameter,lower,upper\n{rows}")
+    problem = load_problem(tmp_path)
+    size = np.array([[0.2, 0.1, 0.06], [0.3, 0.06, 0.06]])
+    surface = size[:, 0] * size[:, 1] + size[:, 1] * size[:, 2] + size[:, 2] * size[:, 0]
+    mass = np.array([6.0 * surface[0] / surface.sum(), 0.9])
+    found = inertia.barycentric_from_standard(problem.nominal_links)
+    np.testing.assert_allclose(found[:, 0], mass)
+    np.testing.assert_allclose(found[:, 1:4], [[-0.1, 0.0, 0.0], [0.3, 0.0, 0.05]], atol=1e-12)
+    second = mass[:, None] * size**2 / 5.0
+    np.testing.assert_allclose(found[:, [4, 6, 9]], second.sum(axis=1, keepdims=True) - second)
+    assert problem.nominal_from == ("bounds", "bounds")

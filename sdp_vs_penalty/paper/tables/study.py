@@ -104,16 +104,17 @@ class Data:
 
 @dataclass(frozen=True, eq=False)
 class Frozen(Estimator):
-    """Given links (n, 10); every other parameter is ``others``, NaN: fitted to the torque."""
+    """Given links (n, 10); all other parameters are ``others``, NaN: fitted to the torque."""
 
     name = "given links"
     description = "links as they are given, all other parameters by least squares"
     links: Array
-    others: float = np.nan
+    others: Array | float = np.nan
 
     def fit(self, task: Task) -> Fit:
-        theta = np.full(len(task.bound), self.others)
-        theta[task.model.rigid_indices] = self.links.ravel()
+        theta, links = np.empty(len(task.bound)), task.model.rigid_indices
+        theta[links] = self.links.ravel()
+        theta[np.delete(np.arange(len(theta)), links)] = self.others
         return Fit(refitted(task.data, theta), Objective(task.data), task.constraints)
 
 

@@ -3,35 +3,16 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from sdp_vs_penalty.effects.effect import Array, Effect, JointEffect, Motion
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.paper.sigmoid_friction import SigmoidFriction
 from sdp_vs_penalty.paper.tables.study import FOLDS, TEST_START, TRAIN_STOP, Frozen, Study
 from sdp_vs_penalty.paper.tables.table import Cell, Maker, Row, Table
 from sdp_vs_penalty.problem.published import box_tables, published_links
-from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.simulation.experiments import sigmoid_friction
 
 #: Rows whose sensitivity to the filter is told.
 _SHOWN = ("p_hat", "delta", "ols")
-
-
-class KnownFriction(JointEffect):
-    """Published sigmoid friction as columns with parameters 1."""
-
-    name = "known_friction"
-    equation = "phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3))"
-    explanation = "Friction of Table I, all of it known."
-    reference = "Gaz et al., RA-L 2019, eq. 12"
-    symbol = "known"
-    units = ("1", "1")
-
-    def __init__(self, robot: Robot, phi: Array) -> None:
-        super().__init__(robot)
-        self.friction = sigmoid_friction(phi)
-
-    def column(self, motion: Motion, joint: int) -> Array:
-        return self.friction(motion)[:, joint]
 
 
 def build(study: Study) -> Table:
@@ -86,8 +67,10 @@ def _estimates(study: Study) -> dict[str, tuple[str | Estimator, tuple[Effect, .
             if column in study.problem.published[table][0]:
                 out[column] = Frozen(published_links(study.problem, column)), None
     if friction is not None and "p_hat" in out:
-        effects = (*study.problem.model("rigid_body").effects, KnownFriction(robot, friction))
-        out["p_hat_table_I"] = Frozen(published_links(study.problem, "p_hat"), 1.0), effects
+        amplitude, shapes = friction[:, :1], friction[:, 1:]
+        effects = (*study.problem.model("rigid_body").effects, SigmoidFriction(robot, shapes))
+        others = (amplitude * [1.0, 0.0, 0.0]).ravel()  # of phi_2 and phi_3 nothing is left to correct
+        out["p_hat_table_I"] = Frozen(published_links(study.problem, "p_hat"), others), effects
     return out | {name: (method, None) for name, method in study.methods.items()}
 
 
