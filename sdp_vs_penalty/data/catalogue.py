@@ -1,6 +1,7 @@
 """The public measurements that can be fetched: where they are, which version, what they are."""
 
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -12,11 +13,13 @@ GITHUB = "https://raw.githubusercontent.com"
 
 @dataclass(frozen=True)
 class RemoteFile:
-    """One file of a repository: its path there, its SHA-256, its name in the cache."""
+    """One file of a repository: its path there, its SHA-256, its name in the cache; rows : the first and
+    the last one (from 1) that hold samples, where others do not."""
 
     path: str
     sha256: str
     name: str
+    rows: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -38,8 +41,9 @@ class Dataset:
         return f"{base}/{self.source}/{self.commit}/{file.path}"
 
 
-def _file(path: str, sha256: str, name: str = "") -> RemoteFile:
-    return RemoteFile(path, sha256, name or PurePosixPath(path).name)
+def _file(path: str, sha256: str, name: str = "", rows: Sequence[int] = ()) -> RemoteFile:
+    span = (rows[0], rows[1]) if rows else None
+    return RemoteFile(path, sha256, name or PurePosixPath(path).name, span)
 
 
 #: Every data set by name, from datasets.toml.

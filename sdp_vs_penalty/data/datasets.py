@@ -6,8 +6,7 @@ in the user's cache in the authors' own format; what this program reads is conve
 
 import os
 import tomllib
-from collections.abc import Callable
-from contextlib import suppress
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +15,8 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import DATASETS, GITHUB, Dataset, dataset
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import LARGEST_RUN, problems_folder, read_bytes, write_bytes
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Transmission, parse_transmission
 
 #: Names a folder with the files that need not be downloaded again, one folder a data set.
@@ -29,8 +27,6 @@ MIRROR_VARIABLE = "SDP_VS_PENALTY_MIRROR"
 #: Authors' drive gains of the UR10e [N m/A]: motor current to joint torque.
 UR10E_DRIVE_GAINS = (10.0, 10.70, 8.46, 9.00, 9.48, 10.12)
 
-Say = Callable[[str], object]
-
 
 def cache_folder() -> Path:
     """The user's cache of downloaded data sets."""
@@ -39,30 +35,31 @@ def cache_folder() -> Path:
     return Path(pooch.os_cache("sdp-vs-penalty"))
 
 
-def fetch(
-    name: str, folder: str | Path | None = None, base: str | None = None, say: Say = lambda _: None
-) -> list[Path]:
+def fetch(name: str, folder: str | Path | None = None, base: str | None = None) -> list[Path]:
     """Download a data set once and write its runs; returns the paths of the RUN.csv files.
 
     name : one of `sdp-vs-penalty list datasets`; folder : where to keep it (default: the user's
     cache); base : an address with GitHub's layout of raw files (default: SDP_VS_PENALTY_MIRROR, else
-    GitHub); say : called with what could not be used.
-    Raises InputError where a file cannot be downloaded or is not the one that was pinned.
+    GitHub). Raises InputError where a file cannot be downloaded or is not the one that was pinned.
     """
     chosen = dataset(name)
     root = cache_folder() if folder is None else Path(folder)
     download(chosen, root / name, base or os.environ.get(MIRROR_VARIABLE) or GITHUB)
+    for path, rows in ((root / name / file.name, file.rows) for file in chosen.files):
+        if rows is not None:
+            said = f"only rows {rows[0]} to {rows[1]} are used: the others hold no samples"
+            warnings.warn(f"{path}: {said}", Remark, stacklevel=2)
     paths = []
-    for run, measurements in converted(name, root / name, say).items():
+    for run, measurements in converted(name, root / name).items():
         path = root / name / "runs" / f"{run}.csv"
         save(measurements, path)
         paths.append(path)
     return paths
 
 
-def converted(name: str, folder: str | Path, say: Say = lambda _: None) -> dict[str, Measurements]:
+def converted(name: str, folder: str | Path) -> dict[str, Measurements]:
     """The runs of a data set by name, at the joints, from a folder that holds its authors' files."""
-    runs = _CONVERTERS[name](Path(folder), say)
+    runs = _CONVERTERS[name](Path(folder))
     text = (problems_folder() / dataset(name).problem / "problem.toml").read_text(encoding="utf-8")
     section = tomllib.loads(text).get("transmission")
     if section is None:
@@ -126,56 +123,25 @@ def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
             ) from error
 
 
-def _panda_runs(folder: Path, say: Say) -> dict[str, Measurements]:
+def _panda_runs(folder: Path) -> dict[str, Measurements]:
     """The four text files of the authors' logger, one number a line, sample-major."""
     return {"exciting": load_measurements(folder, joints=7)}
 
 
-def _ur10e_runs(folder: Path, say: Say) -> dict[str, Measurements]:
+def _ur10e_runs(folder: Path) -> dict[str, Measurements]:
     """31 columns without a header: t, q(6), dq(6), i_actual(6), i_desired(6), tau_desired(6)."""
     runs = {}
     for file in DATASETS["ur10e"].files:
-        rows, unused = clean_stretch((folder / file.name).read_text(errors="replace"), 31)
-        if unused:
-            say(f"{folder / file.name}: not used: {unused}.")
+        first, last = file.rows or (1, None)
+        span = {"skiprows": first - 1, "max_rows": last and last - first + 1}
+        rows = np.loadtxt(folder / file.name, delimiter=",", encoding="latin1", **span)
         tau = rows[:, 13:19] * np.array(UR10E_DRIVE_GAINS)
         name = Path(file.name).stem
         runs[name] = Measurements(rows[:, 0], rows[:, 1:7], tau, rows[:, 7:13], None, (name,))
     return runs
 
 
-def clean_stretch(text: str, width: int, gap: float = 0.1) -> tuple[Array, str]:
-    """The longest stretch of whole rows under a running clock, and which rows are not in it.
-
-    A recorder that starts or stops in the middle of a packet writes rows of other fields as if
-    they were samples: numbers, but nothing of the robot's. Their clock column gives them away.
-    Rows count from 1; the stretch has ``width`` finite numbers a row and time steps in (0, gap].
-
-    >>> clean_stretch("0.3,9\\n7.00,1\\n7.01,2\\n7.02", 2)
-    (array([[7.  , 1.  ],
-           [7.01, 2.  ]]), 'row 1 and row 4 (cut short, not numbers, or no running clock)')
-    """
-    lines = text.rstrip().splitlines()
-    rows = np.full((len(lines), width), np.nan)
-    for k, line in enumerate(lines):
-        cells = line.split(",")
-        with suppress(ValueError):
-            rows[k] = [float(cell) for cell in cells] if len(cells) == width else np.nan
-    whole = np.all(np.isfinite(rows), axis=1)
-    start = stop = len(lines)
-    if whole.any():
-        with np.errstate(over="ignore"):
-            steps = np.diff(np.where(whole, rows[:, 0], np.nan))
-        breaks = np.flatnonzero(~((steps > 0.0) & (steps <= gap))) + 1
-        edges = np.concatenate([[0], breaks, [len(lines)]])
-        longest = int(np.argmax(np.diff(edges) * whole[edges[:-1]]))
-        start, stop = edges[longest : longest + 2].tolist()
-    spans = [(a, b) for a, b in ((1, start), (stop + 1, len(lines))) if a <= b]
-    unused = " and ".join(f"row {a}" if a == b else f"rows {a} to {b}" for a, b in spans)
-    return rows[start:stop], unused + " (cut short, not numbers, or no running clock)" * bool(unused)
-
-
-def _emps_runs(folder: Path, say: Say) -> dict[str, Measurements]:
+def _emps_runs(folder: Path) -> dict[str, Measurements]:
     """Position of the carriage and its command [m], and the control voltage [V], which times the drive's
     gain [N/V] is the force."""
     from scipy.io import loadmat
@@ -189,7 +155,7 @@ def _emps_runs(folder: Path, say: Say) -> dict[str, Measurements]:
     return runs
 
 
-def _tx40_runs(folder: Path, say: Say) -> dict[str, Measurements]:
+def _tx40_runs(folder: Path) -> dict[str, Measurements]:
     """Angles [rad] and torques [N m] of the motors at 5 kHz, a header and one column a motor each."""
     q, tau = (
         np.loadtxt(folder / file.name, delimiter=",", skiprows=1) for file in DATASETS["tx40"].files

@@ -3,6 +3,7 @@
 import hashlib
 import http.server
 import threading
+import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from commands import run_cli
 from sdp_vs_penalty import InputError, compare, identify, load_measurements, load_problem
 from sdp_vs_penalty.data import DATASETS, datasets
 from sdp_vs_penalty.data.datasets import fetch
+from sdp_vs_penalty.errors import Remark
 from sdp_vs_penalty.problem.load import problem_names
 
 
@@ -57,13 +59,13 @@ def fetched(address: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     root = tmp_path_factory.mktemp("cache")
     out = {}
     for name in DATASETS:
-        remarks: list[str] = []
-        with pytest.MonkeyPatch.context() as patch:
+        with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings(record=True) as remarks:
+            warnings.simplefilter("always", Remark)
             patch.delenv(datasets.DATA_VARIABLE, raising=False)
-            paths = fetch(name, root, address, remarks.append)
+            paths = fetch(name, root, address)
         assert paths
         assert all(path.parent == root / name / "runs" for path in paths)
-        (root / name / "remarks.txt").write_text("\n".join(remarks))
+        (root / name / "remarks.txt").write_text("\n".join(str(w.message) for w in remarks))
         out[name] = root / name / "runs"
     return out
 
@@ -98,7 +100,7 @@ def test_ur10e_says_what_it_cannot_use(fetched, data_folder):
     assert np.abs(bad.q).max() < 4.0
     remarks = (fetched["ur10e"].parent / "remarks.txt").read_text().splitlines()
     assert len(remarks) == 1
-    for words in ("15harm50secLoad.csv", "rows 1 to 10", "row 6107 (cut short"):
+    for words in ("15harm50secLoad.csv", "only rows 11 to 6106"):
         assert words in remarks[0]
 
 
@@ -124,7 +126,7 @@ def test_the_verb_prints_paths_and_says_what_it_could_not_use(address, tmp_path,
     paths = [Path(line) for line in out.splitlines()]
     assert len(paths) == 10
     assert all(path.is_file() for path in paths)
-    assert "rows 1 to 10" in err
+    assert "only rows 11 to 6106" in err
     assert f"SDP_VS_PENALTY_DATA={tmp_path}" in err
 
 

@@ -19,10 +19,7 @@ def verb(names: list[str] | None = None, folder: Path | None = None) -> None:
 
     for name in [dataset(name).name for name in names or DATASETS]:
         with console.progress(f"fetching {name}"):
-            remarks: list[str] = []
-            paths = fetch_dataset(name, folder, say=remarks.append)
-        for remark in remarks:
-            print(f"sdp-vs-penalty: {remark}", file=sys.stderr)
+            paths = fetch_dataset(name, folder)
         for path in paths:
             print(path)
         words = ["sdp-vs-penalty", "check", str(paths[0]), "--problem", dataset(name).problem]
