@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from nicegui import ui
-from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.page.controls import button, note, tag
@@ -17,9 +16,9 @@ from sdp_vs_penalty.reports.plots import COLOURS, MEASURED
 #: The colour is full where the error is so many times its noise floor, or where that is not known its
 #: own root mean square.
 _FULL = 4.0
-#: The camera's direction, its angle of view [deg], and the poses to either side that it follows.
+#: The camera's direction, and its angle of view [deg].
 _TOWARDS = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
-_ANGLE, _SLOW = 14.0, 3
+_ANGLE = 14.0
 #: Half axes beyond this [m] belong to links that the data hardly determine: they may leave the picture.
 _LONGEST = 0.5
 #: Names, colours and solidity of an arm alone, and of the measured one beside the simulated one: those
@@ -83,8 +82,8 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
             "t": np.round(read["tf"] - read["t"][0], 3).tolist(),
             "poses": np.round(placed, 4).tolist(),
             "errors": [[0.0]] * len(read["tf"]) if errors is None else errors.tolist(),
-            "cameras": np.round(_camera(read["poses"][:, : len(joints)], bodies), 4).tolist(),
         }
+        scene.move_camera(**_camera(read["poses"][:, : len(joints)], bodies), duration=0.0)
         ui.run_javascript(f"(arms[{scene.id}] ??= new Arm({scene.id})).load({json.dumps(moves)})")
 
     return load
@@ -104,7 +103,9 @@ def _one_arm(
     for joint in about["joints"]:
         if float(np.linalg.norm(joint["at"])) > 1e-6:
             with scene if joint["parent"] < 0 else groups[joint["parent"]]:
-                _capsule(scene, np.array(joint["at"]), 0.02 * reach)
+                middle = [0.5 * x for x in joint["at"]]
+                rod = scene.quadratic_bezier_tube([0.0] * 3, middle, joint["at"], 1, 0.02 * reach)
+                rod.material("#888888")
     for k, group in enumerate(groups):
         with group:
             scene.sphere(0.02 * reach, 12, 8).material("#888888")
@@ -118,35 +119,26 @@ def _one_arm(
     return groups
 
 
-def _capsule(scene: Any, end: Any, radius: float) -> None:
-    """A rod from the frame's origin to a point."""
-    length = float(np.linalg.norm(end))
-    turned, _ = Rotation.align_vectors([end / length], [[0.0, 1.0, 0.0]])
-    rod = scene.cylinder(radius, radius, length, 12).material("#888888")
-    rod.move(*(0.5 * end)).rotate_R(turned.as_matrix().tolist())
-
-
-def _camera(poses: Any, bodies: list[dict[str, Any]]) -> Any:
-    """(F, 6) where a camera stands and what it looks at, from one side: it follows the arm slowly, so
-    that base, joints and links of every pose (F, k, 4, 4) fill its picture."""
-    places = [np.zeros((len(poses), 1, 3)), poses[..., :3, 3]]
+def _camera(poses: Any, bodies: list[dict[str, Any]]) -> dict[str, float]:
+    """Where a camera stands and what it looks at, so that base, joints and links of all poses
+    (F, k, 4, 4) fill its picture: the arguments of NiceGUI's ``move_camera``."""
+    places = [np.zeros((1, 3)), poses[..., :3, 3].reshape(-1, 3)]
     for body in bodies:
         frames = poses[:, body["joint"]] @ np.array(body["place"])
         reach = np.minimum(body["half"], _LONGEST) * frames[:, :3, :3]
-        places += [(frames[:, :3, 3, None] + sign * reach).swapaxes(1, 2) for sign in (1.0, -1.0)]
-    points = np.concatenate(places, axis=1)  # (F, k, 3)
+        for sign in (1.0, -1.0):
+            places.append((frames[:, :3, 3, None] + sign * reach).swapaxes(1, 2).reshape(-1, 3))
     right = np.cross([0.0, 0.0, 1.0], _TOWARDS)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(_TOWARDS, right), _TOWARDS])  # across, up, towards the camera
-    x = points @ axes.T
-    size = (2 * _SLOW + 1, 1)
-    low, high = minimum_filter(x.min(axis=1), size), maximum_filter(x.max(axis=1), size)
-    low, high = uniform_filter(low, size), uniform_filter(high, size)
-    middle = 0.5 * (low + high)
-    across = np.maximum(*(high - low)[:, :2].T) / (2.0 * np.tan(0.5 * np.deg2rad(_ANGLE)))
-    away = (high - middle)[:, 2] + np.maximum(across, 0.05)
-    centre = middle @ axes
-    return np.concatenate([centre + away[:, None] * _TOWARDS, centre], axis=1)
+    seen = np.concatenate(places) @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    centre = 0.5 * (low + high) @ axes
+    away = 0.5 * (high - low)[2] + 0.5 * max((high - low)[:2]) / np.tan(0.5 * np.deg2rad(_ANGLE))
+    ends = zip("xyz", centre + away * _TOWARDS, centre, strict=True)
+    return {
+        name: float(x) for axis, eye, at in ends for name, x in ((axis, eye), (f"look_at_{axis}", at))
+    }
 
 
 def torque_errors(model: ModelStep, read: Mapping[str, Any]) -> Any:

@@ -7,13 +7,15 @@ from argparse import Action
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from html import escape
 from typing import Any
 
 from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
+from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.uploads import SUFFIXES
+from sdp_vs_penalty.reports import section
+from sdp_vs_penalty.reports.sections import JUDGED_HEADS
 
 Handler = Callable[..., Any]
 
@@ -152,28 +154,18 @@ def table(
     headings: Sequence[str],
     rows: Sequence[Sequence[str]],
     caption: str,
-    style: str = "",
+    style: str,
     mark: int | None = None,
 ) -> None:
-    """A table with its first column as row headings; wide ones scroll inside their frame.
-
-    mark : a column of words, each the class of its row.
-    """
-    # One element, however many cells: the browser looks at every element when any one changes.
-    head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in headings)
-    body = "".join(
-        f'<tr class="{"" if mark is None else escape(row[mark])}"><th scope="row">{escape(row[0])}</th>'
-        f"{''.join(f'<td>{escape(cell)}</td>' for cell in row[1:])}</tr>"
-        for row in rows
-    )
-    inner = f'<caption class="unseen">{escape(caption)}</caption><thead><tr>{head}</tr></thead>'
-    framed(caption, f'<table class="{style}">{inner}<tbody>{body}</tbody></table>')
+    """The report's table, as one element however many cells: a browser looks at every element when any
+    one changes."""
+    ui.html(section.table(headings, rows, caption=caption, style=style, mark=mark), sanitize=False)
 
 
-def framed(caption: str, inner: str) -> Any:
-    """A table as HTML in a frame that scrolls."""
-    frame = f'<div class="wide" tabindex="0" role="region" aria-label="{escape(caption)}">'
-    return ui.html(f"{frame}{inner}</div>", sanitize=False)
+def judged(models: Sequence[ModelStep]) -> None:
+    """How good models are, a row each."""
+    rows = [[model.label, *model.judged[1:]] for model in models]
+    table(["model", *JUDGED_HEADS], rows, "Models judged", "judged")
 
 
 def chart(options: Mapping[str, Any], label: str) -> Any:

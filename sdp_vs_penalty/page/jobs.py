@@ -222,22 +222,20 @@ def take(asked: Asked) -> Answer:
 def forward(asked: Asked) -> Answer:
     """A model run along the judged runs: what `sdp-vs-penalty simulate --follow` does.
 
-    Its arrays, as .npz : t0, measured0, simulated0 of the first free run, t1, ...; and of some instants
-    tf0 (F,), poses0 (F, 2 joints, 4, 4), the measured arm before the simulated one.
+    Its arrays, an .npz a free run: t, measured, simulated; and of some instants tf (F,), poses
+    (F, 2 joints, 4, 4), the measured arm before the simulated one.
     """
     estimate, drive = asked.model, asked["drive"]
     made = follow(estimate, asked.runs.judge, drive=drive, seed=asked.seed, progress=asked.progress)
-    arrays: dict[str, Any] = {}
-    for k, free in enumerate(made.free):
-        both = free.measured, free.simulated.q
-        arrays |= {f"t{k}": free.simulated.t, f"measured{k}": both[0], f"simulated{k}": both[1]}
-        arms = [placed(estimate.robot, free.simulated.t, q) for q in both]
-        arrays |= {f"tf{k}": arms[0][0], f"poses{k}": np.concatenate([a[1] for a in arms], axis=1)}
-    file = asked.folder / f"forward-{made.drive}.npz"
-    save_arrays(file, arrays)
+    files = [f"forward-{made.drive}-{k}.npz" for k in range(len(made.free))]
+    for file, free in zip(files, made.free, strict=True):
+        both, t = (free.measured, free.simulated.q), free.simulated.t
+        (tf, one), (_, other) = (placed(estimate.robot, t, q) for q in both)
+        arrays = {"t": t, "measured": both[0], "simulated": both[1], "tf": tf}
+        save_arrays(asked.folder / file, {**arrays, "poses": np.concatenate([one, other], axis=1)})
     heads, rows = made.table()
     return {
-        "file": str(file),
+        "arrays": files,
         "runs": [f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s" for f in made.free],
         "verdict": made.verdict,
         "explained": made.explained,

@@ -245,9 +245,9 @@ def _preview(problem: Problem, part: Measurements, mended: Measurements) -> dict
     rare = np.flatnonzero(np.isfinite(repaired).any(axis=1))
     k, n = np.unique(np.concatenate([few, rare[:: 1 + len(rare) // POINTS]])), part.n
     dq = np.gradient(part.q, part.t, axis=0) if part.dq is None else part.dq
-    arrays = {"t0": part.t[k], "q0": part.q[k], "dq0": dq[k], "torque0": part.tau[k]}
-    arrays |= {"repaired_q0": repaired[k, :n], "repaired_torque0": repaired[k, n:]}
-    arrays["tf0"], arrays["poses0"] = placed(problem.robot, part.t, part.q)
+    arrays = {"t": part.t[k], "q": part.q[k], "dq": dq[k], "torque": part.tau[k]}
+    arrays |= {"repaired_q": repaired[k, :n], "repaired_torque": repaired[k, n:]}
+    arrays["tf"], arrays["poses"] = placed(problem.robot, part.t, part.q)
     return arrays
 
 

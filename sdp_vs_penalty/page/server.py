@@ -49,8 +49,8 @@ class Page:
         self.sessions = Sessions(self.pool)
 
     def close(self) -> None:
-        self.sessions.close()
         self.pool.close()
+        self.sessions.close()
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,11 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.summary import ModelStep
-from sdp_vs_penalty.page.worker import Cancelled, WorkerPool, Working
+from sdp_vs_penalty.page.worker import WorkerPool, Working
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL
 
 
-def internal_error(error: Exception) -> str:
+def internal_error(error: BaseException) -> str:
     """What is said of an error that is ours."""
     name = type(error).__name__
     return f"Internal error ({name}): nothing was changed; try again, and report it."
@@ -159,19 +159,14 @@ class Session:
 
     def recording(self, model: ModelStep, run: str) -> dict[str, Any]:
         """t, torque, modelled, q, dq, ddq, tf and poses of a run (summary.py)."""
-        file = str(Path(model.file).with_suffix(".npz"))
-        return self.arrays(file, model.runs.index(run))
+        return self.arrays(f"{Path(model.file).stem}-{model.runs.index(run)}.npz")
 
-    def arrays(self, file: str, k: int) -> dict[str, Any]:
-        """The arrays of a .npz file whose names end in the number k, without it; once read kept."""
-        if file not in self._read:
-            with np.load(file, allow_pickle=False) as read:
-                self._read[file] = {name: read[name] for name in read.files}
-        return {
-            name.removesuffix(str(k)): x
-            for name, x in self._read[file].items()
-            if name.rstrip("0123456789") + str(k) == name
-        }
+    def arrays(self, name: str) -> dict[str, Any]:
+        """What a job has kept in an .npz file of the session's folder; once read it stays."""
+        if name not in self._read:
+            with np.load(self.folder / name, allow_pickle=False) as read:
+                self._read[name] = dict(read)
+        return self._read[name]
 
     def changed(self) -> None:
         for watcher in list(self.watchers):
@@ -218,8 +213,8 @@ class Session:
 
     def cancel(self) -> None:
         """End the job that is being done, at once; nothing that was there before changes."""
-        if self.working is not None:
-            self.working.cancel()
+        if self.task is not None:
+            self.task.cancel()
 
     @property
     def busy(self) -> bool:
@@ -229,25 +224,23 @@ class Session:
     def _start(self, title: str, doing: Coroutine[Any, Any, None]) -> None:
         self.notice = None
         self.working = Working(title)
-        self.task = asyncio.get_running_loop().create_task(self._watch(doing))
+        self.task = asyncio.get_running_loop().create_task(doing)
+        self.task.add_done_callback(self._ended)
         self.changed()
 
-    async def _watch(self, doing: Coroutine[Any, Any, None]) -> None:
-        try:
-            await doing
-        except Cancelled:
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        error = None if task.cancelled() else task.exception()
+        if task.cancelled():
             self.notice = Notice(("Cancelled: nothing was changed.",), error=False)
-        except InputError as error:
+        elif isinstance(error, InputError):
             self.notice = Notice((self.without_paths(str(error)),))
-        except Exception as error:
+        elif error is not None:
             self.notice = Notice((internal_error(error),))
-        finally:
-            self.working, self.task = None, None
-            self.changed()
-            self.read_arrived()
+        self.working, self.task = None, None
+        self.changed()
+        self.read_arrived()
 
     async def _job(self, job: str, **details: Any) -> dict[str, Any]:
-        assert self.working is not None
         request = {
             "job": job,
             "folder": str(self.folder),
@@ -258,7 +251,7 @@ class Session:
             "model": self.model and self.model.file,
             **details,
         }
-        return await self.pool.run(self.working, request, self._progress)
+        return await self.pool.run(request, self._progress)
 
     def _progress(self, text: str) -> None:
         if self.working is not None:
@@ -411,7 +404,8 @@ class Session:
         async def do() -> None:
             model = self.model and self.model.file
             answer = await self._job(job, **on)
-            self._read.pop(str(answer.get("file")), None)
+            for file in answer.get("arrays", ()):
+                self._read.pop(file, None)
             if answer.get("notice"):
                 self.notice = Notice(tuple(answer["notice"]), error=False)
             self.answers[job] = {**answer, "model": model}

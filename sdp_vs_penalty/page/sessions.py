@@ -73,8 +73,6 @@ class Sessions:
             session.cancel()
 
     def close(self) -> None:
-        for session in self._all.values():
-            session.cancel()
         shutil.rmtree(self.root, ignore_errors=True)
 
     def _forget_old(self) -> None:

@@ -21,11 +21,9 @@ from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.reports.parameters import caveats, half_axes, link_rows, standard_rows
-from sdp_vs_penalty.reports.sections import certificate_rows
+from sdp_vs_penalty.reports.sections import certificate_rows, judged_row
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 
@@ -34,9 +32,9 @@ from sdp_vs_penalty.signals.preprocessing import filtered_torque
 class ModelStep:
     """One model of a session's history, judged; plain JSON apart from being a class.
 
-    file : its model.json, beside it the .npz of its torques; runs : names of those, training runs
+    file : its model.json, beside it the .npz of each run's torques; runs : names of those, training runs
     first, a part of a run by its seconds; judged_on : the runs behind comparison and failures (as
-    `compare --json` writes them); constraints, about : what :func:`held` and :func:`about` say; label,
+    `compare --json` writes them); judged, about : what ``judged_row`` and :func:`about` say; label,
     added : what it is called and the effects added to the step below, with the others held where frozen;
     opened : the file that a person brought, if any; servo : whether it knows the servos of a log
     without torque; findings : what it lacks, if it was diagnosed, and what `add` calls its curves.
@@ -47,12 +45,10 @@ class ModelStep:
     judged_on: list[str]
     method: str
     effects: list[str]
-    parameters: int
     comparison: dict[str, Any]
     failures: list[dict[str, Any]]
-    constraints: str
+    judged: list[str]
     about: dict[str, Any]
-    gap: float | None
     on_bounds: list[str]
     seconds: float
     label: str = ""
@@ -62,15 +58,6 @@ class ModelStep:
     servo: bool = False
     findings: Diagnosis | None = None
     curve_texts: Sequence[str] = ()
-
-
-def held(estimate: Estimate) -> str:
-    """Which constraints hold: the convex ones, and those that no convex method can impose."""
-    found, family = estimate.certificate.violations, BarycentricBound.family
-    worst = max((v for k, v in found.items() if k != family), default=0.0)
-    if worst > 0.0:
-        return f"violated by {figure(worst, 2)}"
-    return "all hold" if found.get(family, 0.0) == 0.0 else "all convex constraints hold"
 
 
 def about(estimate: Estimate) -> dict[str, Any]:
@@ -143,45 +130,41 @@ def _named(runs: Sequence[Measurements]) -> list[str]:
 def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress: Progress) -> ModelStep:
     """Save a model at ``out`` and its curves beside it; judge it.
 
-    Curves : t0, torque0, modelled0, t1, ... of every run, training runs first, as .npz; also its
-    motion q0, dq0, ddq0, and tf0 (F,), poses0 (F, joints, 4, 4) of some instants for the 3D view.
+    Curves, an .npz a run, training runs first: t, torque, modelled, its motion q, dq, ddq, and tf (F,),
+    poses (F, joints, 4, 4) of some instants for the 3D view.
     """
     progress("comparing measured with modelled")
     comparison = compare({"model": estimate}, given.judge, noise_from=given.whole)[0]
     (arm, judge), (_, train) = driven(estimate, given.judge), driven(estimate, given.train)
     settings = estimate.preprocessing.resolve(judge)
     estimate.provenance["verdict"] = comparison.verdict.to_dict()
-    arrays, runs = {}, [*train.runs(), *(judge.runs() if given.test is not None else ())]
+    runs = [*train.runs(), *(judge.runs() if given.test is not None else ())]
     for k, run in enumerate(runs):
         rows = filtered_torque(run, arm.model, settings)
-        arrays[f"t{k}"] = rows.motion.t
-        arrays[f"torque{k}"] = rows.torque.astype(np.float32)
-        arrays[f"modelled{k}"] = predicted(rows, arm.theta).astype(np.float32)
-        for name in ("q", "dq", "ddq"):
-            arrays[f"{name}{k}"] = getattr(rows.motion, name).astype(np.float32)
-        arrays[f"tf{k}"], arrays[f"poses{k}"] = placed(estimate.robot, rows.motion.t, rows.motion.q)
+        motion = rows.motion
+        found = {"torque": rows.torque, "modelled": predicted(rows, arm.theta)}
+        found |= {name: getattr(motion, name) for name in ("q", "dq", "ddq")}
+        arrays = {"t": motion.t, **{name: x.astype(np.float32) for name, x in found.items()}}
+        arrays["tf"], arrays["poses"] = placed(estimate.robot, motion.t, motion.q)
+        save_arrays(out.with_name(f"{out.stem}-{k}.npz"), arrays)
     progress("looking where it fails")
     try:
-        found = where_it_fails(estimate, judge, noise_from=given.whole, noise=comparison.noise)
+        failing = where_it_fails(estimate, judge, noise_from=given.whole, noise=comparison.noise)
         units = estimate.robot.torque_units
-        failures = [{**f.to_dict(), "sentences": sentences(f, units[f.joint - 1])} for f in found]
+        failures = [{**f.to_dict(), "sentences": sentences(f, units[f.joint - 1])} for f in failing]
     except InputError:  # too short to say: the errors stand on their own
         failures = []
-    save_arrays(out.with_suffix(".npz"), arrays)
     estimate.save(out)
-    certificate = estimate.certificate
     return ModelStep(
         file=str(out),
         runs=_named(runs),
         judged_on=list(judge.names),
         method=estimate.method,
         effects=asked_effects(estimate.model.effects, estimate.details.get("shapes", ())),
-        parameters=len(estimate.theta),
         comparison=comparison.to_dict(),
         failures=failures,
-        constraints=held(estimate),
+        judged=judged_row(comparison),
         about=about(estimate),
-        gap=certificate.gap,
         on_bounds=estimate.details.get("on_bounds") or [],
         seconds=seconds,
         servo=arm is not estimate,

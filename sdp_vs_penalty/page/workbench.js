@@ -90,7 +90,6 @@ class Arm {
   }
   load(moves) {
     this.moves = moves;
-    this.turned = false;
     this.tries = 0;
     this.at(0);
     this.settle();
@@ -135,7 +134,6 @@ class Arm {
       const other = mesh.quaternion.clone().set(...b.slice(3));
       mesh.quaternion.set(...a.slice(3)).slerp(other, share);
     }
-    this.look(k, share);
     for (const object of objects?.values() ?? []) {
       const link = /^link-(\d+)$/.exec(object.mesh?.name ?? "");
       if (!link) continue;
@@ -146,18 +144,6 @@ class Arm {
     this.frame.querySelector("[data-time]").value = (1000 * this.time) / end;
     this.frame.querySelector("[data-clock]").textContent = `${this.time.toFixed(1)} s`;
     this.cursor();
-  }
-  look(k, share) {
-    const scene = getElement(this.id);
-    if (!scene?.controls) return;
-    if (!this.watched) scene.$el.addEventListener("pointerdown", () => (this.turned = true));
-    this.watched = true;
-    if (this.turned) return; // the person looks from elsewhere
-    const [a, b] = [this.moves.cameras[k - 1], this.moves.cameras[k]];
-    const x = a.map((v, i) => v + share * (b[i] - v));
-    scene.camera.position.set(...x.slice(0, 3));
-    scene.controls.target.set(...x.slice(3));
-    scene.camera.lookAt(...x.slice(3));
   }
   cursor() {
     for (const chart of this.frame.closest(".part").querySelectorAll(".chart.timed")) {

@@ -83,7 +83,7 @@ class Workbench:
                 extra = "" if stage in WORK else "aside"
                 with tag("a", style=extra, href="#", data_key=f"nav-{k}", data_to=stage.anchor) as link:
                     if not extra:
-                        tag("span", str(k), "number", aria_hidden="true")
+                        tag("span", str(k), "step", aria_hidden="true")
                     tag("span", stage.title)
                     self._at[f"level-{stage.anchor}"] = tag("span", style="unseen")
                 self._at[f"link-{stage.anchor}"] = link

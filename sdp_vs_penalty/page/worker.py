@@ -13,6 +13,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +28,6 @@ _DIED = InputError(
 )
 #: Of the computer's memory, how much all jobs together may use, and what each has at least [bytes].
 _SHARE, _LEAST = 0.75, 2**31
-
-
-class Cancelled(Exception):  # noqa: N818  (it is no error)
-    """A job was cancelled."""
 
 
 class JobProcess:
@@ -65,62 +62,46 @@ class JobProcess:
         threading.Thread(target=self.process.join, daemon=True).start()  # leaves no zombie behind
 
 
+@dataclass
 class Working:
-    """A piece of work of a tab, of one or more jobs: what it is, where it stands, its worker."""
+    """A piece of work of a tab, of one or more jobs: what it is, since when [s], where it stands."""
 
-    def __init__(self, title: str) -> None:
-        self.title, self.since, self.status = title, time.monotonic(), ""
-        self.cancelled = False
-        self.work: JobProcess | None = None
-
-    def cancel(self) -> None:
-        """End the job that is being done, at once."""
-        self.cancelled = True
-        if self.work is not None:
-            self.work.kill()
+    title: str
+    since: float = field(default_factory=time.monotonic)
+    status: str = ""
 
 
 class WorkerPool:
     """Where workers come from; temporary : the folder for what they keep while they work."""
 
-    def __init__(self) -> None:
+    def __init__(self, at_once: int = AT_ONCE) -> None:
         self.temporary: Path | None = None
         self._spare: JobProcess | None = None
-        self._running, self._closed = 0, False
+        self._busy: set[JobProcess] = set()
+        self._places, self._at_once, self._closed = asyncio.Semaphore(at_once), at_once, False
 
     def prepare(self) -> None:
         """Start a worker in advance: it loads its libraries."""
         self._spare = JobProcess(self.temporary)
 
-    async def run(
-        self, working: Working, request: Mapping[str, Any], progress: Callable[[str], None]
-    ) -> dict[str, Any]:
-        """The answer to a request, once fewer than AT_ONCE jobs are running; raises InputError with the
-        worker's sentence, or Cancelled."""
-        if self._running >= AT_ONCE:
+    async def run(self, request: Mapping[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
+        """The answer to a request, once there is a place for it; cancelled, its worker is killed, and
+        nothing has changed. Raises InputError with the worker's sentence."""
+        if self._places.locked():
             progress("waiting for the jobs of other tabs")
-        while self._running >= AT_ONCE and not working.cancelled:
-            await asyncio.sleep(0.1)
-        if working.cancelled:
-            raise Cancelled
-        self._running += 1
-        working.work = work = self.worker()
-        done = False
-        try:
-            answer = await work.do({**request, "at_once": AT_ONCE}, progress)
-            done = True
-            return answer
-        except InputError:
-            if working.cancelled:
-                raise Cancelled from None
-            raise
-        finally:
-            self._running -= 1
-            working.work = None
-            if not done or self._closed or self._spare is not None:
-                work.kill()
-            if self._spare is None and not self._closed:
-                self._spare = work if done else JobProcess(self.temporary)
+        async with self._places:
+            work, done = self.worker(), False
+            self._busy.add(work)
+            try:
+                answer = await work.do({**request, "at_once": self._at_once}, progress)
+                done = True
+                return answer
+            finally:
+                self._busy.discard(work)
+                if not done or self._closed or self._spare is not None:
+                    work.kill()
+                if self._spare is None and not self._closed:
+                    self._spare = work if done else JobProcess(self.temporary)
 
     def worker(self) -> JobProcess:
         """A worker that does nothing yet."""
@@ -129,8 +110,8 @@ class WorkerPool:
 
     def close(self) -> None:
         self._closed = True
-        if self._spare is not None:
-            self._spare.kill()
+        for work in filter(None, (self._spare, *self._busy)):
+            work.kill()
 
 
 def main(server: Any, parent: int, temporary: Path | None) -> None:

@@ -75,18 +75,37 @@ def marked(sentence: object) -> str:
     return re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(str(sentence)))
 
 
-def table(headings: Sequence[str], rows: Sequence[Sequence[object]], *, numbers_from: int = 1) -> str:
-    """A table; columns from ``numbers_from`` on are numbers and stand right."""
+def table(
+    headings: Sequence[str],
+    rows: Sequence[Sequence[object]],
+    *,
+    numbers_from: int = 1,
+    caption: str = "",
+    style: str = "",
+    mark: int | None = None,
+) -> str:
+    """A table that scrolls inside its frame; its first column names the rows.
 
-    def cells(row: Sequence[object], tag: str) -> str:
-        return "".join(
-            f"<{tag}{' class=number' if k >= numbers_from else ''}>{marked(cell)}</{tag}>"
-            for k, cell in enumerate(row)
-        )
+    numbers_from : columns from there on are numbers and stand right; caption : what it is, for those who
+    do not see it; style : its CSS classes; mark : a column of words, each the class of its row.
+    """
 
-    body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in rows)
-    head = f"<thead><tr>{cells(headings, 'th')}</tr></thead>"
-    return f'<div class="wide" tabindex="0"><table>{head}<tbody>{body}</tbody></table></div>'
+    def cells(row: Sequence[object], head: bool) -> str:
+        tags = ("th scope=col" if head else "td" if k else "th scope=row" for k in range(len(row)))
+        sides = (" class=number" if k >= numbers_from else "" for k in range(len(row)))
+        both = zip(tags, sides, row, strict=True)
+        return "".join(f"<{tag}{side}>{marked(cell)}</{tag[:2]}>" for tag, side, cell in both)
+
+    looks = ("" if mark is None else f" class={escape(str(row[mark]))}" for row in rows)
+    body = "".join(f"<tr{look}>{cells(row, False)}</tr>" for look, row in zip(looks, rows, strict=True))
+    head = f"<thead><tr>{cells(headings, True)}</tr></thead>"
+    return framed(caption, f'<table class="{style}">{head}<tbody>{body}</tbody></table>')
+
+
+def framed(caption: str, inner: str) -> str:
+    """A table in a frame that scrolls."""
+    named = f' role="region" aria-label="{escape(caption)}"' if caption else ""
+    return f'<div class="wide" tabindex="0"{named}>{inner}</div>'
 
 
 def figure(plot: Figure, caption: str = "", height: int = 215, group: str = "") -> str:

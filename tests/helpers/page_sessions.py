@@ -15,7 +15,7 @@ async def finish(session: Session, act: Callable[[], None]) -> None:
     """Do something and wait until its job is done; a sentence about an error fails the test."""
     act()
     assert session.task is not None
-    await session.task
+    await asyncio.wait([session.task])
     if session.notice is not None and session.notice.error:
         raise InputError(" ".join(session.notice.texts))
 

@@ -119,7 +119,7 @@ def story(
 
 def test_the_hidden_effect_is_named_and_its_error_falls(story, files):
     assert story["uses"] == ["train", "train", "train", "test"]
-    for words in ("Joint 1", "N m", "noise", "test.npz", "all hold", "Where it fails", "velocity"):
+    for words in ("Joint 1", "N m", "noise", "test.npz", "possible", "Where it fails", "velocity"):
         assert words in story["fit"]
     assert story["click"] < 2.0  # 0.1 s where nothing else runs
     for words in ("Presliding hysteresis · joint 1", "confident", "N m; d = 0.00", "rad", "asperities"):

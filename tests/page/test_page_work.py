@@ -32,7 +32,7 @@ from sdp_vs_penalty.page.charts import data_chart, missing_chart, torque_chart
 from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
-from sdp_vs_penalty.page.worker import JobProcess
+from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
 from sdp_vs_penalty.reports.plots import Curves, envelope
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -74,7 +74,7 @@ def test_what_changes_nothing_is_what_the_verbs_say(sessions, two_link, hidden, 
     model = load_estimate(s.model.file)
     ahead = s.answer("forward")
     assert ahead["verdict"] == follow(model, tmp_path / "test.csv").verdict
-    arrays = s.arrays(ahead["file"], 0)
+    arrays = s.arrays(ahead["arrays"][0])
     assert arrays["poses"].shape[1] == 2 * two_link.robot.n
     assert arrays["simulated"][0] == pytest.approx(arrays["measured"][0])
     assert made == ["proof.json", "problem.cbf", "problem.cbf.json"]
@@ -148,7 +148,7 @@ def test_a_run_is_repaired_where_it_is_certain(sessions, hidden, tmp_path):
     s = opened(sessions, "two_link", **saved(tmp_path, [replace(run, tau=tau)], "spikes.csv"))
     (before,) = s.runs
     assert [f["kind"] for f in before["findings"] if f["mends"]] == ["spikes"]
-    drawn = data_chart(s.arrays(str(s.folder / before["view"]), 0), ["N m", "N m"])
+    drawn = data_chart(s.arrays(before["view"]), ["N m", "N m"])
     (crosses,) = (d for d in drawn["data"] if d["name"] == "joint 2, repaired")
     np.testing.assert_allclose(numbers(crosses["x"]), run.t[[500, 900, 1300]] - run.t[0], rtol=1e-4)
     do(s, lambda: s.mend(before["file"]))
@@ -175,9 +175,9 @@ def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions):
         s.simulate("joint_spring", [3], "strong", 0)
         while "simulating" not in s.working.status:
             await asyncio.sleep(0.01)
-        work, begin = s.working.work, time.perf_counter()
+        (work,), begin = sessions.pool._busy, time.perf_counter()
         s.cancel()
-        await s.task
+        await asyncio.wait([s.task])
         return work, time.perf_counter() - begin
 
     work, seconds = asyncio.run(story())
@@ -209,7 +209,7 @@ def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions):
         assert s.notice.texts[0].startswith("arm.urdf: a job is running")
         assert await put(s, "run.csv", "runs") == 200  # read when the work is done
         s.cancel()
-        await s.task
+        await asyncio.wait([s.task])
 
     asyncio.run(story())
     assert s.robot
@@ -522,8 +522,9 @@ def test_the_page_over_tls(tmp_path):
         server.stdout.close()
 
 
-def test_jobs_of_all_tabs_wait_for_each_other(sessions, monkeypatch):
-    monkeypatch.setattr("sdp_vs_penalty.page.worker.AT_ONCE", 1)
+def test_jobs_of_all_tabs_wait_for_each_other():
+    pool = WorkerPool(1)
+    sessions = Sessions(pool)
 
     async def story() -> tuple[str, Session]:
         first, second = sessions.new(), sessions.new()
@@ -537,11 +538,13 @@ def test_jobs_of_all_tabs_wait_for_each_other(sessions, monkeypatch):
         for s in (second, first):
             s.cancel()
             assert s.task is not None
-            await s.task
+            await asyncio.wait([s.task])
         await finish(second, lambda: second.choose_robot("two_link"))  # the place is free again
         return status, second
 
     status, second = asyncio.run(story())
+    pool.close()
+    sessions.close()
     assert status == "waiting for the jobs of other tabs"
     assert second.robot["name"] == "two_link"
 

@@ -13,11 +13,11 @@ from sdp_vs_penalty.page.view import Part, Stage, Verdict, View
 def _draw_check(view: View) -> None:
     session, units = view.session, view.session.robot["units"]
     _findings(session)
-    views = {run["name"]: str(session.folder / run["view"]) for run in session.runs}
+    views = {run["name"]: run["view"] for run in session.runs}
     first = next((run["name"] for run in session.runs if run["findings"]), next(iter(views)))
 
     def look(run: str) -> None:
-        read = session.arrays(views[run], 0)
+        read = session.arrays(views[run])
         drawn.update_figure(data_chart(read, units))
         move(run, read)
 
@@ -26,7 +26,7 @@ def _draw_check(view: View) -> None:
             draw.choice("Run", [(n, n) for n in views], first, look, "checked-run")
     with draw.tag("div", style="pair"):
         said = "Positions, velocities and torques of all joints over time"
-        drawn = draw.chart(data_chart(session.arrays(views[first], 0), units), said).classes("timed")
+        drawn = draw.chart(data_chart(session.arrays(views[first]), units), said).classes("timed")
         move = draw_arm(view, session.robot["drawn"], "nominal links")
     crosses = "Crosses: what the check would put there. "
     mended = any(found["mends"] for run in session.runs for found in run["findings"])

@@ -24,12 +24,7 @@ def models(view: View) -> None:
     """Each joint's error from model to model, with undo and redo."""
     session = view.session
     history, units = session.history, session.robot["units"]
-    with draw.tag("ol", style="history"):
-        for model in history:
-            with draw.tag("li"):
-                draw.tag("strong", model.label)
-                relative = figure(model.comparison["relative_error_percent"])
-                draw.tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
+    draw.judged(history)
     with draw.tag("div", style="row"):
         if len(history) > 1:
             draw.button("Undo the last step", session.undo, "undo")

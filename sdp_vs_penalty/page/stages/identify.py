@@ -30,6 +30,7 @@ from sdp_vs_penalty.page.view import (
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS
 from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
 from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
+from sdp_vs_penalty.reports.section import framed
 
 _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 
@@ -195,22 +196,13 @@ def fit(view: View) -> None:
 
 
 def _figures(model: ModelStep) -> None:
-    """How well the model does, in a line."""
-    comparison = model.comparison
-    runs, added = model.judged_on, " of what was added" * model.frozen
-    with draw.tag("dl", style="figures"):
-        for name, value in {
-            "relative error": f"{figure(comparison['relative_error_percent'])} %",
-            "judged on": ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs",
-            "new motion": new_motion(comparison["new_motion_share"]),
-            "below": f"{figure(comparison['band_hz'])} Hz",
-            "constraints": model.constraints,
-            f"certified gap{added}": figure(model.gap, 2),
-            "time": f"{model.seconds:.2g} s",
-        }.items():
-            with draw.tag("div"):
-                draw.tag("dt", name)
-                draw.tag("dd", value)
+    """How well the model does: as every table of models says it, and the other lines of the verdict."""
+    draw.judged([model])
+    comparison, runs = model.comparison, model.judged_on
+    judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
+    below = f"below {figure(comparison['band_hz'])} Hz"
+    new = new_motion(comparison["new_motion_share"])
+    draw.note(f"Judged on {judged}, {below}, new motion {new}; identified in {model.seconds:.2g} s.")
     for line in comparison["verdict"]["lines"][1:]:  # the first one stands above
         draw.tag("p", f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}", "line")
 
@@ -258,7 +250,7 @@ def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -
     rows = heat_rows(failures, found_shares(found, len(failures)))
     title = "Share of the error explained by each cause, by joint"
     drawn = heat_map(title, rows, len(failures), _SHOWN_BY)
-    draw.framed(title, drawn).on("click", partial(_show, view), js_handler=_CELL)
+    ui.html(framed(title, drawn), sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
 
 
 def _show(view: View, event: Any) -> None:

@@ -97,14 +97,14 @@ def _replay(view: View, made: dict[str, Any]) -> None:
     shown, joint = {"run": 0}, min(view.joint or 0, len(units) - 1)
 
     def curves(j: int) -> dict[str, Any]:
-        read = session.arrays(made["file"], shown["run"])
+        read = session.arrays(made["arrays"][shown["run"]])
         modelled = {"simulated": read["simulated"]}
         return torque_chart(Curves(read["t"], read["measured"], modelled), j, units)
 
     def follow() -> None:
         drawn.update_figure(curves(min(view.joint or 0, len(units) - 1)))
         if arm is not None:
-            arm(str(shown["run"]), session.arrays(made["file"], shown["run"]))
+            arm(str(shown["run"]), session.arrays(made["arrays"][shown["run"]]))
 
     def look(run: str) -> None:
         shown["run"] = int(run)
