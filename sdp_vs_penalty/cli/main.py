@@ -23,7 +23,7 @@ from sdp_vs_penalty.version import __version__
 
 #: Every file of verbs/, by what it is for; its first line is that of the program's --help.
 VERBS = {
-    "First": ["demo"],
+    "Start here": ["demo"],
     "Measurements": ["fetch", "convert", "check", "excite", "simulate"],
     "Models": [
         "identify", "compare", "cross-validate", "diagnose", "add", "report", "verify", "export",
@@ -76,7 +76,7 @@ def _help() -> str:
     said = ["Usage: sdp-vs-penalty [--version] [--debug] COMMAND ...", "", _ABOUT, ""]
     said += ["--debug shows the traceback of an error, of any verb.", ""]
     for purpose, verbs in VERBS.items():
-        said.append(f"Commands: {purpose.lower()}")
+        said.append(f"{purpose}:")
         for name in verbs:
             _, text, _ = _file(name).read_text().split('"""', 2)
             line = f"{name:15} {text}"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.cli.console import aligned, details, explain, listing, next_step, say, table
+from sdp_vs_penalty.cli.console import aligned, details, explain, next_step, say, table
 from sdp_vs_penalty.diagnosis.sentences import event_lines
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.exporters.links import LINK_HEADS, link_rows
@@ -172,17 +172,15 @@ def comparison(
 
 
 def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model: str) -> None:
-    """Where a model's error is large: a row a joint."""
-    from sdp_vs_penalty.diagnosis.where_it_fails import dependences
+    """Where a model's error is large, in words: a line for each joint of which something can be said."""
+    from sdp_vs_penalty.diagnosis.where_it_fails import dependences, sentences
 
-    say(f"Where {model} fails: held-out shares of the residual's variance", style="italic")
-    rows = []
-    for f in failures:
-        depends = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in dependences(f))
-        waves = ", ".join(f"{k} ({a:.2g} {plain_unit(units[f.joint - 1])})" for k, a, _ in f.orders[:2])
-        rows.append((str(f.joint), depends or "-", number(f.reversal_lift, 2), waves or "-"))
-    heads = ("joint", "depends on", "RMS ratio at reversals", "waves per turn")
-    listing(heads, rows)
+    say(f"Where {model} fails (held-out shares of the error's variance)", style="italic")
+    told = [f for f in failures if dependences(f) or f.orders]
+    for f in told:
+        explain(f"joint {f.joint}: {' '.join(sentences(f, units[f.joint - 1]))}")
+    if rest := [f for f in failures if f not in told]:
+        explain(f"{formatting.joints([f.joint for f in rest])}: {sentences(rest[0], '')[0]}")
 
 
 def failure_tables(failures: Sequence[JointFailure]) -> None:

@@ -13,6 +13,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
+from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.reports import parameters, sections
@@ -48,8 +49,8 @@ def report(
     findings: Diagnosis | str | Path | None = None,
     forward: bool = False,
     progress: Progress = no_progress,
-) -> None:
-    """Write a report: one HTML file that needs nothing else.
+) -> Verdict:
+    """Write a report, one HTML file that needs nothing else; returns its verdict on the last model.
 
     models : an Estimate or a model.json, a sequence of them in the order in which effects were added,
         or a mapping from names to them; measurements : the runs to judge them on, whatever
@@ -77,6 +78,7 @@ def report(
     material = replace(material, commands=commands, diagnosis=said)
     made = [(make.__name__, title, make(material)) for title, make in _SECTIONS.items()]
     write_text(out, page(f"{material.last.robot.name}: identified dynamics", made, get_plotlyjs()))
+    return material.verdict
 
 
 def _material(

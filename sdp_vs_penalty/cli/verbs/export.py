@@ -1,4 +1,4 @@
-"""Export a model: URDF, MJCF, JSON, NumPy, C header, friction table."""
+"""Export a model: URDF, MJCF, SDF, JSON, C header, friction, payload."""
 
 from pathlib import Path
 

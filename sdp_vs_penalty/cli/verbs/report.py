@@ -24,7 +24,7 @@ def verb(
     --findings findings.json: Diagnosis whose findings are shown.
     --forward: Forward simulation of whole runs, however long it takes.
     """
-    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.cli.runs import runs_for
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.reports import check_name, report
@@ -36,5 +36,8 @@ def verb(
     how["commands"] = [shlex.join(["sdp-vs-penalty", *sys.argv[1:]])]
     with console.progress("reading the measurements") as progress:
         given = runs_for(next(iter(estimates.values())), data, window)
-        report(estimates, given.train, out, noise_from=given.whole, progress=progress, **how)
-    console.written(out)
+        said = report(estimates, given.train, out, noise_from=given.whole, progress=progress, **how)
+    printing.verdict(said, list(estimates)[-1])
+    console.written(out, "open it in a browser")
+    if said.grade != "do not use":
+        console.next_step(["export", models[-1], "--out", "identified.urdf"])
