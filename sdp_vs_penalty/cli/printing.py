@@ -247,8 +247,6 @@ def undecided(result: Diagnosis, model: Path) -> None:
 
 
 def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding]) -> None:
-    from sdp_vs_penalty.diagnosis.sentences import legend
-
     kinds = ", ".join(dict.fromkeys(map(plain_unit, units)))
     retuned = bool(result.retuned)
     title = f"Held-out RMSE [{kinds}] of each joint below {number(result.band_hz)} Hz"
@@ -274,8 +272,6 @@ def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding])
     if len(shown) < len(result.effects):
         more = ", ".join(f.text.partition("@")[0] for f in result.effects[len(shown) :])
         explain(f"further weak candidates: {more}")
-    if any(f.confidence == "weak" for f in result.effects):
-        explain(legend())
 
 
 def worth_showing(effects: Sequence[Finding]) -> Sequence[Finding]:

@@ -58,11 +58,6 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
     return text
 
 
-def legend() -> str:
-    """What `weak` means, in one sentence."""
-    return f"weak = at least one of: {'; '.join(REASONS.values())}"
-
-
 def repeatability_warning(new_share: float | None) -> str | None:
     """One sentence where most of the judged motion is the training motion again, else None."""
     if new_share is None or new_share >= MOSTLY_NEW:

@@ -2,7 +2,7 @@
 
 Both formats hold a linear objective; SDPA's holds matrix inequalities only. The problem is rewritten
 exactly (:mod:`solvers.rewrite`), numbers have 17 digits, so that nothing is lost. Neither format has a
-place for a constant: FILE.json beside the file says how its optimum becomes the loss of identification,
+place for a constant: FILE.json beside the file says how its optimum becomes identification's objective,
 and between which proved bounds that lies.
 
 Sources: the SDPA format as in Borchers, SDPLIB (Optim. Methods Softw. 1999); H. A. Friberg, CBF
@@ -78,9 +78,9 @@ def export_sdp(
         "scale": sdp.loss_scale**2,
         "lower": float(interval[0]) if interval else None,
         "upper": float(interval[1]) if interval else None,
-        "meaning": "loss = offset + scale * (optimum of the file); lower <= loss <= upper is proved "
-        "in exact arithmetic for the identification problem, whose numbers the file holds rounded to "
-        "doubles",
+        "meaning": "objective = offset + scale * (optimum of the file); lower <= objective <= upper is "
+        "proved in exact arithmetic for the identification problem, whose numbers the file holds "
+        "rounded to doubles",
         "variables": len(made.problem.q),
         "rows": len(made.problem.b),
         "nonzeros": int(made.problem.A.nnz),

@@ -1,4 +1,5 @@
-"""What a worker can be asked to do: one function a job, from a request to an answer, both plain JSON.
+"""What a worker can be asked to do, beside run_jobs.py: one function a job, from a request to an answer,
+both plain JSON.
 
 Every job loads what it needs from files of the session's folder and leaves its models there, so that
 a job that is killed has changed nothing.
@@ -6,7 +7,7 @@ a job that is killed has changed nothing.
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,7 @@ from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.exporters import sdp
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.files import write_bytes, write_text
-from sdp_vs_penalty.page.run_jobs import Answer, Asked, look_again, mend, read, real, simulate
+from sdp_vs_penalty.page.run_jobs import Answer, Asked
 from sdp_vs_penalty.page.summary import drawn_arm, placed, save_arrays, summary
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import with_bounds, with_filters
@@ -285,13 +286,3 @@ def check_urdf(asked: Asked) -> Answer:
         "rows": urdf.table(checks),
         "files": [out.name] * broken,
     }
-
-
-#: By the name in a request.
-JOBS: dict[str, Callable[[Asked], Answer]] = {
-    job.__name__: job
-    for job in (
-        *(robot, read, look_again, real, simulate, mend, fit, open_model, separate),
-        *(extend, find, methods, take, forward, prove, verify, pose, check_urdf),
-    )
-}

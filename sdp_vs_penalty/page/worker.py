@@ -125,24 +125,23 @@ def main(server: Any, parent: int, temporary: Path | None) -> None:
     def send(message: dict[str, Any]) -> None:  # arrays and numbers of NumPy as JSON has them
         server.send_bytes(json.dumps(message, default=lambda array: array.tolist()).encode())
 
-    import sdp_vs_penalty.page.jobs  # noqa: F401  (takes seconds; a request may come meanwhile)
+    from sdp_vs_penalty.page import jobs, run_jobs  # takes seconds; a request may come meanwhile
 
+    every = vars(run_jobs) | vars(jobs)
     with contextlib.suppress(EOFError, OSError):  # the server has closed its end
         while True:
             request = server.recv()
             limit_memory(int(request.get("at_once", 1)))
-            send(do(request, lambda text: send({"progress": text})))
+            asked = run_jobs.Asked(request, lambda text: send({"progress": text}))
+            send(do(every[request["job"]], asked))
 
 
-def do(request: dict[str, Any], progress: Any) -> dict[str, Any]:
+def do(job: Callable[[Any], dict[str, Any]], asked: Any) -> dict[str, Any]:
     """{"result": ...} of a request, or {"error": sentence}."""
-    from sdp_vs_penalty.page.jobs import JOBS
-    from sdp_vs_penalty.page.run_jobs import Asked
-
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return {"result": JOBS[request["job"]](Asked(request, progress))}
+            return {"result": job(asked)}
     except InputError as error:
         return {"error": str(error)}
     except MemoryError:

@@ -25,7 +25,7 @@ from starlette.requests import ClientDisconnect
 from sdp_vs_penalty import InputError, Problem, follow, load_estimate
 from sdp_vs_penalty.checks.urdf import check_urdf
 from sdp_vs_penalty.diagnosis import Curve
-from sdp_vs_penalty.page import jobs, uploads, worker
+from sdp_vs_penalty.page import uploads, worker
 from sdp_vs_penalty.page import sessions as sessions_module
 from sdp_vs_penalty.page.auth_middleware import guarded
 from sdp_vs_penalty.page.charts import data_chart, missing_chart, torque_chart
@@ -255,13 +255,12 @@ def test_a_worker_that_the_system_ends_is_a_sentence(pool):
         asyncio.run(story())
 
 
-def test_every_error_of_a_job_is_a_sentence(monkeypatch):
+def test_every_error_of_a_job_is_a_sentence():
     def fails(error: Exception) -> dict[str, Any]:
         def job(asked: Any) -> dict[str, Any]:
             raise error
 
-        monkeypatch.setitem(jobs.JOBS, "fails", job)
-        return worker.do({"job": "fails"}, lambda _: None)
+        return worker.do(job, {})
 
     assert fails(InputError("run.csv: row 3 is empty: delete it."))["error"].startswith("run.csv")
     assert fails(MemoryError())["error"] == "Not enough memory: use fewer or shorter runs."

@@ -62,8 +62,7 @@ def verb(
     what = printing.TRAINING if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
     added = bigger.model.effects[len(estimate.model.effects) :]
-    for e in added:
-        console.say(f"added: {e.brief}")
+    console.explain(f"added: {', '.join(e.brief for e in added)}")
     for text in _left_out(effects, added):
         console.say(f"not added: {text} (the held model has it: identify it again on runs like these)")
     printing.certificate(bigger)

@@ -62,7 +62,12 @@ def verb(
         f"condition number of the base regressor: {found.history[0]:.1f} at the start, "
         f"{found.condition:.1f} after {len(found.history) - 1} iterations"
     )
+    console.explain(f"Self-collision is not checked: {_LOOK}")
     console.written(out)
+
+
+#: What is said of a motion whose collisions nobody has checked.
+_LOOK = "look at the motion before it is run."
 
 
 def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> None:
@@ -89,8 +94,7 @@ def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> Non
     console.explain(
         f"Standard deviations of a load after {settings['duration']:g} s, the largest of three or six, "
         "from the noise of the model's data; the model and the gains of its channels count as exact. "
-        "The other joints stand in the middle of their ranges. Self-collision is not checked: look at "
-        "the motion before it is run."
+        f"The other joints stand in the middle of their ranges. Self-collision is not checked: {_LOOK}"
     )
     console.written(out)
 
@@ -127,6 +131,6 @@ def _separate(model: Path, effects: str, out: Path, urdf: Path | None, **setting
     )
     if not found.collisions:
         why = "no --urdf is named" if urdf is None else f"{urdf.name} has no collision shapes"
-        console.explain(f"Self-collision is not checked: {why}. Look at the motion before it is run.")
+        console.explain(f"Self-collision is not checked ({why}): {_LOOK}")
     for path in (out, ros):
         console.written(path)

@@ -19,7 +19,7 @@ def verb(
 ) -> None:
     """Write the SDP that `identify` solves as a file for another solver, and FILE.json beside it.
 
-    The JSON holds offset and scale, with which the file's optimum becomes the loss, and the proved
+    The JSON holds offset and scale, with which the file's optimum becomes the objective, and the proved
     interval of that. Example: sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf
 
     --out FILE: File to write: .dat-s (sparse SDPA) or .cbf.
@@ -40,4 +40,4 @@ def verb(
         chosen = PoseOptions(effects, known_loads=loads, known=given, instruments=instruments)
         told = write_posed(robot, runs, out, method, chosen, progress)
     console.written(out, f"{told['method']}: {told['variables']} variables, {told['rows']} rows")
-    console.written(f"{out}.json", f"the loss lies in [{told['lower']!r}, {told['upper']!r}]")
+    console.written(f"{out}.json", f"the least objective lies in [{told['lower']!r}, {told['upper']!r}]")

@@ -72,8 +72,7 @@ def verb(
         estimate.provenance.update(data=words(data, window), checked=not no_check, checks=checks)
         estimate.save(out)
     printing.estimate(estimate, fit, seconds)
-    console.written(out)
+    for path in filter(None, (out, proof)):
+        console.written(path)
     if fit is not None:
         next_diagnosis(out, estimate, data, window)
-    if proof is not None:
-        console.written(proof)

@@ -64,6 +64,7 @@ def _follow(
     console.say(made.verdict, style="bold")
     next_diagnosis(model, estimate, runs, None)
     console.table("Forward simulation against the measured motion (RMS)", *made.table())
+    console.explain(made.explained)
     if made.free[0].spread is None:
         why = "the intervals hold inertias with which the arm cannot move"
         console.warn(f"No band for the free run: {why}.")
