@@ -19,8 +19,6 @@ _FULL = 4.0
 #: The camera's direction, and its angle of view [deg].
 _TOWARDS = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
 _ANGLE = 14.0
-#: Half axes beyond this [m] belong to links that the data hardly determine: they may leave the picture.
-_LONGEST = 0.5
 #: Names, colours and solidity of an arm alone, and of the measured one beside the simulated one: those
 #: of their curves.
 _LOOKS = {1: [("link", "#0072b2", 0.75)], 2: [("measured", MEASURED, 0.45), ("link", COLOURS[0], 0.75)]}
@@ -83,7 +81,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
             "poses": np.round(placed, 4).tolist(),
             "errors": [[0.0]] * len(read["tf"]) if errors is None else errors.tolist(),
         }
-        scene.move_camera(**_camera(read["poses"][:, : len(joints)], bodies), duration=0.0)
+        scene.move_camera(**_camera(read["poses"][:, : len(joints)], bodies, reach), duration=0.0)
         ui.run_javascript(f"(arms[{scene.id}] ??= new Arm({scene.id})).load({json.dumps(moves)})")
 
     return load
@@ -119,15 +117,18 @@ def _one_arm(
     return groups
 
 
-def _camera(poses: Any, bodies: list[dict[str, Any]]) -> dict[str, float]:
+def _camera(poses: Any, bodies: list[dict[str, Any]], reach: float) -> dict[str, float]:
     """Where a camera stands and what it looks at, so that base, joints and links of all poses
-    (F, k, 4, 4) fill its picture: the arguments of NiceGUI's ``move_camera``."""
+    (F, k, 4, 4) fill its picture: the arguments of NiceGUI's ``move_camera``.
+
+    reach : of the arm [m]; half axes above half of it are of links that the data hardly determine, and
+    may leave the picture."""
     places = [np.zeros((1, 3)), poses[..., :3, 3].reshape(-1, 3)]
     for body in bodies:
         frames = poses[:, body["joint"]] @ np.array(body["place"])
-        reach = np.minimum(body["half"], _LONGEST) * frames[:, :3, :3]
+        ends = np.minimum(body["half"], 0.5 * reach) * frames[:, :3, :3]
         for sign in (1.0, -1.0):
-            places.append((frames[:, :3, 3, None] + sign * reach).swapaxes(1, 2).reshape(-1, 3))
+            places.append((frames[:, :3, 3, None] + sign * ends).swapaxes(1, 2).reshape(-1, 3))
     right = np.cross([0.0, 0.0, 1.0], _TOWARDS)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(_TOWARDS, right), _TOWARDS])  # across, up, towards the camera
@@ -135,9 +136,9 @@ def _camera(poses: Any, bodies: list[dict[str, Any]]) -> dict[str, float]:
     low, high = seen.min(axis=0), seen.max(axis=0)
     centre = 0.5 * (low + high) @ axes
     away = 0.5 * (high - low)[2] + 0.5 * max((high - low)[:2]) / np.tan(0.5 * np.deg2rad(_ANGLE))
-    ends = zip("xyz", centre + away * _TOWARDS, centre, strict=True)
+    both = zip("xyz", centre + away * _TOWARDS, centre, strict=True)
     return {
-        name: float(x) for axis, eye, at in ends for name, x in ((axis, eye), (f"look_at_{axis}", at))
+        name: float(x) for axis, eye, at in both for name, x in ((axis, eye), (f"look_at_{axis}", at))
     }
 
 

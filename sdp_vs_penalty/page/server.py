@@ -233,8 +233,9 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
             raise InputError(
                 "a job is running", "wait until it is done or cancel it, then drop the file again", name
             )
-        announced = int(length) if length.isdigit() else None
-        path = await uploads.receive(session.folder, name, announced, request.stream(), kind)
+        if not length.isdigit():
+            raise InputError("its size is not announced", "send a Content-Length", name)
+        path = await uploads.receive(session.folder, name, int(length), request.stream(), kind)
     except ClientDisconnect:  # whoever sent it is gone, and what came of it too
         return JSONResponse({}, 400)
     except InputError as error:

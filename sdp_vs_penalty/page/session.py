@@ -216,6 +216,11 @@ class Session:
         if self.task is not None:
             self.task.cancel()
 
+    def rest(self) -> None:
+        """Nobody looks any more: no work, and nothing in memory that is in files."""
+        self.cancel()
+        self._read.clear()
+
     @property
     def busy(self) -> bool:
         """Whether a job is being done."""

@@ -11,15 +11,11 @@ from pathlib import Path
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files.outputs import lives
 from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.uploads import SILENCE
 from sdp_vs_penalty.page.worker import WorkerPool
 
-#: Closed tabs that can be opened again.
-_KEPT = 4
-#: Tabs that can be open at once.
+#: Tabs that can be open at once, and closed ones that can be opened again.
 MOST = 20
-#: How long a browser may take from its request until its tab is there, or is there again [s].
-_CONNECTS = 60.0
-
 
 #: Begin of the names of servers' folders; the number of the server's process follows.
 _PREFIX = "sdp-vs-penalty-page-"
@@ -70,7 +66,7 @@ class Sessions:
         """A tab was closed: what it was doing ends with the last one that shows it."""
         if not session.watchers:
             session.left_at = time.monotonic()
-            session.cancel()
+            session.rest()
 
     def close(self) -> None:
         shutil.rmtree(self.root, ignore_errors=True)
@@ -80,7 +76,7 @@ class Sessions:
         now = time.monotonic()
         for k, session in enumerate(closed):
             # On a busy computer many tabs lose their connection at once, and come back.
-            if k >= _KEPT and now - session.left_at > _CONNECTS:
+            if k >= MOST and now - session.left_at > SILENCE:
                 session.cancel()
                 del self._all[session.token]
                 shutil.rmtree(session.folder, ignore_errors=True)
@@ -88,6 +84,4 @@ class Sessions:
 
 def _open(session: Session) -> bool:
     """Whether a tab shows it, or may be about to."""
-    return bool(session.watchers) or (
-        not session.shown and time.monotonic() - session.left_at < _CONNECTS
-    )
+    return bool(session.watchers) or (not session.shown and time.monotonic() - session.left_at < SILENCE)

@@ -10,12 +10,11 @@ from pathlib import Path, PureWindowsPath
 from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.errors import InputError
 
-#: Bytes of one file, and of all files of a session.
-LARGEST_FILE, LARGEST_SESSION = 256 * 2**20, 2**30
-MOST_FILES = 100
+#: Bytes of all files of a session.
+LARGEST = 2**30
 #: How long a browser may be silent, sleep or wait for a busy computer [s]: a file that it sends is then
-#: refused, and the work of a tab that was closed ends.
-SILENCE = 20.0
+#: refused, the work of a tab that was closed ends, and a tab that was asked for is not waited for.
+SILENCE = 30.0
 
 #: Suffixes that the readers know.
 RUN_SUFFIXES = suffixes()
@@ -37,44 +36,32 @@ def shown_name(given: str) -> str:
     return name if len(name) <= 80 else f"{name[:40]}...{name[-36:]}"
 
 
-def too_large(name: str, size: int, largest: int = LARGEST_FILE) -> InputError:
-    return InputError(
-        f"{min(size, 10**15) // 2**20} MB; the page takes files up to {largest // 2**20} MB",
-        "use the command line, or cut the run into pieces",
-        name,
-    )
-
-
-async def receive(
-    folder: Path, name: str, length: int | None, chunks: AsyncIterator[bytes], kind: str
-) -> Path:
-    """Write a file that arrives in pieces; never more than the limits, whole or not at all.
+async def receive(folder: Path, name: str, length: int, chunks: AsyncIterator[bytes], kind: str) -> Path:
+    """Write a file that arrives in pieces; never more than announced, whole or not at all.
 
     name : as :func:`shown_name` made it; length : in bytes, as announced; kind : of SUFFIXES.
-    Raises InputError for a suffix that nobody reads and for too many bytes or files.
+    Raises InputError for a suffix that nobody reads and for too many bytes.
     """
     suffix, allowed = Path(name).suffix.lower(), SUFFIXES.get(kind, ())
     if suffix not in allowed:
         raise InputError(
             "files of this kind cannot be read", f"choose one of {', '.join(allowed)}", name
         )
-    if length is not None and length > LARGEST_FILE:
-        raise too_large(name, length)
-    kept = [p for p in folder.rglob("*") if p.is_file()]
-    room = min(LARGEST_FILE, LARGEST_SESSION - sum(p.stat().st_size for p in kept))
-    reserved = LARGEST_FILE if length is None else length
-    if len(kept) >= MOST_FILES or reserved > max(room, 0):
+    if length > LARGEST:
+        what = f"{min(length, 10**15) // 2**20} MB; the page takes files up to {LARGEST // 2**20} MB"
+        raise InputError(what, "use the command line, or cut the run into pieces", name)
+    if length > LARGEST - sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()):
         raise InputError("this page has reached its limit of files", "start over", name)
     path = folder / f"file-{secrets.token_hex(8)}{suffix}"
     size = 0
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with os.fdopen(handle, "wb") as file:
-            file.truncate(reserved)  # for whatever else arrives meanwhile; takes no disk
+            file.truncate(length)  # for whatever else arrives meanwhile; takes no disk
             while chunk := await _next(chunks, name):
                 size += len(chunk)
-                if size > reserved:
-                    raise too_large(name, size, reserved)
+                if size > length:
+                    raise InputError("holds more than was announced", "send it again", name)
                 file.write(chunk)
             file.truncate(size)
     except BaseException:

@@ -88,9 +88,9 @@ def test_bad_files_are_refused_in_a_sentence(context, server, files, tmp_path):
         page.wait_for_selector(".notice[role=alert] p", state="detached")
     assert not (tmp_path / "unpickled").exists()
     with (tmp_path / "huge.csv").open("wb") as huge:
-        huge.truncate(2**30)
+        huge.truncate(2**31)
     page.set_input_files(key("drop-runs"), str(tmp_path / "huge.csv"))
-    assert "huge.csv: 1024 MB; the page takes files up to 256 MB" in alert(page)
+    assert "huge.csv: 2048 MB; the page takes files up to 1024 MB" in alert(page)
     page.set_input_files(key("drop-runs"), str(files[1]))  # and it goes on
     page.wait_for_selector("table.runs")
 

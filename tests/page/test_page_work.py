@@ -25,8 +25,8 @@ from starlette.requests import ClientDisconnect
 from sdp_vs_penalty import InputError, Problem, follow, load_estimate
 from sdp_vs_penalty.checks.urdf import check_urdf
 from sdp_vs_penalty.diagnosis import Curve
-from sdp_vs_penalty.page import uploads, worker
 from sdp_vs_penalty.page import sessions as sessions_module
+from sdp_vs_penalty.page import uploads, worker
 from sdp_vs_penalty.page.auth_middleware import guarded
 from sdp_vs_penalty.page.charts import data_chart, missing_chart, torque_chart
 from sdp_vs_penalty.page.server import Address
@@ -196,7 +196,8 @@ async def put(session: Session, name: str, kind: str, content: bytes = b"x") -> 
     async def receive() -> dict[str, Any]:
         return {"type": "http.request", "body": content, "more_body": False}
 
-    request = Request({"type": "http", "method": "PUT", "headers": []}, receive)
+    sized = [(b"content-length", str(len(content)).encode())]
+    request = Request({"type": "http", "method": "PUT", "headers": sized}, receive)
     return (await _keep(session, request, name, kind)).status_code
 
 
@@ -284,8 +285,8 @@ async def pieces(*chunks: bytes) -> AsyncIterator[bytes]:
 
 
 def receive(folder: Path, name: str, *chunks: bytes, length: int | None = None) -> Path:
-    shown = uploads.shown_name(name)
-    return asyncio.run(uploads.receive(folder, shown, length, pieces(*chunks), "runs"))
+    shown, size = uploads.shown_name(name), sum(map(len, chunks)) if length is None else length
+    return asyncio.run(uploads.receive(folder, shown, size, pieces(*chunks), "runs"))
 
 
 def test_files_are_kept_under_our_names(tmp_path):
@@ -300,12 +301,11 @@ def test_files_are_kept_under_our_names(tmp_path):
 
 
 def test_too_much_is_refused_before_it_is_kept(tmp_path, monkeypatch):
-    with pytest.raises(InputError, match=r"run\.csv: 1024 MB; the page takes files up to 256 MB"):
-        receive(tmp_path, "run.csv", b"never read", length=2**30)
-    monkeypatch.setattr(uploads, "LARGEST_FILE", 2**20)
-    with pytest.raises(InputError, match="takes files up to 1 MB"):
-        receive(tmp_path, "run.csv", *[b"0" * 2**16] * 17)
-    monkeypatch.setattr(uploads, "LARGEST_SESSION", 3 * 2**19)
+    with pytest.raises(InputError, match=r"run\.csv: 2048 MB; the page takes files up to 1024 MB"):
+        receive(tmp_path, "run.csv", b"never read", length=2**31)
+    with pytest.raises(InputError, match="holds more than was announced"):
+        receive(tmp_path, "run.csv", b"0" * 2**16, b"0", length=2**16)
+    monkeypatch.setattr(uploads, "LARGEST", 3 * 2**19)
     receive(tmp_path, "run.csv", b"0" * 2**20)
     with pytest.raises(InputError, match="reached its limit of files"):
         receive(tmp_path, "run.csv", b"0", length=2**20)
@@ -316,8 +316,7 @@ def test_too_much_is_refused_before_it_is_kept(tmp_path, monkeypatch):
 
 def test_room_is_reserved_before_anything_is_written(tmp_path, monkeypatch):
     """Eight files of 200 MB at once: as many as there is room for, never more."""
-    monkeypatch.setattr(uploads, "LARGEST_FILE", 256)
-    monkeypatch.setattr(uploads, "LARGEST_SESSION", 1024)
+    monkeypatch.setattr(uploads, "LARGEST", 1024)
 
     async def slowly() -> AsyncIterator[bytes]:
         for _ in range(20):
@@ -326,8 +325,7 @@ def test_room_is_reserved_before_anything_is_written(tmp_path, monkeypatch):
 
     async def send(k: int) -> Path | InputError:
         try:
-            length = 200 if k % 2 else None
-            return await uploads.receive(tmp_path, f"{k}.csv", length, slowly(), "runs")
+            return await uploads.receive(tmp_path, f"{k}.csv", 200, slowly(), "runs")
         except InputError as error:
             return error
 
@@ -336,7 +334,7 @@ def test_room_is_reserved_before_anything_is_written(tmp_path, monkeypatch):
 
     answers = asyncio.run(all_at_once())
     kept = [path for path in answers if isinstance(path, Path)]
-    assert len(kept) == 4
+    assert len(kept) == 5
     assert all(path.stat().st_size == 200 for path in kept)
     assert sorted(tmp_path.iterdir()) == sorted(kept)
 
@@ -354,12 +352,12 @@ def test_silence_and_lost_connections_leave_nothing(tmp_path, monkeypatch):
 
     for chunks, error in ((silent(), InputError), (lost(), ClientDisconnect)):
         with pytest.raises(error):
-            asyncio.run(uploads.receive(tmp_path, "run.csv", None, chunks, "runs"))
+            asyncio.run(uploads.receive(tmp_path, "run.csv", 9, chunks, "runs"))
         assert not [*tmp_path.iterdir()]
 
 
 @pytest.mark.parametrize("shown", [False, True], ids=["not connected yet", "all lost at once"])
-def test_tabs_without_a_connection_are_kept_a_minute(shown, sessions, monkeypatch):
+def test_tabs_without_a_connection_are_kept_a_while(shown, sessions, monkeypatch):
     """None of twenty that are opened at once, or lose their connections at once, is lost."""
     monkeypatch.setattr(sessions, "_all", {})
     made = [sessions.new() for _ in range(sessions_module.MOST)]
@@ -371,7 +369,8 @@ def test_tabs_without_a_connection_are_kept_a_minute(shown, sessions, monkeypatc
     if shown:
         sessions.new()  # which forgets old ones
     assert all(sessions.get(session.token) is session for session in made)
-    monkeypatch.setattr(sessions_module, "_CONNECTS", 0.0)  # a minute later none has come
+    monkeypatch.setattr(sessions_module, "SILENCE", 0.0)  # a while later none has come
+    monkeypatch.setattr(sessions_module, "MOST", 4)
     sessions.new()
     assert sum(sessions.get(session.token) is not None for session in made) == 4 - shown
 
@@ -556,7 +555,7 @@ class Tab:
 
 
 def test_sessions_are_private_and_end_with_the_server(pool, monkeypatch):
-    monkeypatch.setattr(sessions_module, "_CONNECTS", 0.0)  # no tab is about to come back
+    monkeypatch.setattr(sessions_module, "SILENCE", 0.0)  # no tab is about to come back
     sessions = Sessions(pool)
     first, second = sessions.new(), sessions.new()
     assert first.token != second.token
@@ -571,7 +570,7 @@ def test_sessions_are_private_and_end_with_the_server(pool, monkeypatch):
     assert sessions.closed(first.token) is first
     assert sessions.closed("other") is sessions.closed(None) is None
     second.shown = True
-    for _ in range(20):  # each was shown, and its tab was closed
+    for _ in range(2 * sessions_module.MOST):  # each was shown, and its tab was closed
         sessions.new().shown = True
     assert sessions.get(first.token) is first  # a tab shows it
     assert sessions.get(second.token) is None
