@@ -94,7 +94,7 @@ def test_the_programs_own_words(run):
     assert run("--version")[:2] == (0, f"sdp-vs-penalty {__version__}\n")
     code, out, _ = run()
     assert code == 0
-    assert "Commands" in out
+    assert "Start here" in out
 
 
 def test_a_wrong_choice_is_said_in_our_words(run):
