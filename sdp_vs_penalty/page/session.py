@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -33,12 +32,10 @@ def internal_error(error: BaseException) -> str:
 
 @dataclass(frozen=True)
 class Notice:
-    """One or more sentences for the person: an error, or something worth knowing; undo : whether the
-    change of robot that it tells of can be taken back."""
+    """One or more sentences for the person: an error, or something worth knowing."""
 
     texts: tuple[str, ...]
     error: bool = True
-    undo: bool = False
 
 
 def background(title: str) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Any]:
@@ -57,8 +54,6 @@ def background(title: str) -> Callable[[Callable[..., Coroutine[Any, Any, None]]
     return verb
 
 
-#: What belongs to a robot, and is put aside with it.
-_OF_A_ROBOT = ("robot", "runs", "effects", "method", "history", "undone", "made_by")
 _OTHER_RUNS = "The runs have changed: identify again."
 
 
@@ -108,8 +103,6 @@ class Session:
     refusals: int = 0
     #: Shown names by path.
     names: dict[str, str] = field(default_factory=dict)
-    #: The robot before this one and what belonged to it.
-    dropped: dict[str, Any] = field(default_factory=dict)
     #: Names of files that jobs have made, to be fetched.
     made: set[str] = field(default_factory=set)
     _read: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -276,25 +269,9 @@ class Session:
         """A built-in name, or the path of a URDF with its shown name; everything else starts anew."""
         self.names[source] = urdf or source
         answer = await self._job("robot", robot={"source": source})
-        # What is dropped is said and kept, so that it can be brought back.
-        self.dropped = {name: getattr(self, name) for name in _OF_A_ROBOT}
-        if self.robot and self.runs:
-            what = [formatting.count(len(self.runs), "run")]
-            what += [formatting.count(len(self.history), "model")] if self.history else []
-            said = f"{self.robot['name']}: {formatting.words(what)} put aside with the robot."
-            self.notice = Notice((said,), error=False, undo=True)
         self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
         self.runs, self.effects, self.method = [], list(answer["effects"]), DEFAULT_METHOD
         self.forget_models()
-
-    def bring_back(self) -> None:
-        """The robot before this one, with its runs and models."""
-        if self.busy or not self.dropped:
-            return
-        for name, value in self.dropped.items():
-            setattr(self, name, value)
-        self.dropped = {}
-        self.say()
 
     def read_arrived(self) -> None:
         """Read the files that were dropped; after the job that is being done, if there is one."""

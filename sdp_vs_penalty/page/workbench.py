@@ -191,8 +191,6 @@ class Workbench:
                 with tag("div", style="texts"):
                     for text in mine.texts:
                         tag("p", text)
-                if mine.undo:
-                    button("Undo", session.bring_back, "bring-back")
                 button("Close", lambda: session.say(), "close-notice", "quiet")
 
     def _lead_on(self) -> None:

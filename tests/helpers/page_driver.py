@@ -149,7 +149,7 @@ def open_page(context: BrowserContext, server: Server, path: str = "new") -> Pag
     page.faults = faults
     page.goto(f"{server.address}{path}?key={server.key}")
     # A tab of a session that is there already shows the step that was shown last.
-    page.wait_for_selector(key("robot-two_link"), state="attached")
+    page.wait_for_selector("[data-part=robot] .body > *", state="attached")
     return page
 
 

@@ -37,6 +37,11 @@ def _draw_robot(view: View) -> None:
         draw.text_field(draw.told(gravity), now, session.mount, "gravity", str(gravity.metavar))
     if robot["source"].lower().endswith(ROBOT_SUFFIXES):
         _inertials(view)
+    if session.runs:  # they are this robot's: another one has a page of its own
+        draw.tag(
+            "a", "Another robot, on a new page", href="/new", target="_blank", data_key="another-robot"
+        )
+        return
     with draw.details("Another robot", "another-robot"):
         _choose(view)
 
