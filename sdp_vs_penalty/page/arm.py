@@ -1,14 +1,14 @@
 """The arm in 3D: ellipsoids of the links, moved with a run; a simulated arm beside the measured one."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from nicegui import ui
 from scipy.spatial.transform import Rotation
 
-from sdp_vs_penalty.page.controls import button, note, tag
+from sdp_vs_penalty.page.controls import button, chart, note, tag
 from sdp_vs_penalty.page.summary import ModelStep
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.reports.plots import COLOURS, MEASURED
@@ -24,7 +24,23 @@ _ANGLE = 14.0
 _LOOKS = {1: [("link", "#0072b2", 0.75)], 2: [("measured", MEASURED, 0.45), ("link", COLOURS[0], 0.75)]}
 
 
-def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> Any:
+def chart_and_arm(
+    view: View,
+    options: Mapping[str, Any],
+    label: str,
+    about: Mapping[str, Any],
+    said: str,
+    arms: int = 1,
+) -> tuple[Any, Callable[..., None]]:
+    """A chart over time (``options``, with ``label`` as its text) and beside it :func:`draw_arm`, where
+    there are links to be drawn; returns the chart, and what to call with a recording."""
+    with tag("div", style="pair"):
+        drawn = chart(options, label).classes("timed")
+        move = draw_arm(view, about, said, arms) if about["bodies"] else lambda *_: None
+    return drawn, move
+
+
+def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> Callable[..., None]:
     """The scene and its clock, of ``arms`` arms in one place; returns what to call with a recording: its
     name, its t, tf and poses, and the errors (F, n), 0 to 1, that colour the first arm's links, if any.
 

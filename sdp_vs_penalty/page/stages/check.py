@@ -4,7 +4,7 @@ from functools import partial
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.arm import draw_arm
+from sdp_vs_penalty.page.arm import chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import Part, Stage, Verdict, View
@@ -24,10 +24,9 @@ def _draw_check(view: View) -> None:
     if len(views) > 1:
         with draw.tag("div", style="pick"):
             draw.choice("Run", [(n, n) for n in views], first, look, "checked-run")
-    with draw.tag("div", style="pair"):
-        said = "Positions, velocities and torques of all joints over time"
-        drawn = draw.chart(data_chart(session.arrays(views[first]), units), said).classes("timed")
-        move = draw_arm(view, session.robot["drawn"], "nominal links")
+    said = "Positions, velocities and torques of all joints over time"
+    options = data_chart(session.arrays(views[first]), units)
+    drawn, move = chart_and_arm(view, options, said, session.robot["drawn"], "nominal links")
     crosses = "Crosses: what the check would put there. "
     mended = any(found["mends"] for run in session.runs for found in run["findings"])
     draw.note(f"{crosses * mended}Drag to look closer; Play moves the arm.")

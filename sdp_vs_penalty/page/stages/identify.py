@@ -13,7 +13,7 @@ from sdp_vs_penalty.diagnosis.sentences import new_motion
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.arm import draw_arm, torque_errors
+from sdp_vs_penalty.page.arm import chart_and_arm, torque_errors
 from sdp_vs_penalty.page.charts import asked_span, ready, residual_chart, torque_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.summary import ModelStep
@@ -168,15 +168,12 @@ def fit(view: View) -> None:
         causes = {cause for *_, cause in _stretches(view, model)}
         parts["legend"].content = legend([cause for cause in SHADES if cause in causes])
         parts["words"].text = _words(model, j, units[j])
-        if "arm" in parts:
-            read = session.recording(model, view.run)
-            parts["arm"](view.run, read, torque_errors(model, read))
+        read = session.recording(model, view.run)
+        parts["arm"](view.run, read, torque_errors(model, read))
 
-    with draw.tag("div", style="pair"):
-        parts["chart"] = draw.chart(torques(), "Measured and modelled torque, and the residual")
-        parts["chart"].on("plotly_relayout", zoom).classes("timed")
-        if model.about["bodies"]:
-            parts["arm"] = draw_arm(view, model.about, "redder: larger torque error")
+    label, said = "Measured and modelled torque, and the residual", "redder: larger torque error"
+    parts["chart"], parts["arm"] = chart_and_arm(view, torques(), label, model.about, said)
+    parts["chart"].on("plotly_relayout", zoom)
     parts["legend"] = ui.html("", sanitize=False)
     parts["words"] = draw.tag("p", "", "words")
     if model.failures:

@@ -5,7 +5,7 @@ from typing import Any
 
 from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.arm import draw_arm
+from sdp_vs_penalty.page.arm import chart_and_arm
 from sdp_vs_penalty.page.charts import torque_chart
 from sdp_vs_penalty.page.view import Stage, View, after_model, identified
 from sdp_vs_penalty.reports.plots import Curves
@@ -103,8 +103,7 @@ def _replay(view: View, made: dict[str, Any]) -> None:
 
     def follow() -> None:
         drawn.update_figure(curves(min(view.joint or 0, len(units) - 1)))
-        if arm is not None:
-            arm(str(shown["run"]), session.arrays(made["arrays"][shown["run"]]))
+        arm(str(shown["run"]), session.arrays(made["arrays"][shown["run"]]))
 
     def look(run: str) -> None:
         shown["run"] = int(run)
@@ -117,11 +116,8 @@ def _replay(view: View, made: dict[str, Any]) -> None:
             draw.choice(
                 "Free run", [(str(k), n) for k, n in enumerate(made["runs"])], "0", look, "free-run"
             )
-    with draw.tag("div", style="pair"):
-        said = "grey: measured, blue: simulated"
-        drawn = draw.chart(curves(joint), "Measured and simulated position, and what is left")
-        drawn.classes("timed")
-        arm = draw_arm(view, about, said, arms=2) if about["bodies"] else None
+    label, said = "Measured and simulated position, and what is left", "grey: measured, blue: simulated"
+    drawn, arm = chart_and_arm(view, curves(joint), label, about, said, arms=2)
     view.followers["forward"] = follow
     follow()
 
