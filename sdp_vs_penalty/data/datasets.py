@@ -133,8 +133,9 @@ def _ur10e_runs(folder: Path) -> dict[str, Measurements]:
     runs = {}
     for file in DATASETS["ur10e"].files:
         first, last = file.rows or (1, None)
-        span = {"skiprows": first - 1, "max_rows": last and last - first + 1}
-        rows = np.loadtxt(folder / file.name, delimiter=",", encoding="latin1", **span)
+        many = None if last is None else last - first + 1
+        path, skip = folder / file.name, first - 1
+        rows = np.loadtxt(path, delimiter=",", skiprows=skip, max_rows=many, encoding="latin1")
         tau = rows[:, 13:19] * np.array(UR10E_DRIVE_GAINS)
         name = Path(file.name).stem
         runs[name] = Measurements(rows[:, 0], rows[:, 1:7], tau, rows[:, 7:13], None, (name,))
