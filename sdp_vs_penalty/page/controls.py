@@ -164,7 +164,8 @@ def table(
 
 def judged(models: Sequence[ModelStep]) -> None:
     """How good models are, a row each."""
-    rows = [[model.label, *model.judged[1:]] for model in models]
+    names = [f"{k} {m.label}" if len(models) > 1 else m.label for k, m in enumerate(models, start=1)]
+    rows = [[name, *model.judged[1:]] for name, model in zip(names, models, strict=True)]
     table(["model", *JUDGED_HEADS], rows, "Models judged", "judged")
 
 
