@@ -191,7 +191,12 @@ def without_traces(measured: Measurements) -> Measurements:
     :data:`LARGEST_VALUE` the one place that keeps squares and quotients of samples within range."""
 
     found = {"t": measured.t, **measured.groups}
-    odd = [name for name, x in found.items() if any(np.any(_traces(part)) for _, part in parts(x))]
+    odd = measured.once(
+        "traces",
+        lambda: [
+            name for name, x in found.items() if any(np.any(_traces(part)) for _, part in parts(x))
+        ],
+    )
     for name in odd:
         found[name] = joined(np.where(_traces(x), 0.0, x) for _, x in parts(found[name]))
     return Measurements.of(found.pop("t"), found, measured.names, measured.run) if odd else measured

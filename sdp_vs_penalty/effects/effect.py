@@ -14,7 +14,7 @@ from abc import ABC
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
-from itertools import product
+from itertools import accumulate, pairwise, product, starmap
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -384,5 +384,6 @@ class JointEffect(Effect):
     def apart(self, columns: Sequence[Array]) -> list[Block]:
         """Of the columns (N,) or (N, k) of each of its joints."""
         wide = [x.reshape(len(x), -1) for x in columns]
-        own = np.split(np.arange(sum(x.shape[1] for x in wide)), np.cumsum([x.shape[1] for x in wide]))
-        return [Block(j, k, x) for j, k, x in zip(self.joints, own, wide, strict=False)]
+        ends = accumulate((x.shape[1] for x in wide), initial=0)
+        own = starmap(np.arange, pairwise(ends))
+        return [Block(j, k, x) for j, k, x in zip(self.joints, own, wide, strict=True)]

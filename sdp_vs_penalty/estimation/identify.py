@@ -22,11 +22,12 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.estimation import pose
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import DATA_SHARE
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
-from sdp_vs_penalty.estimation.pose import Posed, PoseOptions, in_columns, pose, readable
+from sdp_vs_penalty.estimation.pose import Posed, PoseOptions, in_columns, readable
 from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
@@ -291,7 +292,7 @@ def identify(
         measurements.require_torque(f"method {OUTPUT_ERROR}")
     chosen = effects, preprocessing, weighting, gain_uncertainty, known_loads, seed
     options = PoseOptions(*chosen, known or {}, instruments)
-    posed = pose(problem, measurements, options, progress, workers)
+    posed = pose.posed(problem, measurements, options, progress, workers)
     posed.task.progress(f"estimating by {estimator.name}")
     try:
         fit = estimator.fit(posed.task)

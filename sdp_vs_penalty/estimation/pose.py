@@ -111,7 +111,17 @@ def pose(
     """
     problem = as_problem(problem, "pose(problem=...)")
     data = readable(problem, measurements, "pose(measurements=...)")
-    options = options or PoseOptions()
+    return posed(problem, data, options or PoseOptions(), progress, workers)
+
+
+def posed(
+    problem: Problem,
+    data: Measurements | BlackBox,
+    options: PoseOptions,
+    progress: Progress = no_progress,
+    workers: Workers = ALONE,
+) -> Posed:
+    """The same of data that have been read (:func:`readable`)."""
     if options.instruments not in (None, "command", "none"):
         raise unknown("instruments", options.instruments, ("command", "none"))
     if isinstance(data, BlackBox):

@@ -331,16 +331,17 @@ class _Profile:
     def from_grid(self) -> Array:
         """(B,) ln u, each in turn at the value of its grid that leaves least; as the model has it where
         that is next to no gain."""
-        u = self.now.copy()
+        u, columns = self.now.copy(), self._made(self.now)[0]
         for k, (bank, part) in enumerate(zip(self.banks, self._parts, strict=True)):
-            U = visible(np.delete(self._made(u)[0], k, axis=1))[0]
+            U = visible(np.delete(columns, k, axis=1))[0]
             left = part - (part @ U) @ U.T
             made = left @ self.torque
             made = np.maximum(made, 0.0) if self._brakes[k] else made
             taken = made**2 / or_one(np.sum(left**2, axis=1))
             grid, best = np.log(bank.values), int(np.argmax(taken))
             gain = taken[best] - taken[np.argmin(np.abs(grid - u[k]))]
-            u[k] = grid[best] if gain > 0.5 * SHAPE_GAIN * self.variance else u[k]
+            if gain > 0.5 * SHAPE_GAIN * self.variance:
+                u[k], columns[:, k] = grid[best], part[best]
         return u
 
     def best(self, start: Array, free: NDArray[np.intp]) -> Array:
