@@ -22,7 +22,7 @@ from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.identify import identify as _identify
 from sdp_vs_penalty.estimation.pose import readable
-from sdp_vs_penalty.estimation.verdict import Errors, Verdict, judge, noise_level
+from sdp_vs_penalty.estimation.verdict import Errors, NoiseFloor, Verdict, judge, noise_level
 from sdp_vs_penalty.formatting import Shown, Summary, finite
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -246,7 +246,7 @@ def compare(
     given = measurements
     if noise_from is not None:
         _, given = driven(first, as_measurements(noise_from))
-    floor = noise_level(first.problem, given, settings)
+    floor = _kept_noise(first, given, settings) or noise_level(first.problem, given, settings)
     said = subsample_sentence(
         window_subsample(given, settings),
         given,
@@ -254,6 +254,16 @@ def compare(
     )
     judged = [_judged(name, model, measurements, settings, floor) for name, model in models.items()]
     return Comparisons(replace(one, judged_on=said) for one in judged)
+
+
+def _kept_noise(
+    model: Estimate, given: Measurements, settings: Preprocessing
+) -> tuple[Array | None, str] | None:
+    """What :func:`noise_level` said of these measurements where the model keeps it; None elsewhere."""
+    if model.preprocessing != settings or model.provenance.get("noise") is None:
+        return None
+    kept = NoiseFloor.from_dict(model.provenance["noise"])
+    return (kept.floor, kept.source) if kept.data_hash == given.data_hash else None
 
 
 def _judged(
@@ -340,6 +350,8 @@ def identified(
         return estimate, None
     fit = compare({estimate.method: estimate}, measurements, noise_from=noise_from)[0]
     estimate.provenance["verdict"] = fit.verdict.to_dict()
+    noise = NoiseFloor(*fit.noise, (noise_from or measurements).data_hash)
+    estimate.provenance["noise"] = noise.to_dict()
     return estimate, fit
 
 

@@ -21,7 +21,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
-from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, write_text
@@ -315,6 +315,10 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
     provenance = data["provenance"]
     if provenance.get("verdict") is not None:
         Verdict.from_dict(provenance["verdict"])  # refused here, not by whoever asks for it
+    if provenance.get("noise") is not None:
+        floor = NoiseFloor.from_dict(provenance["noise"]).floor
+        if floor is not None and floor.shape != (robot.n,):
+            raise ValueError("noise: not a number for each joint")
     certificate = Certificate.from_dict(data["certificate"])
     found = problem, model, theta, uncertainty, data["method"], certificate
     filters = Preprocessing(**data["preprocessing"])

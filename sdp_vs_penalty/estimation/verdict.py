@@ -260,6 +260,15 @@ def changes(before: Array, after: Array, floor: Array | None) -> str:
     return f"{'; '.join([*better, *worse])} {unit}."
 
 
+@dataclass(frozen=True)
+class NoiseFloor(Plain):
+    """What :func:`noise_level` says of measurements with this hash."""
+
+    floor: Array | None
+    source: str
+    data_hash: str
+
+
 def noise_level(
     problem: Problem, measurements: Measurements, settings: Preprocessing
 ) -> tuple[Array | None, str]:

@@ -9,7 +9,7 @@ from random_robots import repeating_run
 from random_robots import repeating_run as run_of
 from small_runs import small_run
 
-from sdp_vs_penalty import Estimate, InputError, Problem, identify, where_it_fails
+from sdp_vs_penalty import Estimate, InputError, Problem, identify, load_estimate, where_it_fails
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
@@ -79,6 +79,27 @@ def test_models_are_judged_in_one_band(two_link, estimate):
     assert {c.band_hz for c in asked} == {9.0}
     # In a list each has a name of its own.
     assert len({c.name for c in compare([estimate, estimate], run)}) == 2
+
+
+def test_a_model_keeps_the_noise_of_its_own_runs(two_link, estimate, tmp_path):
+    """And of no others, nor behind other filters; a damaged one is refused."""
+    run, other = run_of(two_link, 0), Preprocessing(6.0, 9.0)
+    forgetful = replace(estimate, provenance=dict(estimate.provenance))
+    del forgetful.provenance["noise"]
+    estimate.save(tmp_path / "model.json")
+    loaded = load_estimate(tmp_path / "model.json")
+    for own, settings in ((run, None), (run, other), (run_of(two_link, 1), None)):
+        (kept,), (anew,) = (compare(m, own, settings) for m in (loaded, forgetful))
+        assert kept.to_dict() == anew.to_dict()
+    loaded.provenance["noise"]["floor"] = [7.0, 8.0]
+    assert compare(loaded, run)[0].noise_floor.tolist() == [7.0, 8.0]  # it is not measured again
+    assert compare(loaded, run, other)[0].noise_floor.tolist() != [7.0, 8.0]
+    for damage in ({"floor": [1.0]}, {"source": None}, {"data_hash": 3}, {"floor": "x"}):
+        worse = replace(loaded, provenance={**loaded.provenance})
+        worse.provenance["noise"] = {**loaded.provenance["noise"], **damage}
+        worse.save(tmp_path / "damaged.json")
+        with pytest.raises(InputError, match="damaged"):
+            load_estimate(tmp_path / "damaged.json")
 
 
 def test_json_has_the_promised_schema(two_link, estimate):
