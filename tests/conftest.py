@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from sdp_vs_penalty.page.sessions import Sessions
     from sdp_vs_penalty.page.worker import WorkerPool
+    from sdp_vs_penalty.simulation import HiddenRuns
 
 
 def real_data_folder() -> Path | None:
@@ -95,6 +96,14 @@ def scara_arm(tmp_path_factory: pytest.TempPathFactory) -> Problem:
     return load_problem(scara(tmp_path_factory.mktemp("arm")))
 
 
+@pytest.fixture(scope="session")
+def hidden(two_link: Problem) -> HiddenRuns:
+    """Four runs of two joints, the first with pre-sliding hysteresis."""
+    from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+
+    return hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
+
+
 # Of the page's tests; page_driver skips where the page, Playwright or Chromium is missing.
 
 
@@ -123,13 +132,10 @@ def context(browser: Browser) -> Iterator[BrowserContext]:
 
 
 @pytest.fixture(scope="module")
-def files(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def files(hidden: HiddenRuns, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Runs with a hidden effect."""
     from page_driver import written
 
-    from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
-
-    hidden = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
     return written(hidden, tmp_path_factory.mktemp("runs"))
 
 

@@ -151,7 +151,7 @@ def test_the_story_in_names_and_paths(tmp_path):
     """simulate, check, identify, diagnose, add, compare, report: strings all the way."""
     made = simulate("two_link", "joint_spring:2", seed=7)
     made.save(tmp_path)
-    train = [str(tmp_path / f"run{k}.csv") for k in (1, 2, 3)]
+    train = [str(tmp_path / f"run{k}.csv") for k in (1, 2)]
     test = str(tmp_path / "test.csv")
     (checked,) = check("two_link", test)
     assert not checked.meaningless

@@ -381,7 +381,12 @@ WRONG_PROBLEMS: dict[str, tuple[str, object, bool, str, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", WRONG_PROBLEMS)
+LONG = ("too heavy", "too light, no limits")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=pytest.mark.long) if x in LONG else x for x in WRONG_PROBLEMS]
+)
 def test_a_wrong_problem_is_named_rather_than_the_data(name, simulated):
     """Where effort limits witness the torques' size, masses are doubted; torques are never rescaled."""
     problem, run = simulated

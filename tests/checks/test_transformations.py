@@ -58,7 +58,10 @@ def test_a_position_with_the_wrong_sign_is_named_by_its_joint():
     np.testing.assert_array_equal(report.mended.q, run.q)
 
 
-@pytest.mark.parametrize(("law", "joint", "size"), [("a spring", 3, 30.0), ("drag", 2, 20.0)])
+@pytest.mark.parametrize(
+    ("law", "joint", "size"),
+    [("a spring", 3, 30.0), pytest.param("drag", 2, 20.0, marks=pytest.mark.long)],
+)
 def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(law, joint, size):
     """A spring larger than its joint's weight was called a gain sixteen times too small."""
     problem = load_problem("panda")

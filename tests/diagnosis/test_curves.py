@@ -51,6 +51,7 @@ def made() -> Made:
     return diagnosed(lambda m: m.q[:, JOINT] * m.dq[:, JOINT])
 
 
+@pytest.mark.long
 def test_a_law_of_a_combination_is_found_as_one_and_added():
     made = diagnosed(lambda m: np.tanh((m.q[:, 0] - m.q[:, 1]) / 0.3))
     curve = made.found.curves[0]
@@ -129,6 +130,7 @@ def test_the_added_curve_takes_the_error_to_the_noise(made):
     assert written.to_dict() == restored.to_dict() == effect.to_dict()
 
 
+@pytest.mark.long
 def test_a_cubic_is_a_curve_with_its_law_and_no_spring_beside_a_ripple():
     """Both together explain it as well, with four constants for one."""
     found = diagnosed(lambda m: 0.5 * m.q[:, JOINT] ** 3).found
@@ -139,6 +141,7 @@ def test_a_cubic_is_a_curve_with_its_law_and_no_spring_beside_a_ripple():
     assert not found.beside_curves
 
 
+@pytest.mark.long
 def test_a_wave_of_two_joints_is_one_law_of_both():
     """Beside the noise that each leaves it explains more than a wave of their sum, which comes near."""
     found = diagnosed(lambda m: np.sin(3.9 * m.q[:, JOINT] + 3.0 * m.q[:, 0])).found

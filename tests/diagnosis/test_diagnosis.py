@@ -212,6 +212,7 @@ def test_a_joint_that_does_not_move(panda):
     json.dumps(result.to_dict(), allow_nan=False)
 
 
+@pytest.mark.long
 def test_one_joint():
     problem = load_problem("emps")
     made = hidden_runs(problem, [("asymmetric_viscous_friction", [0])], "strong", seed=23)
@@ -244,10 +245,9 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found):
 
 
 @pytest.fixture(scope="module")
-def presliding(two_link):
-    made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
-    data = concatenate(made.runs[:3])
-    return made, data, identify(two_link, data, effects=made.truth["model_effects"])
+def presliding(hidden):
+    data = concatenate(hidden.runs[:3])
+    return hidden, data, identify(hidden.problem, data, effects=hidden.truth["model_effects"])
 
 
 def test_add_estimates_the_shape_and_saves(presliding, tmp_path):

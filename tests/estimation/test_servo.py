@@ -258,7 +258,9 @@ def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, cap
         identify(arm, silent, effects=loop, check=False)
 
 
-@pytest.mark.parametrize("scale", ["mass", "load", "torque"])
+@pytest.mark.parametrize(
+    "scale", ["mass", *(pytest.param(x, marks=pytest.mark.long) for x in ("load", "torque"))]
+)
 def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
     """The law, its delay and the instruments are found again from what was asked."""
     path, run = tmp_path / "proof.json", log(1e-3, delay=0.02, torque=scale == "torque")

@@ -67,6 +67,7 @@ def test_a_given_width_is_kept(scara_arm, run):
 
 
 @pytest.mark.real_data
+@pytest.mark.long
 def test_widths_do_not_cost_what_another_motion_shows(data_folder):
     """Other turns explain this run of the UR10e better, by a hundred times the noise's
     variance, and another run worse."""

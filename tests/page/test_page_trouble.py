@@ -72,6 +72,7 @@ def bad_runs(folder: Path) -> dict[str, tuple[Path, str]]:
     }
 
 
+@pytest.mark.long
 def test_bad_files_are_refused_in_a_sentence(context, server, files, tmp_path):
     page = open_page(context, server)
     pick(page, "two_link")
@@ -95,6 +96,7 @@ def test_bad_files_are_refused_in_a_sentence(context, server, files, tmp_path):
     page.wait_for_selector("table.runs")
 
 
+@pytest.mark.long
 def test_bad_robots_are_refused_and_names_are_no_paths(context, server):
     page = open_page(context, server)
     entity = '<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/hostname">]><robot name="r">&x;</robot>'
@@ -132,6 +134,7 @@ def test_bad_robots_are_refused_and_names_are_no_paths(context, server):
     assert not [p for p in server.temporary.rglob("*.urdf") if p not in kept]
 
 
+@pytest.mark.long
 def test_files_can_be_dragged_onto_the_page(context, server, two_link):
     page = open_page(context, server)
     drop = page.evaluate_handle(

@@ -22,7 +22,7 @@ from commands import python
 from page_sessions import do, finish, opened, saved
 from starlette.requests import ClientDisconnect
 
-from sdp_vs_penalty import InputError, Problem, follow, load_estimate
+from sdp_vs_penalty import InputError, follow, load_estimate
 from sdp_vs_penalty.checks.urdf import check_urdf
 from sdp_vs_penalty.diagnosis import Curve
 from sdp_vs_penalty.page import sessions as sessions_module
@@ -34,19 +34,12 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
 from sdp_vs_penalty.reports.plots import Curves, envelope
-from sdp_vs_penalty.simulation import HiddenRuns
-from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 #: A job of seconds.
 LONG = {
     "job": "simulate", "robot": {"source": "panda"}, "folder": "nowhere", "seed": 0, "runs": [],
     "effect": "joint_spring", "joints": [1], "level": "strong",
 }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def hidden(two_link: Problem) -> HiddenRuns:
-    return hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
 
 
 def numbers(packed: Any) -> Any:

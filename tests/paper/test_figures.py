@@ -36,7 +36,7 @@ def studies() -> Iterator[dict[str, Study]]:
     patch.undo()
 
 
-LONG = {n: pytest.param(n, marks=pytest.mark.long) for n in (1, 2, 3, 5)}
+LONG = {n: pytest.param(n, marks=pytest.mark.long) for n in (1, 2, 3, 5, 6, 10)}
 
 
 @pytest.mark.parametrize("number", [LONG.get(n, n) for n in sorted(FIGURES)])

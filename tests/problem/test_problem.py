@@ -10,6 +10,7 @@ from random_robots import bare, link_parameters, sines, task_of, tree
 
 from sdp_vs_penalty import InputError, Measurements, Problem, identify
 from sdp_vs_penalty.estimators import interior_point
+from sdp_vs_penalty.paper.tables.errata import pi_p_hat
 from sdp_vs_penalty.problem import plausible_links, published_links, with_bounds
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.published import published_cell, published_values
@@ -184,11 +185,6 @@ def test_an_arm_of_unknown_masses_weighs_about_what_its_maker_says(name):
 
 #: Rows of Table III whose pi(p_hat) the paper leaves empty (erratum 8).
 EMPTY = {8, 24}
-
-
-def pi_p_hat(problem: Problem, corrected: bool) -> np.ndarray:
-    base, _ = base_parameters(problem.model(), problem.independent)
-    return base @ published_links(problem, "p_hat", corrected).ravel()
 
 
 def rows_that_differ(problem: Problem, pi: np.ndarray, corrected: bool) -> set[int]:

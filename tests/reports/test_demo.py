@@ -13,6 +13,7 @@ from sdp_vs_penalty.reports.demo import HIDDEN
 pytest.importorskip("plotly")
 
 
+@pytest.mark.long
 def test_the_demo_tells_the_whole_story(tmp_path, capsys):
     begin = time.process_time()
     code = run_cli("demo", "--out", tmp_path / "demo")
