@@ -268,9 +268,13 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
     apart, known = search.score.apart(fit, term.form, term.columns)
     columns = [apart]
     own = free_constants(term.form.effect)
-    for t in [term, *others]:
-        if free_constants(t.form.effect):
-            moved = data.columns(ShapeSensitivity(t.form.effect, t.beta))
+    model, shaped = data.estimate.model, [(t.form.effect, t.beta) for t in (term, *others)]
+    if not data.frozen:  # the constants of the model's own effects are no better known
+        thetas = (data.estimate.theta[k] for k in model.indices)
+        shaped += zip(model.effects, thetas, strict=True)
+    for effect, theta in shaped:
+        if free_constants(effect):
+            moved = data.columns(ShapeSensitivity(effect, theta))
             if moved:
                 columns.append(fit.beside(fit.scaled(moved)))
     T = np.concatenate(columns, axis=2)

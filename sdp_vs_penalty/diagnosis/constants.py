@@ -43,9 +43,6 @@ RAISES, REPAID = 0.02, 3.0
 #: Share by which a held-out error has to fall, less is minor; and of the squares of an event's window
 #: that its extent may leave out.
 MINOR = 0.01
-#: Share of the test run's rows outside of a curve's table from which it is not offered: it would be
-#: judged by what is held constant there.
-OUTSIDE = 0.5
 
 # What is left.
 

@@ -16,7 +16,7 @@ from sdp_vs_penalty.diagnosis.conclude import (
     told,
     what_is_left,
 )
-from sdp_vs_penalty.diagnosis.constants import APART, OUTSIDE, RAISES
+from sdp_vs_penalty.diagnosis.constants import APART, RAISES
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import Judge, lowers, raises
@@ -28,6 +28,7 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
+from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
@@ -168,7 +169,8 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: Judge) -> Foun
         terms = [i for i, t in enumerate(found.search.terms) if t not in gone]
         after, on = held.errors([*terms, *taken, k]), [curve.joint]
         helps = lowers(before[on], after[on]) and not raises(before, after)
-        if helps and judge.outside(curve.table) <= OUTSIDE:
+        # Most of the test run has to be where the table is no constant.
+        if helps and judge.outside(curve.table) <= MOSTLY_NEW:
             out.append(replace(curve, before=float(before[curve.joint]), errors=after))
             before, taken = after, [*taken, k]
     return replace(found, curves=tuple(out))

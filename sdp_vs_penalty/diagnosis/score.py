@@ -34,7 +34,7 @@ from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums
 from sdp_vs_penalty.robot.arrays import Array, or_one
 
 #: Share of a column below which what others leave of it is rounding.
-_DEPENDENT = 1e-5
+DEPENDENT = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -367,7 +367,7 @@ def orthonormal(columns: Array) -> Array:
 
 def _triangle(gram: Array) -> Array:
     """(p, p) Cholesky factor of a positive matrix, with a ridge against columns that others make."""
-    return np.asarray(np.linalg.cholesky(gram + np.diag(_DEPENDENT**2 * or_one(np.diagonal(gram)))))
+    return np.asarray(np.linalg.cholesky(gram + np.diag(DEPENDENT**2 * or_one(np.diagonal(gram)))))
 
 
 def _ridged(A: Array) -> Array:

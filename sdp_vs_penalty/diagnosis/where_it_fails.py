@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.constants import WITHIN
 from sdp_vs_penalty.diagnosis.findings import Carrier
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, with_estimate
 from sdp_vs_penalty.effects.effect import smooth_sign
@@ -54,9 +55,6 @@ NEAR, FOLLOWS = 0.15, 0.4
 _FAST = 0.75
 #: Hat functions of a quantity; an odd number, so that one of them sits at the reversal itself.
 _HATS = 9
-#: A stretch fails where the error's RMS over 2 NEAR is so many noise floors, or times its own RMS where
-#: the floor is not known; shorter ones than NEAR are not shown.
-_TIMES = 2.0
 #: Bins of one revolution for the order spectrum; eight show a wave.
 _BINS = 4096
 
@@ -354,10 +352,11 @@ def failing_stretches(
     error: Array, floor: float | None, velocity: Array, still: Array, rows: SegmentedRuns,
     shares: dict[str, float],
 ) -> tuple[Stretch, ...]:  # fmt: skip
-    """Where a joint's error (M,) is large, with the cause that is seen there."""
+    """Where a joint's error (M,) is large, with the cause that is seen there: its RMS over 2 NEAR beyond
+    the factor within which a floor may be known, or of its own RMS without one; for NEAR at least."""
     width = max(1, round(2.0 * NEAR * rows.rate))
     size = np.sqrt(np.convolve(error**2, np.ones(width) / width, mode="same"))
-    limit = _TIMES * (floor or float(np.sqrt(np.mean(error**2))))
+    limit = WITHIN * (floor or float(np.sqrt(np.mean(error**2))))
     rest = {name: x for name, x in shares.items() if name not in (REVERSAL, STANDSTILL, HIGH_SPEED)}
     best = max(rest, key=lambda name: rest[name], default=UNNAMED)
     names = np.array([best if rest.get(best, 0.0) >= CHANGES else UNNAMED], dtype=object).repeat(

@@ -92,9 +92,7 @@ class WhiteData:
 def cluster_sums(clusters: Sequence[NDArray[np.intp]], scores: Array) -> Iterator[Array]:
     """(clusters, k) sums of scores (M, k), by each way to cluster rows."""
     for labels in clusters:
-        u = np.zeros((int(labels.max()) + 1, scores.shape[1]))
-        np.add.at(u, labels, scores)
-        yield u
+        yield np.stack([np.bincount(labels, column) for column in scores.T], axis=1)
 
 
 def prepare(

@@ -27,8 +27,8 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 _DEGREE = 3
-#: Splines along one variable, along each of a pair, and along each where pairs are looked through.
-_ALONE, _PAIR, _ROUGHLY = 32, 9, 6
+#: Splines along one variable, and along each of a pair.
+_ALONE, _PAIR = 32, 9
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,8 @@ class Basis:
 
     @property
     def roughly(self) -> Basis:
-        """A pair's with fewer splines; over one variable itself."""
-        few = [replace(a, count=_ROUGHLY) if a.count == _PAIR else a for a in self.axes]
+        """A pair's with two thirds of its splines; over one variable itself."""
+        few = [replace(a, count=2 * _PAIR // 3) if a.count == _PAIR else a for a in self.axes]
         return Basis(tuple(few))
 
     def of_motion(self, motion: Motion) -> Array:

@@ -14,15 +14,13 @@ import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import CLOSELY, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Axis, Basis, Columns, SplineFit
-from sdp_vs_penalty.diagnosis.score import Score
+from sdp_vs_penalty.diagnosis.score import DEPENDENT, Score
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Steps of a scan over a constant; a quarter as many over each of two.
 _SCAN = 56
-#: White energy of a law's column, per unit of its amplitude, below which rows do not see it.
-_UNSEEN = 1e-9
 
 
 @dataclass(frozen=True)
@@ -308,7 +306,7 @@ def written(law: LawFit, f: SplineFit, torque_units: Sequence[str]) -> str:
 def _amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
     """(S, m) those that explain most, and (S,) how much, of normal equations (S, m, m) and (S, m);
     nothing of columns that the rows do not see (a bump where nobody was)."""
-    visible = np.einsum("smm->sm", gram) > _UNSEEN
+    visible = np.einsum("smm->sm", gram) > DEPENDENT**2
     known = np.asarray(np.isfinite(gram).all(axis=(1, 2)) & visible.all(axis=1))
     gram, pull = np.where(known[:, None, None], gram, 0.0), np.where(known[:, None], pull, 0.0)
     scale = np.sqrt(np.maximum(np.einsum("smm->sm", gram), 1e-300))
