@@ -49,9 +49,8 @@ MINOR = 0.01
 #: Chance that repetitions as few as these show the noise as too low as makes what is left, in rows that
 #: are evidence, a matter: with 1000 degrees of freedom 1.4 times its variance.
 CHANCE = 1e-3
-#: Factor within which a spectrum tells the noise (.52 to 1.3 of the truth on 38
-#: logs of two simulators, most too low): its square beyond what matters is asked, or that it stands out
-#: of that of half of the joints by the factor, where that is less.
+#: Factor within which a spectrum tells the noise (.52 to 1.3 of the truth on 38 logs of two simulators,
+#: most too low): its square beyond what matters is asked.
 WITHIN = 2.0
 #: Share by which it has to raise a joint's error above its noise to matter.
 MATTERS = 0.1

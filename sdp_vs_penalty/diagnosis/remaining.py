@@ -64,10 +64,8 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
 
     variance = mean(white**2, slides)
     beyond = np.sqrt(np.maximum(mean(residual**2, slides) - noise.floor**2, 0.0))
-    # Of one log's joints the spectrum is wrong by much the same.
-    beside = WITHIN * max(float(np.median(variance)), 1.0)
     more = (1.0 + MATTERS) ** 2
-    least = np.full(len(variance), min(WITHIN**2 * more, beside))
+    least = np.full(len(variance), WITHIN**2 * more)
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         least = more * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -155,9 +153,6 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
     for j in range(rows.n):
         # The noise may be larger than was thought; its median does not see an event.
         steady = white[:, j] / max(robust_scale(white[white[:, j] != 0.0, j]), 1.0)
-        # Friction that turns round lets go a little elsewhere each time.
-        slow = rows.slow[:, j] > SLOW
-        steady[slow] /= max(np.sqrt(np.mean(steady[slow] ** 2)), 1.0) if slow.any() else 1.0
         degrees = float(noise.degrees[j])
         found = local_excess(steady, rows.pieces(j), rows.n, degrees)
         if found.any() and noise.source != REPETITION:
