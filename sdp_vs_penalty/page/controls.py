@@ -78,21 +78,16 @@ def number(label: str, value: int, do: Callable[[int], Any], key: str) -> None:
         with suppress(ValueError):  # the browser shows that it is no number
             do(max(0, int(text)))
 
-    _line(label, "field short", take, key, type="number", min="0", step="1", value=str(value))
+    text_field(label, str(value), take, key, style="field short", type="number", min="0", step="1")
 
 
 def text_field(
-    label: str, value: str, do: Callable[[str], Any], key: str, example: str = "", wide: bool = False
+    label: str, value: str, do: Callable[[str], Any], key: str, example: str = "", **how: Any
 ) -> None:
-    """A labelled line of text."""
-    style = "field wide-field" if wide else "field"
-    _line(label, style, do, key, type="text", value=value, placeholder=example)
-
-
-def _line(label: str, style: str, do: Callable[[str], Any], key: str, **attributes: Any) -> None:
-    with tag("label", style=style):
+    """A labelled line of text; how : attributes of the <input>, and ``style`` of both."""
+    with tag("label", style=how.pop("style", "field")):
         tag("span", label)
-        field = tag("input", data_key=key, **attributes)
+        field = tag("input", data_key=key, value=value, placeholder=example, **{"type": "text", **how})
         field.on("change", lambda e: do(str(e.args)), js_handler="(e) => emit(e.target.value)")
 
 

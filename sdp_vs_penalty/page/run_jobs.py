@@ -97,8 +97,6 @@ class Asked(dict[str, Any]):
 
 #: Share of a run that is identified from where the rest of it is kept for testing.
 SPLIT = 0.7
-#: What the page shows of a finding of the check.
-_SHOWN = ("severity", "kind", "where", "what", "remedy", "mends", "gravity")
 
 
 def real_files(name: str) -> list[Path]:
@@ -123,13 +121,12 @@ def read(asked: Asked) -> Answer:
             with warnings.catch_warnings(record=True) as heard:
                 warnings.simplefilter("always", Remark)
                 part = _loaded(asked, problem, path)
-            said = (str(w.message) for w in heard if w.category is Remark)
-            remarks += [text.replace(str(path), file["name"]) for text in said]
+            remarks += [str(w.message) for w in heard if w.category is Remark]
             if twin := hashes.get(part.data_hash):
                 raise InputError(f"holds the same samples as {twin}", "name each run once", path)
             run = keep(asked, problem, part, file["name"], given=file.get("given", file["name"]))
         except InputError as error:
-            refused.append(str(error).replace(str(path), file["name"]))
+            refused.append(str(error))
             continue
         hashes[run["hash"]] = run["name"]
         runs.append(run)
@@ -225,7 +222,7 @@ def keep(
         "seconds": seconds,
         "split": _split(problem, part),
         "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
-        "findings": [{word: getattr(f, word) for word in _SHOWN} for f in found.problems],
+        "findings": [{**f.to_dict(), "gravity": f.gravity} for f in found.problems],
     }
 
 

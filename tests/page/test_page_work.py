@@ -135,7 +135,7 @@ def test_a_run_is_repaired_where_it_is_certain(sessions, hidden, tmp_path):
     tau[[500, 900, 1300], 1] += 500.0
     s = opened(sessions, "two_link", **saved(tmp_path, [replace(run, tau=tau)], "spikes.csv"))
     (before,) = s.runs
-    assert [f["kind"] for f in before["findings"] if f["mends"]] == ["spikes"]
+    assert [f["kind"] for f in before["findings"] if f["can_fix"]] == ["spikes"]
     drawn = data_chart(s.arrays(before["view"]), ["N m", "N m"])
     (crosses,) = (d for d in drawn["data"] if d["name"] == "joint 2, repaired")
     np.testing.assert_allclose(numbers(crosses["x"]), run.t[[500, 900, 1300]] - run.t[0], rtol=1e-4)

@@ -28,7 +28,7 @@ def _draw_check(view: View) -> None:
     options = data_chart(session.arrays(views[first]), units)
     drawn, move = chart_and_arm(view, options, said, session.robot["drawn"], "nominal links")
     crosses = "Crosses: what the check would put there. "
-    mended = any(found["mends"] for run in session.runs for found in run["findings"])
+    mended = any(found["can_fix"] for run in session.runs for found in run["findings"])
     draw.note(f"{crosses * mended}Drag to look closer; Play moves the arm.")
     look(first)
 
@@ -49,7 +49,7 @@ def _findings(session: Session) -> None:
                 vector = ",".join(f"{g:g}" for g in found["gravity"])
                 apply, key = partial(session.mount, vector), f"apply-{run['file']}"
                 draw.button(f"Apply: gravity {vector}", apply, key, "primary")
-        if any(found["mends"] for found in run["findings"]):
+        if any(found["can_fix"] for found in run["findings"]):
             apply = partial(session.mend, run["file"])
             draw.button(f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary")
 

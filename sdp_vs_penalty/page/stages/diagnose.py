@@ -149,7 +149,9 @@ def _by_hand(view: View) -> None:
     with draw.details("Add an effect by its name", "by-hand"):
         said = "name[:joints][@shape=value], such as payload with the model kept fixed"
         written = [""]
-        draw.text_field(said, "", partial(written.__setitem__, 0), "add-text", "payload", wide=True)
+        draw.text_field(
+            said, "", partial(written.__setitem__, 0), "add-text", "payload", style="field wide-field"
+        )
         draw.button("Add it", partial(view.session.add, written), "add-by-hand")
 
 

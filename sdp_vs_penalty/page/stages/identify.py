@@ -103,7 +103,7 @@ def _options(view: View) -> None:
     chosen = len(session.options)
     with draw.details(f"More options{f' ({chosen} set)' * bool(chosen)}", "more-options"):
         said = "Effects as text: name[:joints][@shape=value], such as coulomb_friction@v_s=0.01"
-        draw.text_field(said, ",".join(session.effects), write, "effects-text", wide=True)
+        draw.text_field(said, ",".join(session.effects), write, "effects-text", style="field wide-field")
         with draw.tag("div", style="fields"):
             draw.draw_form(view.forms["identify"], session.options)
 
