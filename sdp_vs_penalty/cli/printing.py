@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.cli.console import aligned, details, explain, next_step, say, table
+from sdp_vs_penalty.cli.console import aligned, details, explain, say, table
 from sdp_vs_penalty.diagnosis.sentences import event_lines
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.exporters.links import LINK_HEADS, link_rows
@@ -199,18 +199,13 @@ def failure_tables(failures: Sequence[JointFailure]) -> None:
     table("Residual of each joint", joints, rows)
 
 
-def diagnosis(
-    result: Diagnosis, units: Sequence[str], add: Sequence[str], verbose: bool = False
-) -> None:
-    """The verdict, what to do next, the history of effects with the falling error, and what is left.
+def diagnosis(result: Diagnosis, units: Sequence[str], found: bool, verbose: bool = False) -> None:
+    """The verdict, the history of effects with the falling error, and what is left.
 
-    add : the words of the command that adds the findings shown, none where there are none; verbose :
-    the weak findings at the end as well.
+    found : whether there is anything to be added; verbose : the weak findings at the end as well.
     """
     say(result.headline, style="bold")
-    if add:
-        next_step(add)
-    if result.left or not add:
+    if result.left or not found:
         explain(result.advice)
     for retune in result.retuned:
         weak = f" (weak: {'; '.join(retune.remarks)})" if retune.remarks else ""

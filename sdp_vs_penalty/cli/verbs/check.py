@@ -58,20 +58,22 @@ def verb(
             remedy = "cut it into files of 250 000 rows"
             raise InputError("--fix: a run is too long to be repaired", remedy)
         folder = len(data) > 1 or not fix.suffix or fix.is_dir()
-        for path, report in zip(data, reports, strict=True):
-            target = fix / f"{path.stem}.csv" if folder else fix
-            save(report.fixed, target)
-            console.written(target)
-            note = target.with_name(f"{target.stem}_changes.txt")
+        copies = [fix / f"{path.stem}.csv" if folder else fix for path in data]
+        for path, report, copy in zip(data, reports, copies, strict=True):
+            save(report.fixed, copy)
+            console.written(copy)
+            note = copy.with_name(f"{copy.stem}_changes.txt")
             write_text(note, report.changes(path.name))
             console.written(note)
+    console.save_json(json_, {"problem": robot.name, "runs": [r.to_dict() for r in reports]})
+    if fix is not None:
+        console.next_step(["check", *copies, "--problem", problem, *mounting])
     elif any(f.mends for report in reports for f in report.problems):
         to = _beside(data)
         console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", to])
     elif not meaningless:
         train = [path for path in data if not for_testing(path)] or data
         console.next_step(["identify", problem, "--data", *train, *mounting, "--out", "model.json"])
-    console.save_json(json_, {"problem": robot.name, "runs": [r.to_dict() for r in reports]})
     if meaningless:
         raise SystemExit(1)
 

@@ -32,7 +32,6 @@ def verb(
     failures = where_it_fails(estimate, runs, oldest.preprocessing, noise_from=whole, noise=noise)
     for result in results:
         printing.verdict(result.verdict, result.name)
-    next_diagnosis(newest, estimate, data, window)
     units = estimate.robot.torque_units
     printing.comparison(results, units)
     printing.where_it_fails(failures, units, newest)
@@ -53,3 +52,4 @@ def verb(
             "loops": {name: loop.to_dict() for name, loop in loops.items()},
         },
     )
+    next_diagnosis(newest, estimate, data, window)

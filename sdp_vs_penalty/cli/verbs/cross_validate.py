@@ -55,5 +55,5 @@ def verb(
     console.table(title, heads, rows)
     how_told = [*["--effects", effects] * bool(effects), *["--gravity", gravity] * bool(gravity)]
     told = ["identify", problem, "--data", *data, "--method", method, *how_told, "--out", "model.json"]
-    console.next_step(told)
     console.save_json(json_, result.to_dict())
+    console.next_step(told)

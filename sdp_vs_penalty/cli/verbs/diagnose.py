@@ -54,10 +54,11 @@ def verb(
             what += ["--only", ",".join(str(k + 1) for k in range(len(shown)))]
     elif result.effects or result.retuned:
         what = [",".join([*(r.text for r in result.retuned), *(f.text for f in shown)])]
-    add = ["add", str(model), *what, *words, "--out", str(_next_to(model))] if what else []
-    printing.diagnosis(result, estimate.robot.torque_units, add, verbose)
+    printing.diagnosis(result, estimate.robot.torque_units, bool(what), verbose)
     printing.undecided(result, model)
     console.save_json(json_, result.to_dict())
+    if what:
+        console.next_step(["add", model, *what, *words, "--out", _next_to(model)])
 
 
 def _next_to(model: Path) -> Path:

@@ -44,8 +44,8 @@ def verb(
     made.save(out)
     effects = ",".join(made.truth["model_effects"])
     runs = [out / name for name in RUN_FILES[:-1]]
-    console.next_step(["identify", source, "--data", *runs, "--effects", effects, "--out", "model.json"])
     console.written(f"{out}/{' '.join(RUN_FILES)} truth.json")
+    console.next_step(["identify", source, "--data", *runs, "--effects", effects, "--out", "model.json"])
 
 
 def _follow(
@@ -62,7 +62,6 @@ def _follow(
         estimate = load_estimate(model)
         made = follow(estimate, runs, drive=cast(Any, drive), seed=seed, progress=progress)
     console.say(made.verdict, style="bold")
-    next_diagnosis(model, estimate, runs, None)
     console.table("Forward simulation against the measured motion (RMS)", *made.table())
     console.explain(made.explained)
     if made.free[0].spread is None:
@@ -74,3 +73,4 @@ def _follow(
     if out is not None:
         csv.write(made.free[0].simulated, out)
         console.written(out)
+    next_diagnosis(model, estimate, runs, None)
