@@ -1,7 +1,7 @@
 """The house style of the command line: sentences, tables and numbers on stdout, progress on stderr.
 
-A verb prints its verdict, then tables, then the files that it has written, and in the last line what to do
-next; three significant digits, units in the headings.
+A verb prints its verdict, then tables, then the files that it has written; its last line is what to do
+next. Three significant digits, units in the headings.
 """
 
 import json
