@@ -10,6 +10,8 @@ the unit away without any guess about the motion:
   the two means that one of them is in degrees.
 """
 
+import math
+
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
@@ -17,8 +19,6 @@ from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 
-#: How far outside its range a joint may seem to be: a turn [rad]; for prismatic joints twice the range.
-_TURN = 2.0 * np.pi
 #: Ratios of two positions or velocities that mean degrees against radians: 57.3 within a third.
 _DEGREES = (38.0, 86.0)
 
@@ -38,7 +38,7 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
             q, travel, turns = run.q[:, j], high - low, joint.kind == "revolute"
             limited = np.isfinite(joint.lower) and np.isfinite(joint.upper)
             motors = _MOTORS if turns else ""
-            most = _TURN if turns else 2.0 * (joint.upper - joint.lower)
+            most = math.tau if turns else 2.0 * (joint.upper - joint.lower)
             if limited and max(joint.lower - low, high - joint.upper) > most:
                 worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
                 unit, units = ("rad", "degrees to radians") if turns else ("m", "millimetres to metres")
@@ -48,10 +48,10 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
                     f"convert {units}{motors}, or choose the problem that belongs to this file",
                 )
             # A motion to and fro over many turns, not a shaft that goes on turning.
-            if not limited and turns and travel > 8.0 * _TURN and abs(q[-1] - q[0]) < 0.5 * travel:
+            if not limited and turns and travel > 8.0 * math.tau and abs(q[-1] - q[0]) < 0.5 * travel:
                 raise InputError(
                     f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}: joint {j + 1} swings "
-                    f"through {travel / _TURN:.0f} turns: positions look like degrees",
+                    f"through {travel / math.tau:.0f} turns: positions look like degrees",
                     f"convert to radians{motors}",
                 )
 

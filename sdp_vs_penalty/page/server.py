@@ -1,7 +1,6 @@
 """The local server: addresses, who may ask, start and end."""
 
 import asyncio
-import atexit
 import contextlib
 import errno
 import gc
@@ -97,13 +96,11 @@ def serve(folder: Path | None, port: int | None, browser: bool, at: Address, for
     listener = _listen(at.host, port)
     chosen = listener.getsockname()[1]
     page = Page(folder, forms)
-    atexit.register(page.close)
     key = secrets.token_urlsafe(24)
     name = f"[{at.host}]" if ":" in at.host else at.host
     address = f"http{'s' * at.tls}://{name}:{chosen}/?{KEY}={key}"
     print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
     nicegui_app.on_startup(page.pool.prepare)
-    nicegui_app.on_shutdown(page.close)  # also where a signal ends the server
     # The server ends in order and then raises the signal again: leave by exit, so that what Python
     # itself keeps for processes is taken away too.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
