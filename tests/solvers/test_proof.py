@@ -2,7 +2,6 @@
 
 import copy
 import json
-import random
 import subprocess
 import sys
 import time
@@ -60,34 +59,6 @@ def proofs() -> dict[str, Proof]:
     return made
 
 
-def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Where every single text or number of a proof is."""
-    if isinstance(value, dict):
-        return [p for k, v in value.items() for p in places(v, (*path, k))]
-    if isinstance(value, list):
-        return [p for k, v in enumerate(value) for p in places(v, (*path, k))]
-    return [path]
-
-
-def changed(proof: Proof, rng: random.Random) -> Proof:
-    """The proof with one entry replaced by another one, big or small changes alike."""
-    out = copy.deepcopy(proof)
-    *way, last = rng.choice(places({k: v for k, v in out.items() if k != "sha256"}))
-    parent = out
-    for step in way:
-        parent = parent[step]
-    old = parent[last]
-    try:
-        number = Fraction(old)
-    except (ValueError, TypeError):
-        parent[last] = f"{old}x"
-        return out
-    step = rng.choice([Fraction(1, 10**9), Fraction(1, 100), Fraction(-1), Fraction(7)])
-    new = number + step * max(abs(number), 1)
-    parent[last] = int(new) if isinstance(old, int) and int(new) != old else str(new)
-    return out
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_true_proof_holds_and_its_interval_is_tight(proofs, method):
     lower, upper = verify_proof.check(proofs[method])
@@ -95,46 +66,19 @@ def test_a_true_proof_holds_and_its_interval_is_tight(proofs, method):
     assert float((upper - lower) / upper) < 1e-6
 
 
-@pytest.mark.long
-def test_no_change_goes_unnoticed(proofs):
-    rng = random.Random(0)
-    for k in range(1000):
-        mutant = changed(proofs[METHODS[k % len(METHODS)]], rng)
-        with pytest.raises(ValueError, match=r"."):
-            verify_proof.check(mutant)
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_false_claim_is_refused_though_it_is_signed(proofs, method):
-    """The digest is no argument: whoever signs a false claim is refused by the arithmetic."""
-    true = proofs[method]
-    lower, upper = Fraction(true["lower"]), Fraction(true["upper"])
-    theta = [Fraction(x) for x in true["theta"]]
-    rng = random.Random(1)
-    false: list[Proof] = [
-        {**true, "lower": str(upper + upper / 10**12)},
-        {**true, "upper": str(lower - lower / 10**12)},
-        {**true, "theta": [str(-x) for x in theta]},
-        {**true, "kind": "infeasible"},
-        {**true, "constraints": [{**c, "dual": ["0"] * len(c["dual"])} for c in true["constraints"]]},
-        {**true, "y": ["0"] * len(true["y"])},
-    ]
-    # An estimate that is worse than the interval says, or outside of the constraints.
-    for _ in range(20):
-        moved = [x + Fraction(rng.choice([-1, 1]), 50) * max(abs(x), 1) for x in theta]
-        false.append({**true, "theta": [str(x) for x in moved]})
-    for claim in false:
-        with pytest.raises((ValueError, KeyError)):
-            verify_proof.check(signed(claim))
-
-
-def test_multipliers_outside_their_cones_prove_nothing(proofs):
-    true = proofs["lmi-sdp-plain"]
-    for k in range(len(true["constraints"])):
-        mutant = copy.deepcopy(true)
-        mutant["constraints"][k]["dual"][0] = "-1"
-        with pytest.raises(ValueError, match="outside its cone"):
-            verify_proof.check(signed(mutant))
+    """The digest is no argument: whoever signs a false claim is refused by the arithmetic. Of an arm the
+    claims that `benchmarks/proofs.py` makes of small problems, and multipliers that prove nothing.
+    """
+    true, rng = proofs[method], np.random.default_rng(1)
+    made = [false(true, rng) for false in FALSE.values() for _ in range(8)]
+    assert sum(claim is not None for claim in made) > 40
+    none = [{**c, "dual": ["0"] * len(c["dual"])} for c in true["constraints"]]
+    for claim in (*made, {**true, "constraints": none}, {**true, "y": ["0"] * len(true["y"])}):
+        if claim is not None:
+            with pytest.raises((ValueError, KeyError)):
+                verify_proof.check(signed(claim))
 
 
 def test_what_is_infeasible_is_proved_so():
