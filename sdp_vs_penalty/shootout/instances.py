@@ -42,12 +42,12 @@ _QUICK = (
 
 @dataclass(frozen=True)
 class Entry:
-    """name, group and how to make the instance of a name; sentence : what it is, in the library ("": not
-    one of it); measured : needs real data."""
+    """name, group and how to make the instance; sentence : what it is, in the library ("": not one of
+    it); measured : needs real data."""
 
     name: str
     group: str
-    make: Callable[[str], Instance]
+    make: Callable[[], Instance]
     sentence: str
     measured: bool = False
 
@@ -59,9 +59,6 @@ class Entry:
     def quick(self) -> bool:
         """Whether it is part of --quick."""
         return re.fullmatch(_QUICK, self.name) is not None
-
-    def build(self) -> Instance:
-        return self.make(self.name)
 
 
 def everything() -> list[Entry]:
@@ -87,9 +84,8 @@ def _robots() -> Iterator[Entry]:
         for source, stop, step, shape in product(sources, stops, _STEPS, _SHAPES):
             seconds = f" {stop:g} s" if np.isfinite(stop) else ""
             said = f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
-            made = {"robot": robot, "source": source, "step": step, "shape": shape}
-            make = partial(standard.recorded, **made, stop=stop)
             name = f"{robot} {source}{seconds} {step} {shape}"
+            make = partial(standard.recorded, name, robot, source, step, shape, stop)
             yield Entry(name, robot, make, said, source == "measured")
 
 
@@ -101,8 +97,8 @@ def _chains() -> Iterator[Entry]:
                 continue
             for draw in range(3 if n <= 8 and shape in ("plain", "gyration") else 1):
                 said = f"A random arm of {n} revolute joints from 60 random states; {demand}."
-                make = partial(_chain, n=n, shape=shape, draw=draw)
-                yield Entry(f"chain of {n} links {shape} {draw}", "chains", make, said)
+                name = f"chain of {n} links {shape} {draw}"
+                yield Entry(name, "chains", partial(_chain, name, n, shape, draw), said)
 
 
 def _chain(name: str, n: int, shape: str = "gyration", draw: int = 0) -> Instance:
@@ -124,13 +120,11 @@ def _changed() -> Iterator[Entry]:
     ):
         if (change, robot) != ("rank-deficient", "two_link"):  # its factor has no more rows than twenty
             said = words and f"{robot} with links at least 2 cm thick, {words}."
-            built = partial(_built, make, base)
-            yield Entry(f"{robot} {change}", "ill-conditioned", built, said)
+            name = f"{robot} {change}"
+            yield Entry(name, "ill-conditioned", partial(_changed_one, make, base, name), said)
 
 
-def _built(
-    change: Callable[[Instance], Instance], base: Callable[[str], Instance], name: str
-) -> Instance:
+def _changed_one(change: ill_conditioned.Change, base: Callable[[str], Instance], name: str) -> Instance:
     return change(base(name))
 
 
@@ -160,4 +154,4 @@ def instance(name: str) -> Instance:
     entries = {e.name: e for e in everything()}
     if name not in entries:
         raise InputError(f"instance {name!r} is unknown", "see `sdp-vs-penalty shootout --list`")
-    return entries[name].build()
+    return entries[name].make()

@@ -41,7 +41,7 @@ def write_library(
     for k, item in enumerate(wanted):
         progress(item.name, k, len(wanted))
         try:
-            rows.append(write_instance(folder / item.folder, item, item.build()))
+            rows.append(write_instance(folder / item.folder, item, item.make()))
         except InputError:
             if not item.measured:
                 raise
