@@ -6,6 +6,8 @@ __getattr__ = surface(
     __name__,
     {
         "as_problem": "load",
+        "measured_runs": "published",
+        "open_box": "problem",
         "plausible_links": "bodies",
         "published_links": "published",
         "with_bounds": "load",

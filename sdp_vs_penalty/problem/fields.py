@@ -17,7 +17,7 @@ import numpy as np
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.formatting import finite
-from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
+from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, open_box
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot
@@ -184,7 +184,7 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
     ValueError for a field that is missing or of another kind.
     """
     places = entries(robot.links)
-    box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
+    box = open_box(robot.links, -np.inf)
     for name, pair in data["bounds"].items():
         if name not in places:
             what = f"bounds: {name!r} is no parameter of a link of this robot"

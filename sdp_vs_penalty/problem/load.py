@@ -15,7 +15,7 @@ from sdp_vs_penalty.files.inputs import nameable
 from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
 from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS
 from sdp_vs_penalty.problem.fields import check_fields, entries
-from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, default_mass
+from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, default_mass, open_box
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.geometry import link_geometry
@@ -54,9 +54,7 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     if data.get("links", robot.links) != robot.links:
         what = f"links = {data['links']}, the kinematics have {robot.links}"
         raise InputError(what, "correct links, or leave it out")
-    bounds, none = data.get("bounds", {}), np.zeros((robot.links, 10))
-    box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
-    box[:, 0, 0] = 0.0
+    bounds, none, box = data.get("bounds", {}), np.zeros((robot.links, 10)), open_box(robot.links)
     for table in bounds.get("tables", ()):
         _fill_box(box, folder / table)
     low, high = (float(v) for v in bounds.get("total_mass", (0.0, np.inf)))
@@ -210,8 +208,8 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
 
 def _from_urdf(path: Path) -> Problem:
     robot, given_links = load_urdf(path)
-    box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
-    box[:, 0, 0], box[:, 0, 1] = DEFAULT_LINK_MASS[0], default_mass(given_links[:, 0])
+    box = open_box(robot.links, DEFAULT_LINK_MASS[0])
+    box[:, 0, 1] = default_mass(given_links[:, 0])
     bodies = link_bodies(robot, box[:, 1:4], given_links, link_geometry(path))
     nominal, sources = plausible_links(robot, given_links, bodies)
     title = f"{robot.name} from {path.name}"

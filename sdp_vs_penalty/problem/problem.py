@@ -318,6 +318,13 @@ class Problem(Shown):
         return out
 
 
+def open_box(links: int, mass: float = 0.0) -> Array:
+    """(links, 10, 2) bounds of nothing but the masses, which are ``mass`` [kg] or more."""
+    box = np.full((links, 10, 2), (-np.inf, np.inf))
+    box[:, 0, 0] = mass
+    return box
+
+
 def default_mass(given: Array) -> Array:
     """Upper bound of links' masses where none is published: a file's own mass, with room."""
     return np.maximum(DEFAULT_LINK_MASS[1], 3.0 * given)

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.datasets import DATA_VARIABLE as VARIABLE
-from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.fields import barycentric_names
@@ -143,7 +144,8 @@ def real_file(problem: str, name: str) -> Path | None:
     return file if file is not None and file.is_file() else None
 
 
-def measured_run(problem: Problem) -> Measurements | None:
-    """The authors' identification run of a robot (their four text files), or None without it."""
-    file = real_file(problem.name, "exciting_traj_time.txt")
-    return None if file is None else load_measurements(file.parent, joints=problem.robot.n)
+def measured_runs(problem: str) -> dict[str, Measurements]:
+    """The runs that authors publish of a robot, by name; none where a file of theirs is not at hand."""
+    wanted = DATASETS[problem].files if problem in DATASETS else ()
+    files = [file for file in (real_file(problem, f.name) for f in wanted) if file is not None]
+    return converted(problem, files[0].parent) if files and len(files) == len(wanted) else {}

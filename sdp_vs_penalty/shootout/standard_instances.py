@@ -6,8 +6,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from sdp_vs_penalty.data.catalogue import DATASETS
-from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns
@@ -16,8 +14,8 @@ from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
-from sdp_vs_penalty.problem.published import measured_run, real_file
+from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, open_box
+from sdp_vs_penalty.problem.published import measured_runs
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
@@ -86,16 +84,12 @@ def _task(robot: str, source: str, stop: float) -> Task:
 
 def measurements(problem: Problem, stop: float = np.inf) -> Measurements:
     """The real identification run of a robot up to ``stop`` [s] of motion; InputError without it."""
-    run = measured_run(problem)
-    if problem.name in ("ur10e", "emps", "tx40"):
-        files = [real_file(problem.name, file.name) for file in DATASETS[problem.name].files]
-        if files[0] is not None and all(files):
-            run = replace(next(iter(converted(problem.name, files[0].parent).values())), dq=None)
-    if run is None:
+    runs = measured_runs(problem.name)
+    if not runs:
         raise InputError(
             f"The measurements of {problem.name} are absent", "name their folder in SDP_VS_PENALTY_DATA"
         )
-    return _part(run, problem, stop)
+    return _part(replace(next(iter(runs.values())), dq=None), problem, stop)
 
 
 def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
@@ -122,15 +116,12 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
         rng.uniform(0.05, 0.3, n).tolist(),
         "modified",
     )
-    box = np.full((n, 10, 2), (-np.inf, np.inf))
-    box[:, 0, 0] = 0.0
     balls = np.zeros((n, 10))
     balls[:, 0] = 2.0
     balls[:, [4, 6, 9]] = 0.4 * 2.0 * (0.4 * np.array(robot.link_reach())[:, None]) ** 2
     links = inertia.standard_from_barycentric(balls)
-    return Problem(
-        robot.name, f"random serial chain of {n} links", robot, box, links, torque_side="link"
-    )
+    title = f"random serial chain of {n} links"
+    return Problem(robot.name, title, robot, open_box(n), links, torque_side="link")
 
 
 def _seeds(seed: int, n: int, draw: int) -> list[int]:

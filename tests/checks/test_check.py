@@ -16,8 +16,8 @@ from sdp_vs_penalty import InputError, Measurements, Problem, load_estimate, loa
 from sdp_vs_penalty.checked import consented
 from sdp_vs_penalty.checks import check, mended
 from sdp_vs_penalty.data import read_run, save
-from sdp_vs_penalty.data.datasets import _emps_runs, _ur10e_runs
 from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.simulation import experiment
 
 Spoil = Callable[[Measurements], Measurements]
@@ -184,10 +184,6 @@ def test_silence_on_simulated_data():
             assert not check(problem, run)[0].problems, (name, run.names)
 
 
-def ur10e_runs(folder: Path) -> dict[str, Measurements]:
-    return _ur10e_runs(folder / "ur10e", lambda _: None)
-
-
 @pytest.mark.real_data
 def test_silence_on_the_real_panda_and_how_long_it_takes(panda, panda_run):
     begin = time.process_time()
@@ -203,10 +199,10 @@ SOME = ("12-50sec_12harm", "15harm50secLoad", "joint_2")
 
 @pytest.mark.real_data
 @pytest.mark.parametrize("some", [True, pytest.param(False, marks=pytest.mark.long)])
-def test_silence_on_real_arms(some, data_folder):
-    runs = [("ur10e", r) for r in ur10e_runs(data_folder).values() if r.names[0].endswith(SOME) == some]
+def test_silence_on_real_arms(some):
+    runs = [("ur10e", r) for r in measured_runs("ur10e").values() if r.names[0].endswith(SOME) == some]
     if some:
-        runs += [("emps", run) for run in _emps_runs(data_folder / "emps", lambda _: None).values()]
+        runs += [("emps", run) for run in measured_runs("emps").values()]
     assert len(runs) == 5
     for name, run in runs:
         report = check(load_problem(name), run)[0]
@@ -255,7 +251,7 @@ def test_a_robot_that_is_only_a_urdf(inertials, data_folder, tmp_path):
     path = tmp_path / "robot.urdf"
     path.write_text(text if inertials else re.sub(r"<inertial>.*?</inertial>", "", text, flags=re.S))
     problem = load_problem(path)
-    run = ur10e_runs(data_folder)["ur-20_02_12-50sec_12harm"]
+    run = measured_runs("ur10e")["ur-20_02_12-50sec_12harm"]
     spoiled = {
         "torque sign": check(problem, flipped(3)(run)),
         "torque unit": check(problem, replace(run, tau=1e3 * run.tau)),
@@ -267,8 +263,8 @@ def test_a_robot_that_is_only_a_urdf(inertials, data_folder, tmp_path):
 
 
 @pytest.mark.real_data
-def test_the_force_of_the_real_emps_turned(data_folder):
-    run = _emps_runs(data_folder / "emps", lambda _: None)["tracking"]
+def test_the_force_of_the_real_emps_turned():
+    run = measured_runs("emps")["tracking"]
     report = check(load_problem("emps"), replace(run, tau=-run.tau))[0]
     assert [(f.kind, f.where) for f in report.problems] == [("torque sign", "joint 1")]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_robots import link_parameters, repeating_run, sines, tree
+from random_robots import link_parameters, open_problem, repeating_run, sines, tree
 
 from sdp_vs_penalty import Estimate, Problem, add, compare, identify, load_estimate
 from sdp_vs_penalty.effects import Motion, effect_types
@@ -33,11 +33,8 @@ FIELDS = {
 
 
 def random_problem(rng: np.random.Generator, n: int) -> Problem:
-    box = np.full((n, 10, 2), (-np.inf, np.inf))
-    box[:, 0, 0] = 0.01
     nominal = np.array([link_parameters(rng, 0.5, thickness=0.05) for _ in range(n)])
-    robot = tree(rng, n, link_frames=bool(rng.integers(2)))
-    return Problem("random", "random", robot, box, nominal, torque_side="link")
+    return open_problem(tree(rng, n, link_frames=bool(rng.integers(2))), nominal)
 
 
 noisy_run = partial(repeating_run, noise=0.2, base=0.15, motion_seed=3, seconds=8.0)

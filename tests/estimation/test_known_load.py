@@ -17,8 +17,8 @@ from sdp_vs_penalty import (
     load_problem,
 )
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.data.datasets import _ur10e_runs
 from sdp_vs_penalty.estimation.known_load import parsed_known_load
+from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.robot import inertia, random_trajectory
 
 ARM = Path(__file__).parents[2] / "docs" / "my_arm.urdf"
@@ -118,10 +118,10 @@ def test_the_command_line_takes_a_load_and_lets_it_judge_the_gains(arm, tmp_path
 
 @pytest.mark.long
 @pytest.mark.real_data
-def test_the_load_of_the_real_ur10e(data_folder):
+def test_the_load_of_the_real_ur10e():
     """Gains from one loaded run weigh the same load in another run: 2.805 kg, where the authors' drive
     gains make it 2.34 and 2.48."""
-    runs = {r.names[0][9:]: r for r in _ur10e_runs(data_folder / "ur10e", lambda _: None).values()}
+    runs = {r.names[0][9:]: r for r in measured_runs("ur10e").values()}
     for first, second in (("14", "15"), ("15", "14")):
         loads = [(runs[f"19_{first}harm50secLoad"], 2.805)]
         estimate = identify("ur10e", runs[f"19_{first}harm50sec"], "ols", known_loads=loads)

@@ -11,7 +11,7 @@ from cvxpy_model import cvxpy_model
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_arms import random_arm, random_run, scara
-from random_robots import bare, link_parameters, posed_task, sines, tree
+from random_robots import bare, link_parameters, open_problem, posed_task, sines, tree
 
 from sdp_vs_penalty import Measurements, Problem, identify, load_problem
 from sdp_vs_penalty.errors import Infeasible, InputError
@@ -104,10 +104,8 @@ def test_a_random_feasible_robot_round_trips(seed):
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 6))
     robot = tree(rng, n)
-    box = np.full((n, 10, 2), (-np.inf, np.inf))
-    box[:, 0, 0] = 0.01
     nominal = np.array([link_parameters(rng, 0.5, thickness=0.05) for _ in range(n)])
-    problem = Problem("random", "random", robot, box, nominal, torque_side="link")
+    problem = open_problem(robot, nominal)
     truth = np.concatenate([link_parameters(rng, 0.5) for _ in range(n)])
     theta = with_friction(problem, truth, 0.4)
     run = simulated(problem, theta, seed % 1000, seconds=12.0)

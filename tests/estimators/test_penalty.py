@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from random_robots import link_parameters, posed_task, sines, tree
+from random_robots import link_parameters, open_problem, posed_task, sines, tree
 
 from sdp_vs_penalty import Measurements, Problem, load_measurements
 from sdp_vs_penalty.estimation.identify import certify
@@ -32,11 +32,9 @@ def random_problem(seed: int, n: int) -> tuple[Problem, Array]:
     """An open box, as of a URDF; the robot whose links are returned obeys what the box implies."""
     rng = np.random.default_rng(seed)
     robot = tree(rng, n, link_frames=bool(seed % 2))
-    box = np.full((n, 10, 2), (-np.inf, np.inf))
-    box[:, 0, 0] = 0.01
     nominal = np.array([link_parameters(rng, r) for r in robot.link_reach()])
     links = np.array([link_parameters(rng, r) for r in robot.link_reach()])
-    return Problem("random", "random", robot, box, nominal, torque_side="link"), links
+    return open_problem(robot, nominal), links
 
 
 def task_named(name: str, request: pytest.FixtureRequest) -> Task:

@@ -1,12 +1,14 @@
 """Random robots, links and motions for the tests, and an independent computation of their torques."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.estimators import Task, make_task
-from sdp_vs_penalty.problem import plausible_links
+from sdp_vs_penalty.problem import open_box, plausible_links
 from sdp_vs_penalty.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import Joint, Robot, inertia
 
@@ -135,12 +137,15 @@ def uicker_torques(robot: Robot, theta: Array, q: Array, dq: Array, ddq: Array) 
     return tau
 
 
+def open_problem(robot: Robot, nominal: Array) -> Problem:
+    """A robot without bounds, and its nominal links (n, 10)."""
+    return Problem("random", "random", robot, open_box(robot.n, 0.01), nominal, torque_side="link")
+
+
 def bare(robot: Robot) -> Problem:
     """A robot of which nothing but the kinematics is known."""
-    box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
-    box[:, 0, 0] = 0.01
     nominal, sources = plausible_links(robot, np.zeros((robot.n, 10)))
-    return Problem(robot.name, "by hand", robot, box, nominal, torque_side="link", nominal_from=sources)
+    return replace(open_problem(robot, nominal), name=robot.name, title="by hand", nominal_from=sources)
 
 
 def task_of(problem: Problem) -> Task:

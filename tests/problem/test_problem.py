@@ -1,12 +1,13 @@
 """Problems: nominal robots that are plausible whatever the robot, and defaults that shut nothing out."""
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_robots import bare, link_parameters, sines, task_of, tree
+from random_robots import bare, link_parameters, open_problem, sines, task_of, tree
 
 from sdp_vs_penalty import InputError, Measurements, Problem, identify
 from sdp_vs_penalty.estimators import interior_point
@@ -16,6 +17,7 @@ from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.published import published_cell, published_values
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot import Joint, Robot, inertia
+from sdp_vs_penalty.simulation import experiment
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -271,8 +273,7 @@ def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
         ((arm,), [ball], 150.0, 2.0 * mean),
     ):
         robot = Robot("one", joints)
-        box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
-        found = Problem("one", "one", robot, box, np.array(links)).link_defaults
+        found = open_problem(robot, np.array(links)).link_defaults
         np.testing.assert_allclose(found, [[mass, radius]] * robot.n, rtol=1e-12)
 
 
@@ -294,3 +295,16 @@ def test_bounds_alone_draw_ellipsoids_that_fill_them(tmp_path):
     second = mass[:, None] * size**2 / 5.0
     np.testing.assert_allclose(found[:, [4, 6, 9]], second.sum(axis=1, keepdims=True) - second)
     assert problem.nominal_from == ("bounds", "bounds")
+
+
+def test_the_exciting_trajectory_is_that_of_table_two(panda):
+    """Every printed coefficient in its place, joint by joint."""
+    found = experiment(panda).trajectory
+    names = [f"{letter}_{k}" for letter in "ab" for k in range(1, 6)] + ["q_0"]
+    printed = {row["coefficient"]: row for row in panda.published["table_II"]}
+    assert set(names) == set(printed)
+    for name, values in zip(names, np.column_stack([found.a, found.b, found.q_0]).T, strict=True):
+        assert values.tolist() == [float(printed[name][f"joint_{j}"]) for j in range(1, 8)]
+    motion = tomllib.loads((panda.folder / "simulation.toml").read_text())["trajectory"]
+    assert found.frequency / np.pi == pytest.approx(motion["frequency_over_pi"])
+    assert (found.blend, found.duration) == (motion["blend"], motion["duration"])

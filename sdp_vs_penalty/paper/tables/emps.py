@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
@@ -12,7 +11,7 @@ from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import FOLDS, Study, torque_errors
 from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
-from sdp_vs_penalty.problem.published import VARIABLE, real_data_folder
+from sdp_vs_penalty.problem.published import VARIABLE, measured_runs
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -22,13 +21,12 @@ REFINED = ("asymmetric_viscous_friction",)
 
 
 def build(study: Study) -> Table:
-    folder = real_data_folder()
-    if folder is None or not (folder / "emps").is_dir():
+    found = measured_runs(study.problem.name)
+    if not found:
         raise InputError(
             "table emps is about measurements that are not at hand",
             f"name the folder that holds emps/ by {VARIABLE}",
         )
-    found = converted("emps", folder / "emps")
     tracking, _ = runs = found["tracking"], found["pulses"]
     # The authors' least-squares values: M [kg], F_v [N s/m], F_c [N], offset [N], and viscous
     # friction's difference between the directions [N s/m], which their model lacks.

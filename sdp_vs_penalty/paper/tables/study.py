@@ -29,7 +29,7 @@ from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, PenaltyPaper
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.published import measured_run, real_file
+from sdp_vs_penalty.problem.published import measured_runs, real_file
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
@@ -176,8 +176,9 @@ class Study:
 
     @cached_property
     def run(self) -> Measurements | None:
-        """The real run of this problem where it is at hand."""
-        return measured_run(self.problem)
+        """The real run of a robot of the paper where it is at hand."""
+        runs = measured_runs(self.problem.name) if self.problem.published else {}
+        return next(iter(runs.values()), None)
 
     @cached_property
     def measured(self) -> Data | None:
