@@ -154,6 +154,11 @@ def test_geometry_is_read_in_any_unit(kind, tmp_path):
     )
     assert problem.nominal_from == ("geometry",)
     assert problem.nominal_links[0, 0] == pytest.approx(1500.0 * np.prod(BOX), rel=1e-4)
+    # Second moments between those of a ball and a box, of the bare ellipsoid around it.
+    pseudo = inertia.pseudo_inertia(problem.nominal_links[0])
+    centre = pseudo[:3, 3] / pseudo[3, 3]
+    second = np.linalg.eigvalsh(pseudo[:3, :3] / pseudo[3, 3] - np.outer(centre, centre))
+    np.testing.assert_allclose(second, 3.0 * np.sort(BOX) ** 2 / 4.0 / 7.0, rtol=0.06)
     ((hull,),) = link_hulls(folder / "arm.urdf")  # as it is drawn: closed, and seen from outside
     volume = np.einsum("ki,ki->", hull[:, 0], np.cross(hull[:, 1], hull[:, 2])) / 6.0
     assert volume == pytest.approx(np.prod(BOX), rel=1e-4)

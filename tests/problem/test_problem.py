@@ -273,8 +273,9 @@ def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
         ((arm,), [ball], 150.0, 2.0 * mean),
     ):
         robot = Robot("one", joints)
-        found = open_problem(robot, np.array(links)).link_defaults
-        np.testing.assert_allclose(found, [[mass, radius]] * robot.n, rtol=1e-12)
+        problem = open_problem(robot, np.array(links))
+        np.testing.assert_allclose(problem.link_defaults, [[mass, radius]] * robot.n, rtol=1e-12)
+        assert not problem.guessed_links.any()  # nothing says so
 
 
 def test_bounds_alone_draw_ellipsoids_that_fill_them(tmp_path):
@@ -308,3 +309,14 @@ def test_the_exciting_trajectory_is_that_of_table_two(panda):
     motion = tomllib.loads((panda.folder / "simulation.toml").read_text())["trajectory"]
     assert found.frequency / np.pi == pytest.approx(motion["frequency_over_pi"])
     assert (found.blend, found.duration) == (motion["blend"], motion["duration"])
+
+
+def test_bounds_on_central_inertia_are_sent_as_their_convex_consequence(panda):
+    """J_aa <= upper + m (c_b^2 + c_c^2), at the farthest centre of mass that the bounds allow."""
+    theta = np.random.default_rng(0).normal(size=70)
+    demands = panda.constraints(panda.model("rigid_body")).convex
+    sent = np.array([c.value(theta) for c in demands if c.family == "trace"])
+    far = np.abs(panda.box[:, 1:4]).max(axis=2) ** 2
+    mass, moments = theta.reshape(7, 10)[:, :1], theta.reshape(7, 10)[:, [4, 6, 9]]
+    others = np.roll(far, 1, axis=1) + np.roll(far, 2, axis=1)
+    np.testing.assert_allclose(sent, panda.box[:, [4, 6, 9], 1] + mass * others - moments)
