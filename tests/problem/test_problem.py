@@ -320,3 +320,17 @@ def test_bounds_on_central_inertia_are_sent_as_their_convex_consequence(panda):
     mass, moments = theta.reshape(7, 10)[:, :1], theta.reshape(7, 10)[:, [4, 6, 9]]
     others = np.roll(far, 1, axis=1) + np.roll(far, 2, axis=1)
     np.testing.assert_allclose(sent, panda.box[:, [4, 6, 9], 1] + mass * others - moments)
+
+
+@pytest.mark.parametrize(("length", "thin", "kept"), [(0.1, 5e-3, True), (3.0, 1e-3, False)])
+def test_a_given_inertial_is_as_slender_as_its_link_is_long(length, thin, kept):
+    """A rod of 5 mm is a short link's, one of 1 mm is no link of three metres; its weight stays."""
+    here, apart, out = np.eye(4), np.eye(4), np.array([0.0, 1.0, 0.0])
+    apart[0, 3] = length
+    joints = tuple(Joint(f"j{k}", "revolute", k - 1, p, out, here) for k, p in enumerate((here, apart)))
+    moments = [2.0 * thin**2, 0, 2.0 * thin**2, 0, 0, 2.0 * thin**2]
+    theirs = inertia.standard_from_barycentric([[1.5, 0, 0, 0, *moments]] * 2)
+    found, sources = plausible_links(Robot("two", joints), theirs)
+    assert sources == ("inertial",) * 2
+    assert np.array_equal(found, theirs) is kept
+    np.testing.assert_allclose(found[:, 0], 1.5)
