@@ -1,0 +1,27 @@
+"""The constants of signals: what counts as noise, as the same motion, as standstill, as an event.
+
+Sensitivity: each was halved and doubled on drawn logs of which the noise is known (drawn arms with
+coloured, heavy-tailed, swelling and quantised noise, challenge's clean and disturbed arms).
+"""
+
+import numpy as np
+
+#: Samples of one spectrum; a longer stretch has the mean of the spectra of so many samples each.
+SPECTRUM_SAMPLES = 1 << 18
+#: Share of a joint's acceleration that a filter may take away unnoticed.
+BENT = 0.01
+#: Motion is what has so many times the power of the noise, in a spectrum smoothed over so many Hz.
+ABOVE, SMOOTH = 10.0, 1.0
+#: In torque cut-offs: where the motion has ended. In sample rates: the last frequency of a log, beyond
+#: which it has been averaged away between its samples.
+MOTION_ENDS, LAST = 1.5, 0.45
+#: Degree of the motion's course within a window: what leaks of it hides that a torque was smoothed.
+COURSE = 3
+#: Share of the windows that are quiet, and share that are loud.
+QUIET = 0.3
+#: The factor of amplitudes beyond which a spectrum is no noise's: half of them off its law, or loud
+#: windows above quiet ones. Panda, UR10e, EMPS 1.0 to 1.5; TX40 1.9 to 6; a UR10's smoothed torque
+#: 2.7 to 6.
+NOISE_LIKE = 1.7
+#: Coefficients a of the noise's autoregression that are tried: beyond, its corner is far below the band.
+COLOURS = np.linspace(-0.9, 0.9, 181)
