@@ -6,6 +6,7 @@ measures noise or tells it from error rests on the repeats found here.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -22,8 +23,6 @@ Track: TypeAlias = tuple[Array, Array]
 ALIKE = 0.01
 #: Shortest stretch that is compared [s]: shorter ones say little about slow noise.
 _SHORTEST = 2.0
-#: Steps in which the slip of a motion from one run to another is looked for [s].
-_SLIP_STEP = 0.1
 #: A motion has settled where it differs from its repetition by this many times what is usual, or by this
 #: share of :data:`ALIKE`.
 _SETTLED, _SETTLES = 10.0, 0.1
@@ -60,50 +59,72 @@ def repeat_period(t: Array, q: Array) -> float | None:
 
 
 def _period(t: Array, q: Array) -> float | None:
-    if len(t) < 3:
-        return None
-    span = t[-1] - t[0]
-    step = float(np.median(np.diff(t)))
-    grid = np.arange(t[0], t[-1], step)
-    scale = motion_scale(q)
+    scale = motion_scale(q) if len(t) >= 3 else None
     if scale is None:
         return None
-    x = np.column_stack([np.interp(grid, t, column) for column in (q / scale).T])
-    lags = np.arange(max(1, int(0.5 / step)), int((span - _SHORTEST) / step))
-    if len(lags) < 3:
-        return None
-    errors = _differences(x - x.mean(axis=0), lags)
-    # The first valley that reaches the ground, not its multiples. Between two lags the difference
-    # grows linearly, its square has the vertex of a parabola.
-    squares = errors**2
-    left, middle, right = squares[:-2], squares[1:-1], squares[2:]
-    bend = left - 2.0 * middle + right
-    valley = (middle <= left) & (middle <= right) & (bend > 0.0)
-    shift = 0.5 * (left - right) / np.where(valley, bend, 1.0)
-    ground = middle - 0.25 * (left - right) * shift
-    for k in np.flatnonzero(valley & (ground < (2.0 * ALIKE) ** 2)):
-        period = float((lags[k + 1] + shift[k]) * step)
-        late = t >= t[0] + period
-        back = np.column_stack([np.interp(t[late] - period, t, column) for column in q.T])
-        if _difference(q[late], back, scale) < ALIKE:
-            return period
-    return None
+    match = _Match(t, q, t, q, scale)
+    lags = np.arange(max(1, int(0.5 / match.step)), int((t[-1] - t[0] - _SHORTEST) / match.step))
+    # The first that is one, not its multiples.
+    return next((lag for _, lag in match.valleys(lags) if match.alike(lag)), None)
+
+
+@dataclass(frozen=True)
+class _Match:
+    """Two motions, a at instants t_a and b at t_b, each joint in units of its scale: where one comes
+    back as the other."""
+
+    t_a: Array
+    a: Array
+    t_b: Array
+    b: Array
+    scale: Array
+
+    @cached_property
+    def step(self) -> float:
+        """The step [s] in which lags are looked through."""
+        return float(np.median(np.diff(self.t_a)))
+
+    def valleys(self, lags: NDArray[np.int64]) -> list[tuple[float, float]]:
+        """Mean square of the difference b(t_b0 + k step + lag) - a(t_a0 + k step) where it has a minimum
+        that reaches the ground, and that lag [s], in the order of ``lags`` [steps] in a row.
+
+        Between two lags the difference grows linearly, its square has the vertex of a parabola.
+        """
+        squares = self._squares(lags)
+        left, middle, right = squares[:-2], squares[1:-1], squares[2:]
+        bend = left - 2.0 * middle + right
+        valley = (middle <= left) & (middle <= right) & (bend > 0.0)
+        shift = 0.5 * (left - right) / np.where(valley, bend, 1.0)
+        ground = middle - 0.25 * (left - right) * shift
+        at = np.flatnonzero(valley & (ground < (2.0 * ALIKE) ** 2))
+        return list(zip(ground[at], (lags[1 + at] + shift[at]) * self.step, strict=True))
+
+    def _squares(self, lags: NDArray[np.int64]) -> Array:
+        """The mean square for each lag, by one correlation."""
+        x, y = (
+            np.column_stack([np.interp(np.arange(t[0], t[-1], self.step), t, c) for c in q.T])
+            for t, q in ((self.t_a, self.a / self.scale), (self.t_b, self.b / self.scale))
+        )
+        x, y = x - x.mean(axis=0), y - x.mean(axis=0)
+        length = next_fast_len(len(x) + len(y), real=True)
+        spectra = (np.fft.rfft(z, length, axis=0) for z in (x, y))
+        product = np.fft.irfft(np.sum(np.conj(next(spectra)) * next(spectra), axis=1), length)[lags]
+        first, last = np.maximum(0, -lags), np.minimum(len(x), len(y) - lags)
+        own, other = (np.append(0.0, np.cumsum(np.sum(z**2, axis=1))) for z in (x, y))
+        total = own[last] - own[first] + other[last + lags] - other[first + lags] - 2.0 * product
+        return np.asarray(np.maximum(total, 0.0) / ((last - first) * x.shape[1]))
+
+    def alike(self, lag: float) -> bool:
+        """Whether b repeats a after a lag [s] of the instants since each began."""
+        at = self.t_a - self.t_a[0] + lag + self.t_b[0]
+        inside = (at >= self.t_b[0]) & (at <= self.t_b[-1])
+        there = np.column_stack([np.interp(at[inside], self.t_b, column) for column in self.b.T])
+        return _difference(self.a[inside], there, self.scale) < ALIKE
 
 
 def _difference(q: Array, other: Array, scale: Array) -> float:
     """Root mean square of the difference of two motions (M, n), each joint in units of its scale."""
     return float(np.sqrt(np.mean(((q - other) / scale) ** 2)))
-
-
-def _differences(x: Array, lags: NDArray[np.int64]) -> Array:
-    """Root mean square of x[k + lag] - x[k] for each lag, by one correlation."""
-    n = len(x)
-    length = next_fast_len(2 * n, real=True)
-    spectrum = np.fft.rfft(x, length, axis=0)
-    products = np.fft.irfft(np.sum(np.abs(spectrum) ** 2, axis=1), length)[lags]
-    squares = np.concatenate([[0.0], np.cumsum(np.sum(x**2, axis=1))])
-    total = squares[n - lags] + (squares[n] - squares[lags]) - 2.0 * products
-    return np.asarray(np.sqrt(np.maximum(total, 0.0) / ((n - lags) * x.shape[1])))
 
 
 @dataclass(frozen=True)
@@ -181,34 +202,17 @@ def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
 
     slip : how far b may begin before or after the motion of a [s].
     """
-    (t_a, q), (t_b, there) = a, b
-    scale = motion_scale(q)
-    if scale is None or len(t_a) < 2 or len(t_b) < 2:
+    scale = motion_scale(a[1])
+    if scale is None or min(len(a[0]), len(b[0])) < 3:
         return None
-    from scipy.interpolate import CubicSpline
-    from scipy.optimize import minimize_scalar
-
-    step = float(np.median(np.diff(t_a)))
-    q_b = CubicSpline(t_b - t_b[0], there)
-    clock = t_a - t_a[0]
-    span = t_b[-1] - t_b[0]
-
-    def error(slip: float) -> float:
-        at = clock + slip
-        inside = (at >= 0.0) & (at <= span)
-        if inside.sum() * step < _SHORTEST:
-            return np.inf
-        some = np.flatnonzero(inside)[:: max(1, int(0.1 / step))]
-        return _difference(q[some], q_b(at[some]), scale)
-
-    slips = np.arange(-slip, slip, _SLIP_STEP)
-    errors = np.array([error(s) for s in slips])
-    best = float(slips[int(np.argmin(errors))])
-    if errors.min() > 0.3:  # another motion; the same one is nearer even half a step beside
+    match = _Match(*a, *b, scale)
+    spans = (float(t[-1] - t[0]) - _SHORTEST for t, _ in (a, b))
+    back, ahead = (int(min(slip, span) / match.step) for span in spans)
+    found = match.valleys(np.arange(-back, ahead + 1)) if min(back, ahead) > 0 else []
+    best = min(found, default=None)
+    if best is None or not match.alike(best[1]):
         return None
-    near = (best - _SLIP_STEP, best + _SLIP_STEP)
-    fine = float(minimize_scalar(error, bounds=near, method="bounded").x)
-    return fine + float(t_b[0] - t_a[0]) if error(fine) < ALIKE else None
+    return best[1] + float(b[0][0] - a[0][0])
 
 
 def later_rows(segments: Sequence[Filtered], repeat: Repeat) -> NDArray[np.intp]:
