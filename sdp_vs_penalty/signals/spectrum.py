@@ -56,7 +56,8 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
     length = min(part.count, SPECTRUM_SAMPLES)
     starts = np.linspace(0, part.count - length, -(-part.count // length)).astype(int)
     found = (_periodograms(part.resampled(values, k, k + length), length)[0] for k in starts)
-    return np.mean(list(found), axis=0), np.fft.rfftfreq(length, part.dt)
+    frequency: Array = np.asarray(np.fft.rfftfreq(length, part.dt), float)
+    return np.asarray(np.mean(list(found), axis=0)), frequency
 
 
 def _periodograms(x: Array, length: int, degree: int = 0) -> Array:
