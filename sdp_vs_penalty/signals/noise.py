@@ -42,13 +42,8 @@ REPETITION, SPECTRUM, RESIDUAL = "repetition", "spectrum", "residual"
 SPECTRUM_KNOWN = "right within a factor of two"
 #: Fewest differences from which a floor is believed.
 _FEWEST = 60
-#: Independent values that a median of squares is worth, a value: its efficiency.
-_MEDIAN_WORTH = 0.37
-#: By how much smaller than an event its repetition may be; seconds within which two windows are at the
-#: same phase of the motion.
-FAINT, SAME_PHASE = 1.5, 0.25
-#: Time constants [s] of the settling that drift is made of, beside a steady one.
-_SETTLING = (15.0, 60.0)
+#: Seconds within which two windows are at the same phase of the motion.
+SAME_PHASE = 0.25
 
 
 @dataclass(frozen=True)
@@ -156,8 +151,8 @@ def _from_repetition(
     t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
     phase = cache(lambda: phases(both, rows))
 
-    def comes_back(marked: NDArray[np.bool_], faint: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        return recurring(both, phase(), marked, faint, max(1, round(SAME_PHASE * runs.rate)))
+    def comes_back(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        return recurring(both, phase(), marked, max(1, round(SAME_PHASE * runs.rate)))
 
     rates_shown = rates if shown is None else rate_features(shown)
     profile = np.ones((rates_shown.shape[1], n))
@@ -217,10 +212,10 @@ def _without_events(
     rates: Array,
     pieces: Pieces,
     tests: int,
-    comes_back: Callable[[NDArray[np.bool_], NDArray[np.bool_]], NDArray[np.bool_]],
+    comes_back: Callable[[NDArray[np.bool_]], NDArray[np.bool_]],
 ) -> tuple[Array, NDArray[np.bool_]]:
     """What the drift leaves of differences x (D,), and which of them are no event's; in turns, because
-    each spoils the other. comes_back : of marked differences and fainter ones, which are no events."""
+    each spoils the other. comes_back : which of marked differences are no events."""
     good = np.ones(len(x), bool)
     for _ in range(3):
         rest = x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
@@ -228,14 +223,8 @@ def _without_events(
         white = pieces.filter(ar, len(rest)) @ rest
         white /= noise_profile(white, rates, rates)
         white /= max(robust_scale(white[white != 0.0]), 1e-12)
-        degrees = _MEDIAN_WORTH * len(x)
-        odd = local_excess(white, pieces, tests, degrees)
-        if odd.any():
-            back = comes_back(odd, local_excess(FAINT * white, pieces, tests, degrees))
-            odd &= ~back
-            if odd.any() and back.any():  # noise that swells as far by itself
-                swollen = max(float(np.sqrt(np.mean(white[back] ** 2))), 1.0)
-                odd &= local_excess(white / swollen, pieces, tests, degrees)
+        odd = local_excess(white, pieces, tests, len(x))
+        odd &= ~comes_back(odd)
         good = ~odd
         if good.mean() < 1.0 - RARE:
             good[:] = True  # noise that is not stationary, rather than an event
@@ -252,16 +241,11 @@ def rate_features(runs: SegmentedRuns) -> Array:
 
 
 def _drift_columns(t: Array, gap: Array, dq: Array) -> Array:
-    """What drifting offsets and frictions leave in a difference of two instants."""
-    s = smooth_sign(dq)
-    start = t.min()
-    columns = [gap * x for x in (np.ones_like(t), s, dq)]
-    for T in _SETTLING:
-        decay = np.exp(-(t - start) / T) * -np.expm1(-gap / T)
-        columns += [decay, decay * s, decay * dq]
-    matrix = np.column_stack(columns)
-    size = np.linalg.norm(matrix, axis=0)
-    return matrix / or_one(size)
+    """What offset and frictions leave in a difference of two instants when they drift, ever slower or
+    faster."""
+    rates = np.column_stack([np.ones_like(t), smooth_sign(dq), dq])
+    matrix = gap[:, None] * np.column_stack([rates, (t - t.mean())[:, None] * rates])
+    return matrix / or_one(np.linalg.norm(matrix, axis=0))
 
 
 def spectral_floor(runs: SegmentedRuns) -> Array | None:

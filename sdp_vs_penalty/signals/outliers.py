@@ -20,9 +20,7 @@ FALSE_EVENT = 1e-5
 #: By how much motion may change the noise's variance.
 _MODULATION = (0.1, 10.0)
 #: Lengths of the windows that are searched [rows].
-_LENGTHS = (1, 2, 4, 8, 16, 32)
-#: From this length on the logarithm of a window's energy is nearly normal; and how far out an event is.
-_LOGARITHMIC, _FAR = 4, 5.0
+_LENGTHS = (1, 4, 16)
 #: Events are rare: what fills more than this share of the rows is noise of another kind.
 RARE = 0.15
 #: Seconds of the stretches of which the largest window is compared, how many others their tail is known
@@ -50,8 +48,6 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
             if length > len(piece):
                 continue
             windows = energy[length:] - energy[:-length]
-            if length >= _LOGARITHMIC:
-                limit = max(limit, _outlying(windows))
             hits = np.flatnonzero(windows > limit)
             for first in hits:
                 mask[piece[first : first + length]] = True
@@ -112,16 +108,6 @@ def _tail_limit(values: Array, tests: int) -> float:
         if values[out - 1] > limit:
             return limit
     return np.inf
-
-
-def _outlying(windows: Array) -> float:
-    """The energy that stands _FAR robust deviations out of the windows' own, in logarithms: noise
-    that swells and fades by itself makes no event."""
-    logs = np.log(windows[windows > 0.0])
-    if not len(logs):
-        return np.inf
-    middle = float(np.median(logs))
-    return float(np.exp(middle + _FAR * 1.4826 * np.median(np.abs(logs - middle))))
 
 
 def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:

@@ -250,13 +250,13 @@ def phases(both: NDArray[np.intp], count: int) -> Array:
 
 
 def recurring(
-    both: NDArray[np.intp], phase: Array, marked: NDArray[np.bool_], faint: NDArray[np.bool_], reach: int
+    both: NDArray[np.intp], phase: Array, marked: NDArray[np.bool_], reach: int
 ) -> NDArray[np.bool_]:
-    """(D,) which ``marked`` differences come back, if only faintly, within ``reach`` rows of their phase
-    in a difference of two other instants: noise that the motion swells, of which no one instant is the
-    odd one. both, phase : of :func:`pairs` and :func:`phases`."""
-    out, others = np.zeros(len(phase), bool), np.flatnonzero(faint)
-    for k in np.flatnonzero(marked):
+    """(D,) which ``marked`` differences come back within ``reach`` rows of their phase in one of two
+    other instants: noise that the motion swells, of which no one instant is the odd one. both, phase :
+    of :func:`pairs` and :func:`phases`."""
+    out, others = np.zeros(len(phase), bool), np.flatnonzero(marked)
+    for k in others:
         near = others[np.abs(phase[others] - phase[k]) <= reach]
         apart = np.abs(both[near][:, :, None] - both[k]) > 2 * reach
         out[k] = apart.all(axis=(1, 2)).any()

@@ -31,8 +31,8 @@ SLOW = 0.1
 _LAWLESS = 2.0
 #: Travels over which friction may turn [rad or m].
 _TRAVELS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
-#: Ratio of the lengths of time that are looked at, and their largest share of a stretch.
-_FINER, _LONGEST = 1.4, 0.1
+#: Largest share of a stretch of the times that are looked at.
+_LONGEST = 0.1
 #: Share of a row from a standstill above which its torque is what holds the joint; fewest rows in motion
 #: that show how large friction is there; how often it has to turn round.
 _AT_REST, _FEWEST, _TWICE = 0.9, 20, 2
@@ -61,37 +61,22 @@ class Standstill:
 def still(q: Array) -> NDArray[np.bool_]:
     """(N, n) whether positions (N, n), sampled uniformly, stand still: for longer than a smooth motion
     at the same place would stay within the resolution of the positions."""
-    N, out = len(q), np.zeros(q.shape, bool)
-    if N < 16:
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    out = np.zeros(q.shape, bool)
+    if len(q) < 16:
         return out
-    alike, half, far = resolution(q), 1, int(_LONGEST * N) + 1
+    alike, half, each = resolution(q), 1, np.arange(len(q))
     joints = np.arange(q.shape[1])  # that were quiet for as long as was looked at
-    highest = lowest = np.pad(q, ((far, far), (0, 0)), mode="edge")
-    reach = 1  # samples, from each on, of which these are the extremes
-    while half < _LONGEST * N:
-        width = 2 * half + 1
-        while 2 * reach <= width:
-            highest = np.maximum(highest[:-reach], highest[reach:])
-            lowest = np.minimum(lowest[:-reach], lowest[reach:])
-            reach *= 2
-        ends = [slice(k, k + N) for k in (far - half, far + half + 1 - reach)]
-        top, bottom = np.maximum(*(highest[e] for e in ends)), np.minimum(*(lowest[e] for e in ends))
+    while half < _LONGEST * len(q) and len(joints):
+        width, own = 2 * half + 1, q[:, joints]
+        top, bottom = (f(own, width, axis=0) for f in (maximum_filter1d, minimum_filter1d))
         quiet = top - bottom <= 2.0 * alike[joints]
-        some = quiet.any(axis=0)
-        if not some.all():  # nor in longer ones
-            joints, quiet = joints[some], quiet[:, some]
-            highest, lowest = highest[:, some], lowest[:, some]
-            if not len(joints):
-                break
-        rows, own = np.nonzero(quiet)
-        here, aside = q[rows, joints[own]], np.clip([rows - 3 * half, rows + 3 * half], 0, N - 1)
-        away = np.abs(q[aside, joints[own]] - here).max(axis=0) > _TURNS * alike[joints[own]]
-        if away.any():
-            stood = np.zeros((N + width, len(joints)))
-            stood[rows[away] + half + 1, own[away]] = 1.0
-            count = np.cumsum(stood, axis=0)
-            out[:, joints] |= count[width:] > count[:-width]
-        half = max(half + 1, int(_FINER * half))
+        aside = (own[np.clip(each + side, 0, len(q) - 1)] for side in (-3 * half, 3 * half))
+        far = np.max([np.abs(x - own) for x in aside], axis=0) > _TURNS * alike[joints]
+        stood = (quiet & far).astype(np.uint8)
+        out[:, joints] |= maximum_filter1d(stood, width, axis=0, mode="constant") > 0
+        joints, half = joints[quiet.any(axis=0)], max(half + 1, 3 * half // 2)  # else nor in longer ones
     return out
 
 
