@@ -118,7 +118,7 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
     run(f"{PROGRAM} check 'my runs/run1.csv' --problem {quoted}")
     run(f"{PROGRAM} compare model.json --data 'my runs/test.csv'")
     data = "--data 'my runs/run1.csv' 'my runs/run2.csv' --test 'my runs/test.csv'"
-    as_text, *tell = printed(run(f"{PROGRAM} diagnose model.json {data}"))
+    *tell, as_text = printed(run(f"{PROGRAM} diagnose model.json {data}"))
     assert all(" excite " in command for command in tell)
     from_file, *_ = printed(run(f"{PROGRAM} diagnose model.json {data} --json 'the findings.json'"))
     assert " joint_spring:2" in as_text
@@ -207,7 +207,7 @@ def test_of_weak_findings_the_first_are_offered(twelve_found, run, monkeypatch):
     found = replace(twelve_found, effects=effects)
     monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose.diagnose", lambda *_, **__: found)
     run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
-    command, *tell = printed(run(f"{PROGRAM} diagnose model.json --data run.csv --json findings.json"))
+    *tell, command = printed(run(f"{PROGRAM} diagnose model.json --data run.csv --json findings.json"))
     assert "--from findings.json --only 1,2,3,4,5 " in command
     assert tell
     assert all(f"{PROGRAM} excite model.json --separate" in c for c in tell)
