@@ -120,7 +120,7 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
     data = "--data 'my runs/run1.csv' 'my runs/run2.csv' --test 'my runs/test.csv'"
     *tell, as_text = printed(run(f"{PROGRAM} diagnose model.json {data}"))
     assert all(" excite " in command for command in tell)
-    from_file, *_ = printed(run(f"{PROGRAM} diagnose model.json {data} --json 'the findings.json'"))
+    *_, from_file = printed(run(f"{PROGRAM} diagnose model.json {data} --json 'the findings.json'"))
     assert " joint_spring:2" in as_text
     assert "--from 'the findings.json'" in from_file
     written = [shlex.split(command)[-1] for command in (as_text, from_file)]
