@@ -67,13 +67,8 @@ def corruptions(n: int) -> list[Corruption]:
         add("gravity assumed", (), word, "gravity direction", problem=mounted)
     for longer in (0.1, 0.3):
         long = partial(_longer, longer, n // 2)
-        add(
-            "link too long",
-            (),
-            f"{longer:g} m",
-            "link length|unexplained torque|torque not explained",
-            problem=long,
-        )
+        causes = "link length|unexplained torque|torque not explained"
+        add("link too long", (), f"{longer:g} m", causes, problem=long)
     moved: Sequence[tuple[str, str, str, Change]] = (
         ("torque gain", "x 1.15", "tau", lambda x, r: 1.15 * x),
         ("encoder offset", "3 deg", "q", lambda x, r: x + np.radians(3.0)),

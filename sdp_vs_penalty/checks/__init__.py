@@ -229,7 +229,8 @@ def _channels(
     settled = log.spare > 0.0
     issues = [*first, *stated, *told, *sizes, *residual.find(log, net, score, settled)]
     if any(i.kind == "torque channel kind" for i in sizes):
-        issues = [replace(i, severity="note") if i.kind == "torque gain" else i for i in issues]
+        scales = "torque gain", "torque unit"
+        issues = [replace(i, severity="note") if i.kind in scales else i for i in issues]
     bent = {i.figures["joints"][0] for i in stated if i.kind == "saturation"}
     issues += [i for i in rules.clipped(glance) if i.figures["joint"] not in bent]
     if not any(i.kind in ("encoder offset", "positions in degrees") for i in stated):

@@ -6,14 +6,13 @@ import numpy as np
 # -- rows and columns that hypotheses are judged on ----------------------------------------------------
 #: Rows that hypotheses are judged on.
 ROWS = 320
-#: Rows for each independent sample of the low-passed torque.
-DENSE = 1.2
 #: A joint slides at this share of its usual speed: slower, dry friction holds any torque between limits.
 SLIDES = 0.2
 #: Velocities over which Coulomb friction may turn [rad/s, m/s]: from a sign to a smooth one.
 COULOMB_WIDTHS = (0.002, 0.03, 0.1)
-#: Travels over which bristles bend before they slide [rad, m] (gears: 2e-4 to 2e-2).
-BRISTLE_TRAVELS = (5e-4, 5e-3)
+#: Travels over which bristles bend before they slide [rad, m]: gears' (2e-4 to 2e-2) as an own column,
+#: longer ones as a law that the model lacks.
+TRAVELS = {"gear": (5e-4, 5e-3), "hysteresis": (2e-2, 1e-1, 0.5)}
 
 # -- the likelihood ------------------------------------------------------------------------------------
 #: Relative ridge of the normal equations: directions that the motion does not excite stay quiet.
@@ -32,12 +31,8 @@ LOUDEST = 60.0
 #: Prior odds against any repair, by which its posterior odds have to exceed one, too (natural
 #: logarithm): one log in some hundred has a given fault.
 ODDS = 6.0
-#: Friction that warms up and slow noise look like a drift or a step (natural logarithm of the odds).
-SLOW_ODDS = 15.0
-#: What the arm leaves of parts that it was not fitted to has to fall by so many standard errors, and the
-#: log-likelihood by as many to either side of a number, within its reach (Student's t, 99 %).
-SIGNIFICANT = 3.0
-#: Standard deviations that a number has to lie beyond what is usual (Student's t of PARTS, 99.5 %).
+#: Standard errors by which what the arm leaves of parts that it was not fitted to has to fall, and that
+#: a number has to lie beyond what is usual (Student's t of PARTS, 99.5 %).
 SIGMAS = 4.0
 #: At most so many things are wrong at once; so many proposals are looked at closely.
 MOST = 6
@@ -66,8 +61,6 @@ CONTRADICTS = (2.0, 1e-4)
 # -- rows, clock and channels
 #: What is so many times what it is elsewhere is no chance: constant stretches, an event, a rough clock.
 TIMES = 3.0
-#: A time step above so many medians is no jitter any more.
-LONG = 5.0
 #: A frozen channel or packet stays for so many rows (in which a joint that comes to rest slows down;
 #: twice as many freezes are a coarse sensor), and so long [s] (packets for less are a warning).
 STUCK, STUCK_SECONDS = 10, 0.1

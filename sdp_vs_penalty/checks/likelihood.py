@@ -126,9 +126,10 @@ class Likelihood:
     @cached_property
     def spare(self) -> float:
         """Share of the log's independent samples that are more than one arm has parameters."""
+        held = 2.0 * self.data.cutoff * float(np.ptp(self.data.motion.t))
         score = self.score(self.none)
         asked = len(score.theta) + self.n * self.data.own.shape[2]
-        return 1.0 - asked / max(self.data.independent * len(self.joints), 1.0)
+        return 1.0 - asked / max(held * len(self.joints), 1.0)
 
     @cached_property
     def samples(self) -> float:
@@ -218,7 +219,11 @@ class Likelihood:
         """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others."""
         data = self.data
         own = np.arange(data.n)[:, None]
-        shapes = [(e.shape(data.motion, order[e.joint]) * (own == e.joint))[:, :, None] for e in events]
+        shapes = [
+            data.laws[e.at][[order[e.joint]]] if isinstance(e.at, str) else e.shape(data.motion.t)
+            for e in events
+        ]
+        shapes = [x * (own == e.joint)[:, :, None] for e, x in zip(events, shapes, strict=True)]
         columns = np.concatenate([data.own[list(order)], *shapes], axis=2)
         columns = columns * data.heard.T[list(order)][:, :, None]
         columns = columns / or_one(np.linalg.norm(columns, axis=1, keepdims=True))
@@ -280,17 +285,32 @@ class Likelihood:
         whole = np.maximum(parts[..., -1, -1].sum(axis=0), 1e-280)
         return arms, np.maximum(PARTS * np.array(left) / whole, FLOOR)
 
-    def change(self, at: Callable[[float], Repair], value: float, h: float) -> tuple[float, float]:
-        """By how much a number has to change, to first order, and the standard deviation of that: what
-        the model lacks makes it vary from part to part, and noise alone would make it look exact."""
+    def line(self, at: Callable[[float], Repair], value: float, h: float) -> tuple[Score, Array, float]:
+        """The fit at a number's value, the column (n, M, 1) by which it changes to first order, and how
+        large that column was made."""
         score = self.score(at(value))
         slope = self.slope(at, value, h, score.theta)
         size = float(np.linalg.norm(slope)) / max(float(np.linalg.norm(score.rows.raw[0])), 1e-300)
-        if size == 0.0:
-            return 0.0, np.inf
-        more = -slope[:, :, None] / size
-        found = self.left_out(at(value), score.weights, more)[0][:, -1] / size
-        return float(np.mean(found)), float(np.sqrt((PARTS - 1) * np.var(found)))
+        return score, -slope[:, :, None] / or_one(size), size
+
+    def step(self, at: Callable[[float], Repair], value: float, h: float) -> float:
+        """By how much a number has to change, to first order."""
+        score, column, size = self.line(at, value, h)
+        found = self.equations(at(value), column).solved(score.weights[:, None])[0, -1]
+        return float(found / size) if size else 0.0
+
+    def deviation(self, at: Callable[[float], Repair], value: float, h: float) -> float:
+        """A number's standard deviation: what the model lacks makes it vary from part to part, and noise
+        alone would make it look exact."""
+        score, column, size = self.line(at, value, h)
+        found = self.left_out(at(value), score.weights, column)[0][:, -1]
+        return jackknifed(found)[1] / size if size else np.inf
+
+    def predicts(self, before: Array, after: Array) -> float:
+        """By how many standard errors the second of what two repairs leave (PARTS, n) of parts that were
+        left out is less, all joints that move together."""
+        change = np.log(before / after)[:, self.moving].sum(axis=1)
+        return float(np.mean(change) / max(np.std(change) / np.sqrt(PARTS), 1e-300))
 
 
 class Rows:
@@ -388,6 +408,11 @@ class Score:
         z = value / np.sqrt(np.maximum(spread, 1e-300))
         asked = np.append(self.of.moving, [True, True])
         return float(np.maximum(log_ndtr(z), -LOUDEST)[asked].sum())
+
+
+def jackknifed(found: Array) -> tuple[float, float]:
+    """A number and its standard deviation, from its values (PARTS,) without one part each."""
+    return float(np.mean(found)), float(np.sqrt((PARTS - 1) * np.var(found)))
 
 
 def solve(gram: Array, right: Array) -> Array:

@@ -8,14 +8,14 @@ Dahl 1968): what they explain is the model's matter, and no fault of the log.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import BRISTLE_TRAVELS, COULOMB_WIDTHS, DENSE, ROWS, SLIDES
+from sdp_vs_penalty.checks.constants import COULOMB_WIDTHS, ROWS, SLIDES, TRAVELS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
@@ -30,25 +30,40 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 
+def _bristles(motion: Motion, travels: Sequence[float]) -> list[Array]:
+    return [np.column_stack([dahl(q, d) for q in motion.q.T]) for d in travels]
+
+
+#: Laws of a joint that arms have and models lack, (N, n) columns by its motion: as strong as they may
+#: be, they are no fault of the log.
+LAWS: dict[str, Callable[[Motion], list[Array]]] = {
+    "a spring": lambda m: [m.q],
+    "drag": lambda m: [m.dq * np.abs(m.dq)],
+    "friction that differs by direction": lambda m: [np.abs(m.dq)],
+    "hysteresis": lambda m: _bristles(m, TRAVELS["hysteresis"]),
+}
+
+
 @dataclass(frozen=True)
 class RegressionData:
     """At M instants of one log at which the arm moves.
 
     motion : (M, n) low-passed states; torque : (n,) low-passed channels, a spline over time;
-    own : (n, M, k) columns that each joint's own motion makes; heard : (M, n) 1 where a joint slides, 0
-    where its torque is not asked; moving : (n,); shared : the effects whose columns joints share;
-    largest : (n,) sizes that the channels reach; independent : how many samples of the low-passed torque
-    the log holds.
+    own : (n, M, k) columns that each joint's own motion makes; laws : those of LAWS, as many; heard :
+    (M, n) 1 where a joint slides, 0 where its torque is not asked; moving : (n,); shared : the effects
+    whose columns joints share; largest : (n,) sizes that the channels reach; cutoff : of the low-pass
+    [Hz].
     """
 
     shared: Model | None
     motion: Motion
     torque: CubicSpline
     own: Array
+    laws: dict[str, Array]
     heard: Array
     moving: NDArray[np.bool_]
     largest: Array
-    independent: float
+    cutoff: float
 
     @property
     def n(self) -> int:
@@ -62,7 +77,8 @@ class RegressionData:
         """The same at some of the instants."""
         m = self.motion
         motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
-        return replace(self, motion=motion, own=self.own[:, rows], heard=self.heard[rows])
+        laws = {name: x[:, rows] for name, x in self.laws.items()}
+        return replace(self, motion=motion, own=self.own[:, rows], laws=laws, heard=self.heard[rows])
 
     @classmethod
     def of(cls, problem: Problem, run: Measurements, settings: Preprocessing) -> RegressionData:
@@ -71,7 +87,7 @@ class RegressionData:
 
         assert settings.torque_cutoff is not None
         # As much of the band as the rows can hold, each row independent of the next.
-        band = ROWS / (2.0 * DENSE * max(float(run.t[-1] - run.t[0]), 1e-9))
+        band = ROWS / (2.0 * max(float(run.t[-1] - run.t[0]), 1e-9))
         cutoff = min(settings.torque_cutoff, band)
         settings = replace(settings, torque_cutoff=cutoff)
         filters, (laws, shared) = RunFilter(run, settings), split(problem.model())
@@ -101,8 +117,10 @@ class RegressionData:
         # Where all have stopped nothing is asked of any joint.
         motion, heard = Motion(t[asked], q[asked], dq[asked], ddq[asked]), slides[asked].astype(float)
         largest = np.abs(torque).max(axis=0)
-        independent = 2.0 * cutoff * float(np.ptp(motion.t))
-        return cls(shared, motion, spline, own[:, asked], heard, moving, largest, independent)
+        own, lacking = own[:, asked], dict[str, Array]()
+        for name, law in reversed(LAWS.items()):  # the last columns
+            own, lacking[name] = np.split(own, [-len(law(motion))], axis=2)
+        return cls(shared, motion, spline, own, lacking, heard, moving, largest, cutoff)
 
 
 def _piece(
@@ -129,8 +147,9 @@ def split(model: Model) -> tuple[list[JointEffect], Model | None]:
 
 
 def own_columns(friction: Sequence[JointEffect], motion: Motion) -> list[Array]:
-    """(N, n) blocks: a rotor, an offset, then everything that resists the motion."""
+    """(N, n) blocks: a rotor, an offset, then everything that resists the motion, and LAWS."""
     laws = [np.column_stack([e.column(motion, j) for j in e.joints]) for e in friction]
     laws += [np.tanh(motion.dq / w) for w in COULOMB_WIDTHS]
-    laws += [np.column_stack([dahl(q, d) for q in motion.q.T]) for d in BRISTLE_TRAVELS]
+    laws += _bristles(motion, TRAVELS["gear"])
+    laws += [column for law in LAWS.values() for column in law(motion)]
     return [motion.ddq, np.ones_like(motion.q), motion.dq, *laws]

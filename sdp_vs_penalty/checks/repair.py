@@ -11,27 +11,17 @@ where a channel that bends is straightened first: s artanh(tau_raw / s), s = max
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array
 
 Order = tuple[int, ...]
 Numbers = tuple[float, ...]
-
-
-#: Laws of a joint that arms have and models lack, by their state: as strong as they may be, they are no
-#: fault of the log.
-LAWS: dict[str, Callable[[Array, Array], Array]] = {
-    "a spring": lambda q, dq: q,
-    "drag": lambda q, dq: dq * np.abs(dq),
-    "friction that differs by direction": lambda q, dq: np.abs(dq),
-}
 
 
 @dataclass(frozen=True)
@@ -42,12 +32,11 @@ class Event:
     joint: int
     at: float | str | None = None
 
-    def shape(self, motion: Motion, column: int) -> Array:
-        """(N,) of which it is a multiple, where the joint's states are a column of the motion's."""
-        if isinstance(self.at, str):
-            return LAWS[self.at](motion.q[:, column], motion.dq[:, column])
-        ramp = (motion.t - motion.t[0]) / max(motion.t[-1] - motion.t[0], 1e-300)
-        return np.asarray(ramp if self.at is None else (motion.t > self.at) * 1.0)
+    def shape(self, t: Array) -> Array:
+        """(N, 1) of which a drift or a step is a multiple, at instants t [s]."""
+        assert not isinstance(self.at, str)  # laws are columns of the data
+        ramp = (t - t[0]) / max(t[-1] - t[0], 1e-300)
+        return np.asarray(ramp if self.at is None else (t > self.at) * 1.0)[:, None]
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.constants import LONG, RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
+from sdp_vs_penalty.checks.constants import RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
 from sdp_vs_penalty.checks.issue import Issue, joints_text, rows_text
+from sdp_vs_penalty.data.formats.recognition import UNITS
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.data.plausibility import beside_range
 from sdp_vs_penalty.robot.arrays import Array, or_one
@@ -22,8 +23,8 @@ from sdp_vs_penalty.signals.runs import Movement, movement, moving_joints, spans
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
 Rows = NDArray[np.bool_]
-#: Units of time that loggers write, in seconds.
-_UNITS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+#: Units of time that loggers write.
+_UNITS = {"seconds": "s", "milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
 #: Time steps [s] of a log that somebody would identify from.
 _STEPS = (2e-5, 0.5)
 #: The samples of the median that a spike is measured from.
@@ -140,7 +141,7 @@ def time_unit(g: Glance) -> Iterator[Issue]:
     if g.step <= 0.0 or not q.size or len(q) <= RUN:
         return
     speed = float(np.median(np.quantile(np.abs(q[10:] - q[:-10]), 0.9, axis=0))) / (10.0 * g.step)
-    fits = {name: u for name, u in _UNITS.items() if _STEPS[0] <= g.step * u <= _STEPS[1]}
+    fits = {name: UNITS[u] for name, u in _UNITS.items() if _STEPS[0] <= g.step * UNITS[u] <= _STEPS[1]}
     if fits and "seconds" not in fits:
         unit, factor = min(fits.items(), key=lambda fit: abs(np.log(speed / fit[1])))
         yield Issue(
@@ -200,7 +201,7 @@ def uneven(g: Glance) -> Iterator[Issue]:
     steps, q = g.steps, g.run.q[:, g.moving]
     if len(steps) < RUN or not q.shape[1]:
         return
-    pause = LONG * max(g.step, float(np.quantile(steps, 0.97)))  # packets, too, may come in bursts
+    pause = TIMES * max(g.step, float(np.quantile(steps, 0.97)))  # packets, too, may come in bursts
     even, usual = (steps[1:] < pause) & (steps[:-1] < pause), steps[steps < pause]
     spread = float(np.std(usual) / np.mean(usual))
     if spread < 1 / RUN or np.count_nonzero(even) < RUN:
@@ -232,9 +233,9 @@ def uneven(g: Glance) -> Iterator[Issue]:
 
 def jumps(g: Glance) -> Iterator[Issue]:
     """Steps that are no jitter: of a clock that was set where the motion goes on, otherwise gaps."""
-    long = np.flatnonzero(g.steps > max(LONG * g.step, 0.02))
+    long = np.flatnonzero(g.steps > max(TIMES * g.step, 0.02))
     moves = [g.movement.moves[max(k - 10, 0) : k + 11].all() for k in long]
-    stays = np.array(moves, bool) & (g.steps[long] > 2.0 * LONG * g.step) & _goes_on(g, long)
+    stays = np.array(moves, bool) & (g.steps[long] > 2.0 * TIMES * g.step) & _goes_on(g, long)
     wrong = np.isin(np.arange(len(g.steps)), long[stays])
     for rows, is_set in ((long[stays], True), (long[~stays], False)):
         if not len(rows):
@@ -371,7 +372,7 @@ def interpolated_rows(g: Glance) -> Iterator[Issue]:
     inside = np.concatenate([[False], ~np.any(bends, axis=1) & np.any(size > 0.0, axis=1), [False]])
     edges, moves = spans(inside), g.movement.moves
     # A converter that interpolates every row makes lines everywhere; a gap is far longer than those.
-    least = max(STUCK, LONG * float(np.median(np.diff(edges))) if inside.mean() > 0.3 else 0.0)
+    least = max(STUCK, TIMES * float(np.median(np.diff(edges))) if inside.mean() > 0.3 else 0.0)
     parts = [p for p in edges if p[1] - p[0] >= least and moves[p[0] : p[1]].mean() > 0.5]
     what = "{rows} rows lie on straight lines in every channel: a gap was filled by interpolation."
     remedy = f"{_DELETE}; the run is split there"

@@ -97,11 +97,8 @@ class Search:
         if not all(map(self._determined, numbers)):
             return False
         before, after = (fits.left_out(r, fits.score(r).weights)[1] for r in (now, repair))
-        change = np.log(before / after)[:, fits.moving].sum(axis=1)
-        error = float(np.std(change)) / np.sqrt(c.PARTS)
-        if _same_fit(repair, now):  # physics alone may tell
-            return bool(np.mean(change) >= -c.SIGNIFICANT * error)
-        return bool(np.mean(change) > c.SIGNIFICANT * error)
+        # Where the fit is the same, physics alone may tell.
+        return fits.predicts(before, after) > (-c.SIGMAS if _same_fit(repair, now) else c.SIGMAS)
 
     def _determined(self, number: Number) -> bool:
         """Beyond what is usual, and its interval is closed: far to either side, half of it and as far as
@@ -109,13 +106,13 @@ class Search:
         far = max(number.reach, 0.5 * abs(number.value))
         values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
         here, *sides = self.log.scores([number.at(x) for x in values])
-        if 0.5 * self.samples * (min(s.score for s in sides) - here.score) < 0.5 * c.SIGNIFICANT**2:
+        if 0.5 * self.samples * (min(s.score for s in sides) - here.score) < 0.5 * c.SIGMAS**2:
             return False
         return abs(number.value) > number.tolerance + c.SIGMAS * self.deviation(number)
 
     def deviation(self, number: Number) -> float:
         """A number's standard deviation."""
-        return self.log.change(number.at, number.value, 0.3 * number.tolerance)[1]
+        return self.log.deviation(number.at, number.value, 0.3 * number.tolerance)
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
         """With the best values of the numbers that ``now`` does not have; round ones where as likely."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import Equations, Likelihood
+from sdp_vs_penalty.checks.likelihood import Equations, Likelihood, jackknifed
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import choices
 from sdp_vs_penalty.robot.arrays import Array
@@ -68,7 +68,7 @@ def compare(
         return 0.5 * samples * float(np.log(one / left)[asked].sum())
 
     theta, one = one_arm(runs)
-    apart, least = gain(alone), c.ODDS + c.SLOW_ODDS  # friction is never quite the same again
+    apart, least = gain(alone), 3.0 * c.ODDS  # friction is never quite the same again
     times = float(np.exp(apart / samples / max(asked[0].sum(), 1)))
     if apart < least or times < worse:
         return
@@ -99,10 +99,9 @@ def compare(
         kind, j, ranks, more, left = "another arm", -1, [odd], None, alone
     arms, after = left_out(left, more, ranks)
     found = arms[:, 0 if more is None else -more.shape[2]]
-    change = np.log(before / after)[:, log.moving].sum(axis=1)
-    x, spread = float(np.mean(found)), float(np.sqrt((c.PARTS - 1) * np.var(found)))
+    x, spread = jackknifed(found)
     known = more is None or abs(x) > c.SIGMAS * spread
-    if not known or np.mean(change) < c.SIGMAS * np.std(change) / np.sqrt(c.PARTS):
+    if not known or log.predicts(before, after) < c.SIGMAS:
         return
     figures = {"run": names[odd], "j": j + 1, "x": 1.0 + x if kind == "torque gain" else x}
     what, remedy = (text.format(**figures, degrees=np.degrees(-x)) for text in _WORDS[kind])

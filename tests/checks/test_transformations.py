@@ -7,6 +7,7 @@ import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty import check, load_problem
+from sdp_vs_penalty.effects.bristles import dahl
 
 PROBLEM = load_problem("two_link")
 RUN = replace(small_run(PROBLEM, seconds=8.0), dq=None)
@@ -58,9 +59,21 @@ def test_a_position_with_the_wrong_sign_is_named_by_its_joint():
     np.testing.assert_array_equal(report.mended.q, run.q)
 
 
+#: Torque by position and velocity, of unit size; hysteresis was called a filter of the channel.
+STRONG = {
+    "a spring": lambda q, dq: q,
+    "drag": lambda q, dq: dq * np.abs(dq),
+    "hysteresis": lambda q, dq: dahl(q, 0.06),
+}
+
+
 @pytest.mark.parametrize(
     ("law", "joint", "size"),
-    [("a spring", 3, 30.0), pytest.param("drag", 2, 20.0, marks=pytest.mark.long)],
+    [
+        ("a spring", 3, 30.0),
+        pytest.param("drag", 2, 20.0, marks=pytest.mark.long),
+        ("hysteresis", 4, 8.0),
+    ],
 )
 def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(law, joint, size):
     """A spring larger than its joint's weight was called a gain sixteen times too small."""
@@ -69,7 +82,7 @@ def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(law, joint, si
     q = run.q[:, joint - 1]
     dq = np.gradient(q, run.t)
     more = np.zeros_like(run.tau)
-    more[:, joint - 1] = size * (q if law == "a spring" else dq * np.abs(dq))
+    more[:, joint - 1] = size * STRONG[law](q, dq)
     clean, spoiled = (
         check(problem, r, thorough=False)[0] for r in (run, replace(run, tau=run.tau + more))
     )

@@ -8,11 +8,13 @@ import numpy as np
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score, solve
-from sdp_vs_penalty.checks.repair import LAWS, Event, Repair
+from sdp_vs_penalty.checks.regression_data import LAWS
+from sdp_vs_penalty.checks.repair import Event, Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Transformation, choices
+from sdp_vs_penalty.data.formats.recognition import UNITS as NAMED
 
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
-UNITS = {1e-3: "mN m", 1e-2: "N cm", 9.80665: "kgf m", 0.1129848: "lbf in"}
+UNITS = {NAMED["mnm"]: "mN m", NAMED["ncm"]: "N cm", NAMED["kgfm"]: "kgf m", NAMED["lbfin"]: "lbf in"}
 #: Factors that are tried: units, and a grid whose steps the refinement bridges.
 _GAINS = (*UNITS, 0.1, 0.3, 0.6, 0.85, 1.17, 1.7, 3, 100, 1e3)
 #: Delays (``lead`` of a repair) and time constants (``lag``) that are tried [s].
@@ -136,7 +138,7 @@ class Law(Transformation):
     what they explain is said in a note."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        for j in log.joints:
+        for j in np.flatnonzero(score.poor).tolist():
             new = (Event(j, law) for law in LAWS if Event(j, law) not in now.events)
             yield from (replace(now, events=(*now.events, event)) for event in new)
 
@@ -162,7 +164,7 @@ class Change(Transformation):
         t, span = motion.t, float(np.ptp(motion.t))
         steps = np.linspace(0.12, 0.88, c.ROWS // 2)  # two rows each: the wrong moment explains nothing
         events = [None, *(float(t[0] + s * span) for s in steps)]
-        shapes = np.column_stack([Event(0, at).shape(motion, 0) for at in events])
+        shapes = np.hstack([Event(0, at).shape(t) for at in events])
         x = score.rows.rest(log.heard(now)[:, :, None] * shapes)
         pull = np.einsum("jm,jmk->jk", score.residual, x) ** 2
         # What the arm's parameters take of a shape leaves nothing to see.
@@ -192,8 +194,8 @@ class Change(Transformation):
             name, unit = joints_text([j]), log.problem.robot.torque_units[j]
             without = replace(repair, events=tuple(e for e in repair.events if e != event))
             # As far as the fit of its joint needs it.
-            score, lacking, shape = log.score(repair), log.rows(without), event.shape(log.data.motion, 0)
-            x = lacking.rest((log.heard(repair) * shape)[:, :, None])[j, :, 0]
+            score, lacking, shape = log.score(repair), log.rows(without), event.shape(log.data.motion.t)
+            x = lacking.rest(log.heard(repair)[:, :, None] * shape)[j, :, 0]
             away = score.channels[j] - lacking.raw[j] @ score.theta
             size = float(x @ away / max(x @ x, 1e-300))
             kind, many, place = "torque drift", log.n, ""
@@ -206,5 +208,5 @@ class Change(Transformation):
                 remedy = "cut the run there, or find out what touched the arm"
             yield Element(
                 kind, "warning", (j,), f"the torque of {name} {how}.", remedy, without,
-                choices(many) + c.SLOW_ODDS, place, False, {"size": size} | ({"t": t} if t else {}),
+                choices(many) + 2.0 * c.ODDS, place, False, {"size": size} | ({"t": t} if t else {}),
             )  # fmt: skip

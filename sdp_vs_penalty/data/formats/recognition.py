@@ -50,7 +50,7 @@ _OTHERS = {
 UNITS: dict[str, float] = {
     "ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "deg": np.pi / 180.0, "degrees": np.pi / 180.0,
     "degree": np.pi / 180.0, "rad": 1.0, "rpm": np.pi / 30.0, "nm": 1.0, "mnm": 1e-3, "ncm": 1e-2,
-    "lbfft": 1.3558179, "a": 1.0, "ma": 1e-3, "mm": 1e-3,
+    "kgfm": 9.80665, "lbfft": 1.3558179, "lbfin": 0.1129848, "a": 1.0, "ma": 1e-3, "mm": 1e-3,
 }  # fmt: skip
 
 
