@@ -72,16 +72,18 @@ class Search:
         value = {i: self.likelihood(scores[i], asked[i]) for i in near}
         order = sorted((i for i in near if value[i] > far), key=lambda i: -value[i])
         tied = [i for i in order if _same_fit(asked[i], now)]
-        return [asked[i] for i in dict.fromkeys(order[: c.MOST] + tied[: c.MOST])]
+        # Of each thing its best number: a grid's neighbours must not crowd out another thing.
+        best: dict[frozenset[object], int] = {}
+        for i in order:
+            best.setdefault(frozenset(e.name for e in self.elements(asked[i])), i)
+        return [asked[i] for i in dict.fromkeys([*best.values()][: c.MOST] + tied[: c.MOST])]
 
     def added(self, now: Repair) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
         level = self.posterior(now)
         # Rough numbers first: a coarse grid may miss most of what its best value explains.
-        best: dict[frozenset[object], Repair] = {}
-        for r in sorted(self.proposals(now), key=self.posterior, reverse=True):
-            best.setdefault(frozenset(e.name for e in self.elements(r)), r)
-        refined = [self.refined(r, now) for r in list(best.values())[: c.MOST]]
+        rough = sorted(self.proposals(now), key=self.posterior, reverse=True)
+        refined = [self.refined(r, now) for r in rough[: c.MOST]]
         for repair in sorted(refined, key=self.posterior, reverse=True):
             if self.posterior(repair) < level + c.ODDS:
                 break

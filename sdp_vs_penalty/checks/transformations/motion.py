@@ -68,7 +68,7 @@ class Clock(Transformation):
                 f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
                 "torques does not fit the weight.",
                 f"multiply t by {factor:.3g} (find out the log's true rate)",
-                Number.factor(factor, at, _RATES),
+                Number.factor(factor, at, (min(_RATES), max(_RATES))),  # a half or twice is round
                 place="column t", figures={"factor": factor},
             )  # fmt: skip
 
