@@ -14,6 +14,7 @@ from sdp_vs_penalty.estimators import interior_point
 from sdp_vs_penalty.paper.tables.errata import pi_p_hat
 from sdp_vs_penalty.problem import plausible_links, published_links, with_bounds
 from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import CentreOfMassCone
 from sdp_vs_penalty.problem.published import published_cell, published_values
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot import Joint, Robot, inertia
@@ -334,3 +335,14 @@ def test_a_given_inertial_is_as_slender_as_its_link_is_long(length, thin, kept):
     assert sources == ("inertial",) * 2
     assert np.array_equal(found, theirs) is kept
     np.testing.assert_allclose(found[:, 0], 1.5)
+
+
+@pytest.mark.parametrize(("ends", "across"), [((-np.inf, 0.5), np.inf), ((-0.2, 0.5), 0.25)])
+def test_a_cone_bounds_a_centre_of_mass_where_it_ends(ends, across):
+    """|c across z| <= 0.1 + 0.3 c_z: as wide as at its wide end, or without bound."""
+    joint = Joint("j", "revolute", -1, np.eye(4), np.array([0.0, 0.0, 1.0]), np.eye(4))
+    problem = open_problem(Robot("one", (joint,)), np.zeros((1, 10)))
+    box = problem.box.copy()
+    box[0, 3] = ends
+    made = replace(problem, box=box, cones=(CentreOfMassCone(0, 2, 0.1, 0.3),))
+    np.testing.assert_allclose(made.centre_boxes[0, :2], [[-across, across]] * 2)
