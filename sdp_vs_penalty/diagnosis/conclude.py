@@ -43,7 +43,12 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, free_constants, prior_deviation
+from sdp_vs_penalty.estimation.shape_constants import (
+    ShapeSensitivity,
+    free_constants,
+    prior_deviation,
+    sensitivities,
+)
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
@@ -89,7 +94,8 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     errors = np.array([found.held_out.errors(found.offered[:k]) for k in range(count)])
     retuned = retunes(found.shapes, found.estimate.robot, found.before, errors[0])
     doubt = torque_errors(data, found.estimate, gain_errors)
-    findings = tuple(_finding(found, k, t, errors, doubt) for k, t in enumerate(search.terms))
+    moved = shape_columns(search)
+    findings = tuple(_finding(found, k, t, errors, doubt, moved) for k, t in enumerate(search.terms))
     floor = noise.floor if data.known else np.zeros(data.n)
     curves = tuple(c.told(seed + k, float(floor[c.joint])) for k, c in enumerate(found.curves))
     nameless = {j: float(left.beyond[j]) for j in left.matters}
@@ -117,9 +123,11 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     )
 
 
-def _finding(found: Found, k: int, term: Term, errors: Array, doubt: Array) -> Finding:
+def _finding(
+    found: Found, k: int, term: Term, errors: Array, doubt: Array, moved: Sequence[Moved]
+) -> Finding:
     search, effect = found.search, term.form.effect
-    known = size_of_term(search, term, doubt)
+    known = size_of_term(search, term, doubt, moved)
     size, std = size_of(effect, known.beta, known.covariance)
     joints = () if effect.whole_robot else tuple(j + 1 for j in effect.joints)
     rivals = tuple(dict.fromkeys(_rival_name(effect, r.form.effect) for r in term.rivals))
@@ -255,9 +263,27 @@ class Size:
     constants: dict[str, float]
 
 
-def size_of_term(search: Search, term: Term, errors: Array) -> Size:
+#: What an error of an effect's free shape constants makes of torque, white.
+Moved = tuple[ShapeSensitivity, dict[int, Array]]
+
+
+def shape_columns(search: Search) -> list[Moved]:
+    """Of all terms of a search, and of the effects that the model has beside them: what turns round over
+    another velocity than the model's looks like friction that is smaller or larger."""
+    data, terms = search.data, search.terms
+    effects, thetas = [t.form.effect for t in terms], [t.beta for t in terms]
+    if not data.frozen:
+        model, there = data.estimate.model, {t.key for t in terms if t.form.own}
+        own = zip(model.effects, model.indices, strict=True)
+        rest = [(e, k) for e, k in own if (e.name, e.joints[0]) not in there]
+        effects += [e for e, _ in rest]
+        thetas += [data.estimate.theta[k] for _, k in rest]
+    return [(s, data.columns(s)) for s in sensitivities(effects, thetas)]
+
+
+def size_of_term(search: Search, term: Term, errors: Array, moved: Sequence[Moved]) -> Size:
     """errors (n, M, e) : a factor of the covariance of white rows' torque, from
-    :func:`torque_errors`."""
+    :func:`torque_errors`; moved : of :func:`shape_columns`."""
     data, k = search.data, term.form.k
     others = [t for t in search.terms if t != term]
     fit = search.score.fit(others, search.fit)
@@ -266,15 +292,9 @@ def size_of_term(search: Search, term: Term, errors: Array) -> Size:
     apart, known = search.score.apart(fit, term.form, term.columns)
     columns = [apart]
     own = free_constants(term.form.effect)
-    model, shaped = data.estimate.model, [(t.form.effect, t.beta) for t in (term, *others)]
-    if not data.frozen:  # the constants of the model's own effects are no better known
-        thetas = (data.estimate.theta[k] for k in model.indices)
-        shaped += zip(model.effects, thetas, strict=True)
-    for effect, theta in shaped:
-        if free_constants(effect):
-            moved = data.columns(ShapeSensitivity(effect, theta))
-            if moved:
-                columns.append(fit.beside(fit.scaled(moved)))
+    first = sorted(moved, key=lambda m: m[0].effect is not term.form.effect)
+    near = [z for _, z in first if not term.joints.isdisjoint(z)]
+    columns += [fit.beside(fit.scaled(z)) for z in near]
     T = np.concatenate(columns, axis=2)
     prior = np.concatenate([known**-2.0, np.ones(T.shape[2] - k)])
     A = np.tensordot(T, T, axes=((0, 1), (0, 1))) + np.diag(prior)

@@ -12,6 +12,7 @@ from sdp_vs_penalty.diagnosis.conclude import (
     Found,
     conclude,
     shape_estimate,
+    shape_columns,
     size_of_term,
     told,
     what_is_left,
@@ -137,7 +138,8 @@ def _retuned(search: Search, judge: Judge) -> tuple[Estimate, list[ShapeEstimate
     first, data = judge.first, search.data
     none = np.zeros((data.n, len(data.rows.t), 0))
     own = [t for t in search.terms if t.form.own]
-    shapes = [shape_estimate(t, first, size_of_term(search, t, none)) for t in own]
+    moved = shape_columns(search) if own else []
+    shapes = [shape_estimate(t, first, size_of_term(search, t, none, moved)) for t in own]
     before = judge.of(data, (), first).errors(()) if shapes else None
     while shapes and before is not None:
         now = adopted(first, shapes, judge.data)

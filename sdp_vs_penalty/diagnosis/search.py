@@ -23,6 +23,9 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Steps of the lattice on which shape constants are refined, in those of the grid that they begin with.
 _STEPS = 0.5, 0.25, 0.125
+#: Times that a constant that is as large as its effect follows it: what is left of an error falls by the
+#: share of the effect that is not of first order, a quarter for the softest gears.
+_SIZED = 3
 
 
 class Search:
@@ -56,11 +59,12 @@ class Search:
                 best = self._along(fit, best, name)
         sized = best.form.effect.sized_shape
         # A constant that is as large as its effect, such as a delay's, is made so.
-        if sized and sized not in fixed and len(best.beta):
+        for _ in range(_SIZED if sized and sized not in fixed and len(best.beta) else 0):
             effect = best.form.effect
             value = float(f"{effect.as_sized(float(best.beta[0])):.6g}")
-            if not effect.shapes[sized].complaint(value):
-                best = self.judged(fit, best.form.with_shape(**{sized: value}))
+            if effect.shapes[sized].complaint(value):
+                break
+            best = self.judged(fit, best.form.with_shape(**{sized: value}))
         return best
 
     def _along(self, fit: Fit, start: Term, name: str) -> Term:

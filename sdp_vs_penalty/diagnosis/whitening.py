@@ -85,7 +85,8 @@ class WhiteData:
         out = {}
         for block in self.rows.blocks(effect):
             full = filled(block.columns, block.parameters, len(effect.parameters))
-            out[block.joint] = self.white(full, block.joint)
+            white = self.white(full, block.joint)
+            out[block.joint] = out[block.joint] + white if block.joint in out else white
         return out
 
 

@@ -15,6 +15,7 @@ from sdp_vs_penalty.effects.effect import (
     Motion,
     Parameter,
 )
+from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.constraint import Constraint
@@ -228,12 +229,12 @@ class Backlash(LinkDeviation):
 
 
 class JointElasticity(LinkDeviation):
-    equation = "-c_e (dID/dq_j tau_j + dID/d dq_j d tau_j/dt + dID/d ddq_j d^2 tau_j/dt^2)"
+    equation = "-c_e D x, x = tau_j - c (D tau_j)_j, D x = dID/dq_j x + dID/d dq_j dx/dt + dID/d ddq_j d^2 x/dt^2"
     explanation = (
         "The gear of joint j yields under the torque tau_j that it transmits (that of the links; "
         "motor friction does not pass through it): the link lags behind the motor-side encoder by "
-        "c_e tau_j, c_e = 1 / stiffness. To first order that changes position, velocity and "
-        "acceleration in the inverse dynamics of every joint."
+        "c_e x, c_e = 1 / stiffness, which changes position, velocity and acceleration in the inverse "
+        "dynamics of every joint. What bends the gear is the torque x of the link that lags. c is c_e."
     )
     reference = "Spong, ASME J. Dynamic Systems 1987"
     symbol = "c_e"
@@ -242,13 +243,22 @@ class JointElasticity(LinkDeviation):
     signless = True
     forward = "left out"  # a link that moves by itself
     has_memory = True  # time derivatives of the torque
+    shapes = {"c": Shape(0.0, units, signed=True)}
+    sized_shape = "c"
 
     def deviated(self, motion: Motion, joint: int) -> Array:
-        by_q, by_dq, by_ddq = motion.derivatives
-        tau = motion.link_torque[:, joint, None]
-        rate, acceleration = (x[:, joint, None] for x in motion.link_torque_rates)
-        out = by_q[:, :, joint] * tau + by_dq[:, :, joint] * rate + by_ddq[:, :, joint] * acceleration
-        return np.negative(out)
+        torque, c = motion.link_torque[:, joint], self.shape["c"]
+        if c:
+            # Borne by the link where the model has it, a gear is found up to a quarter softer than it is.
+            torque = torque - c * self._moved(motion, joint, torque)[:, joint]
+        return -self._moved(motion, joint, torque)
+
+    @staticmethod
+    def _moved(motion: Motion, joint: int, x: Array) -> Array:
+        """(N, n) change of the torque on all joints where the link of one moves by x (N,)."""
+        by_q, by_dq, by_ddq = (by[:, :, joint] for by in motion.derivatives)
+        x, rate, acceleration = (y[:, None] for y in motion.rates(x))
+        return np.asarray(by_q * x + by_dq * rate + by_ddq * acceleration)
 
 
 #: What may be expected of an arm that nobody has calibrated: displacements [m] and turns [rad].

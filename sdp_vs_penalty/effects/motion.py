@@ -171,11 +171,10 @@ class Motion:
         middle, rates = self.t - 0.5 * T, _time_derivative(self.model_torque, self.t)
         return np.column_stack([np.interp(middle, self.t, rate) for rate in rates.T])
 
-    @cached_property
-    def link_torque_rates(self) -> tuple[Array, Array]:
-        """First and second time derivative of :attr:`link_torque`."""
-        rate = _time_derivative(self.link_torque, self.t)
-        return rate, _time_derivative(rate, self.t)
+    def rates(self, values: Array) -> tuple[Array, Array, Array]:
+        """Values (N, ...) at these instants, and their first and second time derivative."""
+        rate = _time_derivative(values, self.t)
+        return values, rate, _time_derivative(rate, self.t)
 
     @property
     def model_links(self) -> Array:

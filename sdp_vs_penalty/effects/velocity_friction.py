@@ -1,5 +1,7 @@
 """Friction of a joint that is a function of its velocity, and of the load that it carries."""
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, JointEffect, Motion
@@ -94,42 +96,62 @@ class PowerLawFriction(JointEffect):
         return motion.sign(joint) * np.abs(dq) ** self.shape["alpha"]
 
 
+#: How a sigmoid rises from -1 to 1: soon, late, and in between.
+_RISES: Mapping[str, Callable[[Array], Array]] = {
+    "tanh": np.tanh,
+    "atan": lambda x: 2.0 / np.pi * np.arctan(x),
+    "algebraic": lambda x: x / np.hypot(1.0, x),
+}
+
+
 class SigmoidFriction(JointEffect):
-    equation = "f_sg (tanh(dq / v0) - sign(dq))"
+    equation = (
+        "f_sg (s(dq / v0) - sign(dq)), s(x) = tanh x | 2/pi atan x | x / sqrt(1 + x^2), for law = tanh "
+        "| atan | algebraic"
+    )
     explanation = (
         "A part f_sg of the Coulomb friction rises over a velocity range v0 instead of jumping: the "
         "sigmoid form phi_1 / (1 + exp(-phi_2 (dq + phi_3))) of the paper's Table I, whose phi_3 is "
-        "an offset. Near standstill there is less friction than Coulomb's law says."
+        "an offset, or one with a longer tail. Near standstill there is less friction than Coulomb's "
+        "law says."
     )
-    reference = "Gaz et al., RA-L 2019, eq. 9 and Table I"
+    reference = "Gaz et al., RA-L 2019, eq. 9 and Table I; Pennestri et al., Nonlinear Dynamics 2016"
     symbol = "f_sg"
     lower = 0.0
     refines = ("coulomb_friction",)
-    shapes = {"v0": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 2.0))}
+    shapes = {
+        "v0": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 2.0)),
+        "law": Shape(1.0, grid=(1.0, 2.0, 3.0), choices=(1.0, 2.0, 3.0), words=tuple(_RISES)),
+    }
 
     def column(self, motion: Motion, joint: int) -> Array:
-        dq = motion.dq[:, joint]
-        return np.tanh(dq / self.shape["v0"]) - motion.sign(joint)
+        rises = _RISES[self.shapes["law"].written(self.shape["law"])]
+        return rises(motion.dq[:, joint] / self.shape["v0"]) - motion.sign(joint)
 
 
 class StribeckFriction(JointEffect):
-    equation = "f_st sign(dq) exp(-(|dq| / vs)^delta)"
+    equation = "f_st sign(dq) exp(-x) | f_st sign(dq) / (1 + x), x = (|dq| / vs)^delta, for law = dip | tail"
     explanation = (
         "At low speed the surfaces touch; as speed rises a lubricant film lifts them apart and the "
-        "friction falls by f_st towards its Coulomb level, within about the Stribeck velocity vs."
+        "friction falls by f_st towards its Coulomb level, within about the Stribeck velocity vs, or "
+        "with a long tail."
     )
-    reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, eq. 7"
+    reference = (
+        "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, eq. 7; tail: Hess, Soom, ASME J. "
+        "Tribology 1990"
+    )
     symbol = "f_st"
     lower = 0.0
     refines = ("coulomb_friction",)
     shapes = {
         "vs": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 1.0)),
         "delta": Shape(2.0, grid=(1.0, 2.0)),
+        "law": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("dip", "tail")),
     }
 
     def column(self, motion: Motion, joint: int) -> Array:
-        dq = motion.dq[:, joint]
-        return motion.sign(joint) * np.exp(-((np.abs(dq) / self.shape["vs"]) ** self.shape["delta"]))
+        x = (np.abs(motion.dq[:, joint]) / self.shape["vs"]) ** self.shape["delta"]
+        return motion.sign(joint) * (np.exp(-x) if self.shape["law"] == 1.0 else 1.0 / (1.0 + x))
 
 
 class LoadDependentFriction(JointEffect):

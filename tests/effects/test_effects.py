@@ -48,7 +48,7 @@ def test_without_links_what_depends_on_them_makes_no_torque():
     [
         ("torque_ripple:1@k=7", "arm", "k = 7 per turn"),
         ("torque_ripple:1@k=7", "gantry", "k = 7 rad/m"),
-        ("stribeck_friction:2@vs=0.05@delta=1", "arm", "vs = 0.05 rad/s, delta = 1"),
+        ("stribeck_friction:2@vs=0.05@delta=1", "arm", "vs = 0.05 rad/s, delta = 1, law = dip"),
         ("presliding_hysteresis:2@d=0.002", "gantry", "d = 0.002 m"),
         ("drift_offset:1@form=2@T=30@t0=5", "arm", "form = 2, T = 30 s"),
         ("drift_offset:1@form=1@t0=5", "arm", "form = 1"),

@@ -226,11 +226,33 @@ def _sharp_flanks(w: World, j: int) -> list[Hidden]:
     return [Hidden((j,), change, 1.0, size=5e-4, details={"sharp": True})]
 
 
-def _classical(w: World, j: int) -> list[Hidden]:
-    def law(w: World, m: TrueMotion) -> Array:
-        return np.asarray(np.sign(m.dq[:, j]) * np.exp(-np.abs(m.dq[:, j]) / 0.1))
+def _dips(w: World, j: int) -> list[Hidden]:
+    laws: dict[tuple[float, float], Callable[[Array], Array]] = {
+        (1.0, 1.0): lambda x: np.exp(-x),
+        (1.0, 2.0): lambda x: 1.0 / (1.0 + x),
+        (2.0, 2.0): lambda x: 1.0 / (1.0 + x**2),
+    }
+    return [
+        at_joint(
+            j,
+            lambda w, m, g=g: np.sign(m.dq[:, j]) * g(np.abs(m.dq[:, j]) / 0.1),
+            1.0,
+            vs=0.1,
+            delta=delta,
+            law=law,
+        )
+        for (delta, law), g in laws.items()
+    ]
 
-    return [at_joint(j, law, 1.0, vs=0.1, delta=1.0)]
+
+def _rises(w: World, j: int) -> list[Hidden]:
+    def law(m: TrueMotion, kind: float) -> Array:
+        v = m.dq[:, j]
+        share = np.arctan2(v, 0.1) / (0.5 * np.pi) if kind == 2.0 else v / np.sqrt(v**2 + 0.01)
+        return np.asarray(share - np.sign(v))
+
+    kinds = (2.0, 3.0)
+    return [at_joint(j, lambda w, m, k=k: law(m, k), 1.0, v0=0.1, law=k) for k in kinds]
 
 
 def _two_waves(w: World, j: int) -> list[Hidden]:
@@ -254,6 +276,7 @@ OTHER_FORMS: Mapping[str, Callable[[World, int], list[Hidden]]] = {
     "transmission_friction": _transmission,
     "torque_filter": _both_ways,
     "warming_friction": _by_the_clock,
-    "stribeck_friction": _classical,
+    "stribeck_friction": _dips,
+    "sigmoid_friction": _rises,
     "position_dependent_friction": _two_waves,
 }
