@@ -1,6 +1,6 @@
 """The verb ``add``: an effect joins the model, and everything is identified again."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from sdp_vs_penalty.diagnosis.held_out import (
     task_beside,
 )
 from sdp_vs_penalty.diagnosis.library import Form, Library
+from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
 from sdp_vs_penalty.effects import parse_effects
@@ -291,8 +292,11 @@ def _shaped(search: Search, effect: Effect, joint: int | None, fixed: frozenset[
     forms = [
         Form((effect.name, joint), one) for one in effect.candidates(effect.robot, joint, start, **given)
     ]
-    best = max((search.judged(search.fit, form) for form in forms), key=lambda t: t.J)
-    return search.refined(search.fit, best, fixed).form.effect
+    best = dict[tuple[Hashable, ...], Term]()
+    for term in sorted((search.judged(search.fit, form) for form in forms), key=lambda t: t.J):
+        best[term.form.law] = term
+    found = (search.refined(search.fit, term, fixed) for term in best.values())
+    return max(found, key=lambda t: t.J).form.effect
 
 
 def found_together(

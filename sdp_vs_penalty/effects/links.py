@@ -229,12 +229,17 @@ class Backlash(LinkDeviation):
 
 
 class JointElasticity(LinkDeviation):
-    equation = "-c_e D x, x = tau_j - c (D tau_j)_j, D x = dID/dq_j x + dID/d dq_j dx/dt + dID/d ddq_j d^2 x/dt^2"
+    equation = (
+        "-c_e D x, x = tau_j - c (D tau_j)_j below the frequency band, D x = dID/dq_j x + dID/d dq_j dx/dt "
+        "+ dID/d ddq_j d^2 x/dt^2"
+    )
     explanation = (
         "The gear of joint j yields under the torque tau_j that it transmits (that of the links; "
         "motor friction does not pass through it): the link lags behind the motor-side encoder by "
         "c_e x, c_e = 1 / stiffness, which changes position, velocity and acceleration in the inverse "
-        "dynamics of every joint. What bends the gear is the torque x of the link that lags. c is c_e."
+        "dynamics of every joint. What bends the gear is the torque x of the link that lags; c is c_e. "
+        "That holds well below the gear's resonance, and band keeps to there: where friction turns "
+        "round the motor shakes faster than its link can follow."
     )
     reference = "Spong, ASME J. Dynamic Systems 1987"
     symbol = "c_e"
@@ -243,11 +248,11 @@ class JointElasticity(LinkDeviation):
     signless = True
     forward = "left out"  # a link that moves by itself
     has_memory = True  # time derivatives of the torque
-    shapes = {"c": Shape(0.0, units, signed=True)}
+    shapes = {"c": Shape(0.0, units, signed=True), "band": Shape(4.0, "Hz")}
     sized_shape = "c"
 
     def deviated(self, motion: Motion, joint: int) -> Array:
-        torque, c = motion.link_torque[:, joint], self.shape["c"]
+        torque, c = motion.smoothed(motion.link_torque[:, joint], self.shape["band"]), self.shape["c"]
         if c:
             # Borne by the link where the model has it, a gear is found up to a quarter softer than it is.
             torque = torque - c * self._moved(motion, joint, torque)[:, joint]

@@ -94,7 +94,7 @@ def unit_scale(unit: str, base: dict[str, float], constants: dict[str, float]) -
     if unit == "-":
         return 1.0
     newton = base["kg"] * base["m"] / base["s"] ** 2
-    known = {**base, "N": newton, "rad": 1.0, "turn": 1.0, "K": 1.0, **constants}
+    known = {**base, "N": newton, "rad": 1.0, "turn": 1.0, "K": 1.0, "Hz": 1.0 / base["s"], **constants}
     return float(eval(unit.replace("^", "**"), {"__builtins__": {}}, known))  # units are our own words
 
 
