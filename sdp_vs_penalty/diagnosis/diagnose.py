@@ -11,8 +11,8 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.conclude import (
     Found,
     conclude,
-    shape_estimate,
     shape_columns,
+    shape_estimate,
     size_of_term,
     told,
     what_is_left,

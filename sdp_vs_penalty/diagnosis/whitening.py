@@ -82,7 +82,7 @@ class WhiteData:
 
     def columns(self, effect: Effect) -> dict[int, Array]:
         """(M, k) white columns of an effect, of each joint whose torque it changes."""
-        out = {}
+        out = dict[int, Array]()
         for block in self.rows.blocks(effect):
             full = filled(block.columns, block.parameters, len(effect.parameters))
             white = self.white(full, block.joint)

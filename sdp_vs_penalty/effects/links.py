@@ -235,8 +235,8 @@ _BENDS = 4.0
 
 class JointElasticity(LinkDeviation):
     equation = (
-        "-c_e D x, x = tau_j - c (D tau_j)_j below the frequency band, D x = dID/dq_j x + dID/d dq_j dx/dt "
-        "+ dID/d ddq_j d^2 x/dt^2"
+        "-c_e D x, x = tau_j - c (D tau_j)_j below the frequency band, D x = dID/dq_j x + dID/d dq_j "
+        "dx/dt + dID/d ddq_j d^2 x/dt^2"
     )
     explanation = (
         "The gear of joint j yields under the torque tau_j that it transmits (that of the links; "
@@ -257,9 +257,10 @@ class JointElasticity(LinkDeviation):
     sized_shape = "c"
 
     def deviated(self, motion: Motion, joint: int) -> Array:
-        torque, c = motion.smoothed(motion.link_torque[:, joint], self.shape["band"]), self.shape["c"]
+        band, c = self.shape["band"], self.shape["c"]
+        torque = motion.smoothed(motion.link_torque[:, joint], band)
         if c:
-            # Borne by the link where the model has it, a gear is found up to a quarter softer than it is.
+            # With the link where the model has it, a gear is found up to a quarter softer than it is.
             torque = torque - c * self._moved(motion, joint, torque)[:, joint]
         return -self._moved(motion, joint, torque)
 

@@ -184,8 +184,8 @@ class Motion:
         rate = (len(self.t) - 1) / max(float(self.t[-1] - self.t[0]), 1e-300)
         if not 2.0 * band < rate:
             return values
-        sections = butter(4, 2.0 * band / rate, output="sos")
-        return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=min(len(values) - 1, int(rate / band))))
+        sections, ends = butter(4, 2.0 * band / rate, output="sos"), int(rate / band)
+        return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=min(len(values) - 1, ends)))
 
     @property
     def model_links(self) -> Array:

@@ -130,7 +130,7 @@ class SigmoidFriction(JointEffect):
 
 
 class StribeckFriction(JointEffect):
-    equation = "f_st sign(dq) exp(-x) | f_st sign(dq) / (1 + x), x = (|dq| / vs)^delta, for law = dip | tail"
+    equation = "f_st sign(dq) times exp(-x) | 1 / (1 + x), x = (|dq| / vs)^delta, for law = dip | tail"
     explanation = (
         "At low speed the surfaces touch; as speed rises a lubricant film lifts them apart and the "
         "friction falls by f_st towards its Coulomb level, within about the Stribeck velocity vs, or "

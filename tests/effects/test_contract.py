@@ -131,7 +131,8 @@ def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name):
             np.testing.assert_allclose(
                 wide_columns(effect, rows(shuffled)), columns[:, shuffled], atol=1e-12
             )
-        if effect.shape.get("phase") == 2.0 or "band" in effect.shape:  # smoothed both ways, over whole runs
+        # Smoothed both ways, over whole runs.
+        if effect.shape.get("phase") == 2.0 or "band" in effect.shape:
             assert effect.has_memory
             continue
         # Central differences look two samples ahead.
