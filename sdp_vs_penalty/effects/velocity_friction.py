@@ -1,11 +1,12 @@
 """Friction of a joint that is a function of its velocity, and of the load that it carries."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import VELOCITY, Shape
+from sdp_vs_penalty.robot.robot import Robot
 
 
 class ViscousFriction(JointEffect):
@@ -148,6 +149,13 @@ class StribeckFriction(JointEffect):
         "delta": Shape(2.0, grid=(1.0, 2.0)),
         "law": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("dip", "tail")),
     }
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        """Every law but the longest tail, which never ends: of what is left of it at all speeds another
+        friction would be as large as it likes."""
+        every = super().starts(robot, joint)
+        return [own for own in every if (own["law"], own["delta"]) != (2.0, 1.0)]
 
     def column(self, motion: Motion, joint: int) -> Array:
         x = (np.abs(motion.dq[:, joint]) / self.shape["vs"]) ** self.shape["delta"]
