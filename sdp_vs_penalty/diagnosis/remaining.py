@@ -33,7 +33,6 @@ from sdp_vs_penalty.signals.outliers import (
     robust_scale,
 )
 from sdp_vs_penalty.signals.repetition import consecutive, later_rows
-from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.standstill import SLOW, STILL
 
 
@@ -156,19 +155,12 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         degrees = float(noise.degrees[j])
         found = local_excess(steady, rows.pieces(j), rows.n, degrees)
         if found.any() and noise.source != REPETITION:
-            found &= _lone(white[:, j], rows, j)
+            # It stands out of the joint's own error, where no repetition tells that from noise.
+            apart = slow | (rows.still[:, j] > 0.0)
+            found &= lone_windows(white[:, j], rows.pieces(j), apart, rows.rate, rows.n)
         if found.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = found
     return out | _odd_ones(data, residual)
-
-
-def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
-    """(M,) windows that stand out of a joint's own error, where no repetition tells it from noise."""
-    slow = (rows.slow[:, joint] > SLOW) | (rows.still[:, joint] > 0.0)
-    jerk = np.concatenate(
-        [s.low_pass @ np.gradient(s.motion.ddq[:, joint], s.motion.t) for s in rows.segments]
-    )
-    return lone_windows(white, rows.pieces(joint), slow, jerk, rows.rate, rows.n)
 
 
 def _odd_ones(data: WhiteData, residual: Array) -> Mask:

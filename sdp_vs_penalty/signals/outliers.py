@@ -20,14 +20,12 @@ FALSE_EVENT = 1e-5
 #: By how much motion may change the noise's variance.
 _MODULATION = (0.1, 10.0)
 #: Lengths of the windows that are searched [rows].
-_LENGTHS = (1, 4, 16)
+LENGTHS = (1, 4, 16)
 #: Events are rare: what fills more than this share of the rows is noise of another kind.
 RARE = 0.15
 #: Seconds of the stretches of which the largest window is compared, how many others their tail is known
 #: from at least, and the family-wise probability of a false event beside a model's error.
 _STRETCH, _FEWEST_BESIDE, FALSE_LONE = 0.5, 10, 1e-2
-#: How many stretches have to come near the jerk of one, and how near, for it to be comparable.
-_ALIKE, _LIKE = 3, 0.7
 
 
 def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, degrees: float) -> Mask:
@@ -37,14 +35,14 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
     degrees : of freedom behind the estimate of that unit variance.
     """
     mask = np.zeros(len(white), bool)
-    count = max(sum(len(p) for p in pieces), 1) * len(_LENGTHS) * tests
+    count = max(sum(len(p) for p in pieces), 1) * len(LENGTHS) * tests
     # The upper quantile of F: d / (d + length F) is distributed as beta.
-    lengths = np.array(_LENGTHS)
+    lengths = np.array(LENGTHS)
     w = betaincinv(0.5 * degrees, 0.5 * lengths, FALSE_EVENT / count)
     limits = (degrees * (1.0 - w) / w).tolist()
     for piece in pieces:
         energy = np.concatenate([[0.0], np.cumsum(white[piece] ** 2)])
-        for length, limit in zip(_LENGTHS, limits, strict=True):
+        for length, limit in zip(LENGTHS, limits, strict=True):
             if length > len(piece):
                 continue
             windows = energy[length:] - energy[:-length]
@@ -55,39 +53,32 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
 
 
 def lone_windows(
-    white: Array, pieces: Sequence[NDArray[np.intp]], slow: Mask, jerk: Array, rate: float, tests: int
+    white: Array, pieces: Sequence[NDArray[np.intp]], slow: Mask, rate: float, tests: int
 ) -> Mask:
     """(M,) rows of windows whose energy no other window in the same state of motion comes near.
 
     For a residual that holds a model's error, of which neither scale nor tails are known: of every
     stretch of _STRETCH seconds the largest logarithm of a window's energy, of windows in which the
-    joint is ``slow`` (M,) and of the others by themselves; without stretches of which the ``jerk`` (M,)
-    has no like. pieces, tests : as in :func:`local_excess`; rate : rows a second.
+    joint is ``slow`` (M,) and of the others by themselves. pieces, tests : as in :func:`local_excess`;
+    rate : rows a second.
     """
     mask = np.zeros(len(white), bool)
     size = max(2, round(_STRETCH * rate))
     stretches = [x for p in pieces for x in np.array_split(p, max(1, round(len(p) / size)))]
-    sharp = np.array([np.abs(jerk[rows]).max() for rows in stretches])
-    unlike = np.zeros(len(white), bool)
-    for k in np.flatnonzero(sharp > np.sort(sharp)[-_ALIKE:].min(initial=np.inf) / _LIKE):
-        unlike[stretches[k]] = True
-    lengths = _LENGTHS[1::2]
-    for length in lengths:
+    for length in LENGTHS:
         around = partial(np.convolve, np.ones(length), mode="same")
         energy, slowly = np.full(len(white), -np.inf), np.zeros(len(white), bool)
         for piece in pieces:  # of the window around each row
             if len(piece) >= length:
                 with np.errstate(divide="ignore"):  # no energy: minus infinity
-                    own = np.log(np.maximum(around(white[piece] ** 2), 0.0))
-                energy[piece] = np.where(around(unlike[piece]) > 0.5, -np.inf, own)
+                    energy[piece] = np.log(around(white[piece] ** 2))
                 slowly[piece] = around(slow[piece]) > 0.5
         for kind in (slowly, ~slowly):
             own = np.where(kind, energy, -np.inf)
             largest = np.array([own[rows].max() for rows in stretches])
             known = np.sort(largest[np.isfinite(largest)])[::-1]
-            limit = _tail_limit(known, 2 * len(lengths) * tests)
-            for row in np.flatnonzero(own > limit) - length // 2:
-                mask[max(row, 0) : row + length] = True
+            for row in np.flatnonzero(own > _tail_limit(known, 2 * len(LENGTHS) * tests)):
+                mask[max(row - length // 2, 0) : row - length // 2 + length] = True
     return mask
 
 

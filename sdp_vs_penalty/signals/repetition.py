@@ -23,9 +23,6 @@ Track: TypeAlias = tuple[Array, Array]
 ALIKE = 0.01
 #: Shortest stretch that is compared [s]: shorter ones say little about slow noise.
 _SHORTEST = 2.0
-#: A motion has settled where it differs from its repetition by this many times what is usual, or by this
-#: share of :data:`ALIKE`.
-_SETTLED, _SETTLES = 10.0, 0.1
 
 
 def motion_scale(q: Array) -> Array | None:
@@ -188,11 +185,7 @@ def _pair(a: Filtered, b: Filtered, shift: float, other: int, start: int) -> lis
 
     q_a = CubicSpline(a.t_dense, a.q_dense)(a.t[inside])
     q_b = CubicSpline(b.t_dense, b.q_dense)(later[inside])
-    apart = np.abs(q_a - q_b) / scale
-    alike = np.all(apart < ALIKE, axis=1)
-    # The way into the motion leaves a controller ringing for longer than its positions show.
-    usual = np.maximum(_SETTLED * np.median(apart, axis=0), _SETTLES * ALIKE)
-    alike[: int(np.argmax(np.all(apart < usual, axis=1)))] = False
+    alike = np.all(np.abs(q_a - q_b) < ALIKE * scale, axis=1)
     index = start + np.flatnonzero(inside)[alike]
     return [Repeat(index, other, later[inside][alike])] if len(index) >= fewest else []
 

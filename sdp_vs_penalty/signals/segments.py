@@ -8,8 +8,7 @@ Three grids, all uniform:
 - the rows: twice the cut-off, one row an independent sample. Columns and torque pass the same kernel,
   so that a linear relation between them survives, the folding of what lies above the row rate included.
 
-Rows are dropped where the robot stands, and where the motion is sharper than the state filter can
-follow (a step in acceleration): there the states are wrong, not the model.
+Rows are dropped where the robot stands.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Seen
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces
-from sdp_vs_penalty.signals.kernels import Decimator, Kernel, convolve
+from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import Filtered, Repeat, find_repeats
 from sdp_vs_penalty.signals.runs import Stretch, stretches
@@ -49,9 +48,6 @@ _SLOW_SPEED = 0.2
 _AT_ONCE, _WIDE, _ROWS = 32, 12, 256
 #: Effects whose columns are kept.
 _MOST = 1024
-#: Motion counts as too sharp where two state filters disagree by this many robust deviations.
-_SHARP, _CORNER = 12.0, 0.3
-
 #: Rows at twice the cut-off that noise, residuals and a library of effects are judged on at most.
 MOST = 4000
 #: Windows of a single run.
@@ -298,9 +294,8 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
     for index, run in enumerate(measurements.runs()):
         names.append(run.names[0])
         filters = RunFilter(run, settings)
-        wider = Kernel(1.6 * filters.state.cutoff, filters.dt)
         for part in stretches(run):
-            segment = _segment(index, part, filters, wider)
+            segment = _segment(index, part, filters)
             if segment is not None:
                 segments.append(segment)
                 rate = 1.0 / (filters.dt * filters.step(_ROW_RATE))
@@ -311,7 +306,7 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
     )
 
 
-def _segment(index: int, part: Stretch, filters: RunFilter, wider: Kernel) -> Segment | None:
+def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     """One stretch filtered; None where it is too short, or nothing in it counts."""
     state, column, stride = filters.state, filters.column, filters.stride
     count = (part.count - 2 * state.half + stride - 1) // stride
@@ -326,16 +321,7 @@ def _segment(index: int, part: Stretch, filters: RunFilter, wider: Kernel) -> Se
     dense = np.arange(half, count - half, dense_step)
     low_pass, low_dense = (filters.coarse.decimator(at) for at in (rows, dense))
 
-    # Two state filters that disagree on the acceleration: the motion is too sharp for them.
-    q = part.resampled(part.q, 0, part.count)
-    (second,) = convolve(q - q[:1], wider.second)
-    apart = np.abs(low_pass @ (motion.ddq - second[grid - wider.half]))
     keep = filters.movement.at(motion.t[rows])
-    if not keep.any():
-        return None
-    usual = _SHARP * 1.4826 * np.median(apart[keep], axis=0)
-    size = np.sqrt(np.mean((low_pass @ motion.ddq)[keep] ** 2, axis=0))
-    keep &= ~np.any(apart > np.maximum(np.maximum(usual, _CORNER * size), 1e-12), axis=1)
     if not keep.any():
         return None
     return Segment(
