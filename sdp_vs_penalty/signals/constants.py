@@ -6,8 +6,9 @@ coloured, heavy-tailed, swelling and quantised noise, challenge's clean and dist
 
 import numpy as np
 
-#: Samples of one spectrum; a longer stretch has the mean of the spectra of so many samples each.
-SPECTRUM_SAMPLES = 1 << 18
+#: Samples of one spectrum (a longer stretch has the mean of the spectra of so many each), and instants at
+#: which motions are compared.
+SAMPLES = 1 << 18
 #: Share of a joint's acceleration that a filter may take away unnoticed.
 BENT = 0.01
 #: Motion is what has so many times the power of the noise, in a spectrum smoothed over so many Hz.

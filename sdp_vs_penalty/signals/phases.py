@@ -17,12 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.constants import SAMPLES
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import ALIKE, Track, repeat_lag, repeat_period
 from sdp_vs_penalty.signals.runs import interpolated, sample_rate
-
-#: Instants at which positions are compared at most.
-_MOST = 1 << 17
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ def tracks_of(measurements: Measurements) -> list[Track]:
     out = []
     for run in measurements.runs():
         span = float(run.t[-1] - run.t[0])
-        rate = min(sample_rate(run), 100.0, _MOST / span)
+        rate = min(sample_rate(run), 100.0, SAMPLES / span)
         t = run.t[0] + np.arange(int(span * rate) + 1) / rate
         out.append((t, interpolated(t, run.t, run.q)))
     return out

@@ -18,8 +18,8 @@ from sdp_vs_penalty.signals.constants import (
     MOTION_ENDS,
     NOISE_LIKE,
     QUIET,
+    SAMPLES,
     SMOOTH,
-    SPECTRUM_SAMPLES,
 )
 from sdp_vs_penalty.signals.kernels import Kernel
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, no_motion, stretches
@@ -53,7 +53,7 @@ def _last_harmonic(part: Stretch, values: Array) -> float:
 def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
     """(F, n) the periodogram of signals (N, n), of a long stretch the mean over pieces (Welch 1967), and
     its frequencies [Hz]."""
-    length = min(part.count, SPECTRUM_SAMPLES)
+    length = min(part.count, SAMPLES)
     starts = np.linspace(0, part.count - length, -(-part.count // length)).astype(int)
     found = (_periodograms(part.resampled(values, k, k + length), length)[0] for k in starts)
     frequency: Array = np.asarray(np.fft.rfftfreq(length, part.dt), float)
@@ -91,7 +91,7 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
     """(2, joints, C) squares of the shares of moving joints' acceleration which filters with
     these cut-offs take away, and of the noise that they let through."""
     part = max(stretches(run), key=lambda p: p.count)
-    length = min(part.count, SPECTRUM_SAMPLES)
+    length = min(part.count, SAMPLES)
     if length * part.dt * cutoffs[0] < 8.0:  # the kernel is no shorter than the stretch
         return np.zeros((2, 0, len(cutoffs)))
     powers, f = _power(part, part.q[:, moving_joints(run)])
@@ -144,7 +144,7 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
     part = parts[0]
     length = 2 * round(1.0 / cutoff / part.dt)  # as far as the low-pass reaches
     known = [
-        _periodograms(p.resampled(p.tau, 0, min(p.count, SPECTRUM_SAMPLES)), length, COURSE)
+        _periodograms(p.resampled(p.tau, 0, min(p.count, SAMPLES)), length, COURSE)
         for p in parts
         if p.count >= length and p.dt == part.dt
     ]
