@@ -156,8 +156,8 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         found = local_excess(steady, rows.pieces(j), rows.n, degrees)
         if found.any() and noise.source != REPETITION:
             # It stands out of the joint's own error, where no repetition tells that from noise.
-            apart = slow | (rows.still[:, j] > 0.0)
-            found &= lone_windows(white[:, j], rows.pieces(j), apart, rows.rate, rows.n)
+            slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
+            found &= lone_windows(white[:, j], rows.pieces(j), slow, rows.rate, rows.n)
         if found.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = found
     return out | _odd_ones(data, residual)

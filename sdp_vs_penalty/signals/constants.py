@@ -6,8 +6,8 @@ coloured, heavy-tailed, swelling and quantised noise, challenge's clean and dist
 
 import numpy as np
 
-#: Samples of one spectrum (a longer stretch has the mean of the spectra of so many each), and instants at
-#: which motions are compared.
+#: Samples of one spectrum (a longer stretch has the mean of the spectra of so many each); instants at
+#: which two motions are compared.
 SAMPLES = 1 << 18
 #: Share of a joint's acceleration that a filter may take away unnoticed.
 BENT = 0.01
