@@ -30,9 +30,6 @@ CHANGES = 0.05
 #: Folds of the motion by which a shape constant is confirmed, and a servo's law chosen [-]; stretches of
 #: it whose errors an interval takes for independent, where no torque is logged.
 SHAPE_FOLDS = 10
-#: Least that another value of a shape constant takes from the squared error, in variances of the noise:
-#: Akaike's price of one parameter.
-SHAPE_GAIN = 2.0
 #: Relative standard deviation of a shape constant below which interpolation in the grid, good to a
 #: per cent, is not enough.
 TOLD_FINELY = 0.01

@@ -29,7 +29,7 @@ from scipy.special import stdtrit
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS, SHAPE_GAIN, TOLD_FINELY
+from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS, TOLD_FINELY
 from sdp_vs_penalty.estimation.shape_constants import settled
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.files.plain import Plain
@@ -48,8 +48,8 @@ Chosen = Callable[[int, Array], NDArray[np.bool_]]
 @dataclass(frozen=True)
 class ShapeEstimate(Plain):
     """A shape constant as estimated: ``before`` is what the model had; std : its standard deviation,
-    from the curvature of the squared error; gain : what the change takes from that error, in units of
-    its variance; at_end : it lies at the end of the range in which it was looked for."""
+    from the curvature of the squared error; gain : what the change takes from that error in motion left
+    out, in units of its variance; at_end : it lies at the end of the range in which it was looked for."""
 
     effect: str
     joint: int
@@ -124,8 +124,7 @@ def estimate_shapes(
         whole = folds.least_squares()
         theta = scipy.linalg.lstsq(whole.R, whole.rho, 1e-10, lapack_driver="gelsy")[0]
         weights = joint_weights(folds, theta)
-    profile = _Profile.of(folds, weights, base, banks)
-    found = _confirmed(profile, profile.estimates(), folds, weights)
+    found = _confirmed(_Profile.of(folds, weights, base, banks), folds, weights)
     fine = {
         (s.effect, s.joint, s.shape)
         for s in found
@@ -324,24 +323,16 @@ class _Profile:
         of, new = (np.array([part[i] for part in parts]) for i in (1, 2))
         return np.column_stack([np.eye(p, len(self.shown)) @ self.shown, T]), of, new
 
-    def loss(self, u: Array) -> float:
-        """Squared error at constants ln u (B,)."""
-        return float(np.sum(self.at(u)[0] ** 2))
-
     def from_grid(self) -> Array:
-        """(B,) ln u, each in turn at the value of its grid that leaves least; as the model has it where
-        that is next to no gain."""
+        """(B,) ln u, each in turn at the value of its grid that leaves least."""
         u, columns = self.now.copy(), self._made(self.now)[0]
         for k, (bank, part) in enumerate(zip(self.banks, self._parts, strict=True)):
             U = visible(np.delete(columns, k, axis=1))[0]
             left = part - (part @ U) @ U.T
             made = left @ self.torque
             made = np.maximum(made, 0.0) if self._brakes[k] else made
-            taken = made**2 / or_one(np.sum(left**2, axis=1))
-            grid, best = np.log(bank.values), int(np.argmax(taken))
-            gain = taken[best] - taken[np.argmin(np.abs(grid - u[k]))]
-            if gain > 0.5 * SHAPE_GAIN * self.variance:
-                u[k], columns[:, k] = grid[best], part[best]
+            best = int(np.argmax(made**2 / or_one(np.sum(left**2, axis=1))))
+            u[k], columns[:, k] = np.log(bank.values[best]), part[best]
         return u
 
     def best(self, start: Array, free: NDArray[np.intp]) -> Array:
@@ -359,49 +350,47 @@ class _Profile:
             return out
 
         ends = np.transpose([self.banks[k].ends for k in free])
-        # A thousandth of what counts as a change.
-        ftol = 1e-3 * SHAPE_GAIN * self.variance / self.loss(start)
+        ftol = 1e-3 * self.variance / float(np.sum(self.at(start)[0] ** 2))  # of what noise decides
         return all_of(least_squares(at, start[free], (ends[0], ends[1]), 1e-4, ftol, steps=50)[0])
 
-    def estimates(self) -> list[ShapeEstimate]:
-        """The constants that together explain most; one that the data do not tell stays what it is."""
-        u = self.from_grid()
-        moves = u != self.now
-        while True:
-            u = self.best(u, np.flatnonzero(moves))
-            gains = self._gains(u)
-            poor = moves & (gains <= SHAPE_GAIN)
-            if not poor.any():
-                break
-            moves &= ~poor
-            u = np.where(moves, u, self.now)
-        stds = np.sqrt(self.variance) * deviations(self.at(u)[1])
-        out = []
-        for k, (bank, std) in enumerate(zip(self.banks, stds.tolist(), strict=True)):
+    def estimates(self, u: Array) -> list[ShapeEstimate]:
+        """What constants ln u (B,) are."""
+        stds, out = np.sqrt(self.variance) * deviations(self.at(u)[1]), []
+        for bank, x, now, std in zip(self.banks, u.tolist(), self.now, stds.tolist(), strict=True):
             low, high = bank.ends
             # As many digits as a written effect has; a spread wider than the range bounds nothing.
-            after = float(f"{np.exp(u[k]):.6g}") if moves[k] else bank.now
+            after = bank.now if x == now else float(f"{np.exp(x):.6g}")
             std = after * std if std < (high - low) / np.sqrt(12.0) else np.inf
-            gain, end = (float(gains[k]), at_end(u[k], low, high)) if moves[k] else (0.0, False)
+            end = x != now and at_end(x, low, high)
             one = bank.effect.name, bank.joint, bank.key
-            out.append(ShapeEstimate(*one, bank.now, after, std, gain, bool(end)))
+            out.append(ShapeEstimate(*one, bank.now, after, std, at_end=bool(end)))
         return out
 
-    def _gains(self, u: Array) -> Array:
-        """(B,) what each constant takes from the squared error beside the others, in variances."""
-        gains, least = np.zeros(len(u)), self.loss(u)
-        for k in np.flatnonzero(u != self.now):
-            gains[k] = (self.loss(np.where(np.arange(len(u)) == k, self.now, u)) - least) / self.variance
-        return gains
+
+def _confirmed(profile: _Profile, folds: Regression, weights: Array) -> list[ShapeEstimate]:
+    """The constants that together explain most, of those that folds that are left out confirm; the
+    others as they are."""
+    u, moves = profile.from_grid(), np.ones(len(profile.banks), bool)
+    while True:
+        u = profile.best(np.where(moves, u, profile.now), np.flatnonzero(moves))
+        found = profile.estimates(u)
+        gains, needed = _held_out(profile, found, folds, weights)
+        refused = moves & ~(gains > needed)
+        if not refused.any():
+            break
+        moves &= ~refused
+    return [replace(s, gain=gain) for s, gain in zip(found, gains.tolist(), strict=True)]
 
 
-def _confirmed(
-    profile: _Profile, found: list[ShapeEstimate], folds: Regression, weights: Array
-) -> list[ShapeEstimate]:
-    """What was found, where folds that are left out confirm it; elsewhere as it was."""
+def _held_out(
+    profile: _Profile, found: Sequence[ShapeEstimate], folds: Regression, weights: Array
+) -> tuple[Array, Array]:
+    """(B,) what each constant alone takes from the squared error of the folds that are left out, in
+    variances, and what noise would."""
     moved, count = [k for k, s in enumerate(found) if s.after != s.before], len(folds.blocks)
+    taken, needed = np.zeros((2, len(found)))
     if not moved or count < 2:
-        return found
+        return taken, needed
     T, of, new = profile.near(found)
     grams = np.zeros((count, T.shape[1] + 1, T.shape[1] + 1))
     for f in folds.factors:
@@ -422,15 +411,11 @@ def _confirmed(
     fits[..., -1] = -1.0
     both = fits, fits[1:] - fits[0]
     loss, apart = (np.sum(np.squeeze(grams @ x[..., None], 3) * x, axis=2) for x in both)
-    scale = size[-1] ** 2
+    scale = size[-1] ** 2 / profile.variance
     gains, changes = scale * (loss[0] - loss[1:]), scale * apart
-    out = list(found)
-    for row, k in enumerate(moved):
-        white = 4.0 * profile.variance * changes[row].sum()
-        noise = np.sqrt(max(np.sum((gains[row] - changes[row]) ** 2), white))
-        if not gains[row].sum() > stdtrit(count - 1, 0.975) * noise:
-            out[k] = replace(out[k], after=out[k].before, std=np.inf, gain=0.0, at_end=False)
-    return out
+    noise = np.maximum(np.sum((gains - changes) ** 2, axis=1), 4.0 * changes.sum(axis=1))
+    taken[moved], needed[moved] = gains.sum(axis=1), stdtrit(count - 1, 0.975) * np.sqrt(noise)
+    return taken, needed
 
 
 def alone(effect: Effect, joint: int, **shape: float) -> Effect:
