@@ -10,12 +10,9 @@ WINDOW = 20.0
 #: and AR runs of 20 s, with other seeds than results/coverage: 2 covers up to 97.5 % in 3 s, 4 only 92.0
 #: in 20 s.
 POOLED = 3.0
-#: Largest half-width of an interval that is called identifiable, and weakly identifiable: relative to
-#: the value, or to the largest value there could be (a parameter that is zero is known well if it is
-#: known to be small).
-IDENTIFIABLE_WIDTH, WEAK_WIDTH = (0.25, 0.0025), (1.0, 0.1)
-#: Share of the information from which on a parameter counts as the data's.
-DATA_SHARE = 0.5
+#: Largest half-width of an interval of each verdict: relative to the value, or to the largest value
+#: there could be (a parameter that is zero is known well if it is known to be small).
+WIDTHS = {"identifiable": (0.25, 0.0025), "weakly": (1.0, 0.1)}
 #: Standard deviation of the logarithm of a gain before anything is measured.
 GAIN_PRIOR = 0.3
 #: Distance [m] of a load's mass from the last link's frame, as a standard deviation.
@@ -23,8 +20,8 @@ LOAD_REACH = 0.3
 
 #: Smaller numbers are the rounding of a zero in every unit that is shown (kg, kg m^2, N m, ...).
 ROUNDING = 1e-9
-#: Share by which a joint's error or a shape constant changes, or of an error that something explains,
-#: before it is said or coloured [-].
+#: Share by which a joint's error or a shape constant changes, of an error that something explains, or of
+#: rows outside of a measured curve, before it is said, coloured or counted [-].
 CHANGES = 0.05
 
 #: Folds of the motion by which a shape constant is confirmed, and a servo's law chosen [-]; stretches of
@@ -40,18 +37,18 @@ AT_END = 0.02
 #: the motion that answers it has harmonics of its own, from gravity and friction. Chosen on 24 logs with
 #: encoders of 12 and 18 bits, where 5 let more noise through, and 7 joints, where 2 lost the scale.
 COMMAND_HARMONICS = 3.0
-#: Simulations of a command at most, each by the model that the last one's instruments gave, while their
-#: errors differ by more than this ratio; Gauss-Newton steps to the delay before each.
-SIMULATIONS, SAME_MOTION, DELAY_STEPS = 3, 1.2, 2
+#: Simulations of a command at most, each by the model that the last one's instruments gave.
+SIMULATIONS = 3
 #: Share of its column that others must leave of a parameter which sets a scale [-], and the least
 #: correlation of a motor's current or voltage with its servo's torque (the EMPS: 0.9999).
 SCALE_TOLD, MOTOR_ALIKE = 1e-5, 0.7
-#: Velocities over which dry friction may turn round while the servo's law is sought [rad/s, m/s], and
-#: doublings of the widest one of its law that are tried: a simulator's friction is that soft.
-TURNS, WIDER_TURNS = (1e-3, 0.01, 0.05, 0.25), 3
-#: How far Taylor's series of a command reaches, and the grid in which a law's delay is sought [s].
-DELAY_REACH, DELAY_GRID = 0.02, 1e-3
+#: Velocities over which dry friction may turn round while the servo's law is sought [rad/s, m/s]; the
+#: widest is tried after it too: a simulator's friction is that soft.
+TURNS = (1e-3, 0.01, 0.05, 0.25)
+#: How far Taylor's series of a command reaches, in which a law's delay is sought [s].
+DELAY_REACH = 0.02
 #: What a wrong law of friction lets a gain too many, or a delay that is none, lower the held-out error
 #: by [-]: on 25 simulated logs at most 1.19 where a missing gain raises it 1.24 times or more; a delay
-#: at most 1.02 on 6 logs without one, 1.18 to 1.76 on 14 with 5 to 18 ms.
+#: at most 1.02 on 6 logs without one, 1.18 to 1.76 on 14 with 5 to 18 ms. Simulations whose errors
+#: differ by less than the former show the same motion.
 FEWER_GAINS, SEEN_DELAY = 1.2, 1.1

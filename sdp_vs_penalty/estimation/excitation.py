@@ -75,8 +75,9 @@ class Regressor:
 
 
 OBJECTIVES = ("condition", "d-optimal")
-#: Steps of the central differences in the states (rad, rad/s, rad/s^2).
-_DIFFERENCE = 1e-5
+#: Steps of the central differences in the states (rad, rad/s, rad/s^2), where truncation and rounding
+#: cost the same (Press et al., Numerical Recipes, 5.7).
+_DIFFERENCE = float(np.cbrt(np.finfo(float).eps))
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ Who determines a parameter (:func:`record`): of a linear function a^T theta the 
 variance a^T H^-1 a, H = R^T R in units of the residual variance (infinite where no torque shows it), the
 prior alone a^T H_prior^-1 a. H_prior is one independent measurement a link: 1/2 P0^-1 (x) P0^-1, the
 curvature of the entropic pull at the nominal robot P0, and of the joints' own parameters one over their
-scale squared. Above one half of what both know, prior variance over the sum, it is from the data.
+scale squared. It is from the data where their variance is the smaller one.
 """
 
 import platform
@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.data.measurements import Measurements
@@ -24,7 +25,6 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation import pose
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.constants import DATA_SHARE
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
 from sdp_vs_penalty.estimation.pose import Posed, PoseOptions, in_columns, readable
@@ -67,11 +67,11 @@ def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[st
     """
     every = np.vstack([np.eye(len(theta)), base.rows])
     names = [*(p.name for p in task.model.parameters), *base.names]
-    shares = (data_share(task, every) > DATA_SHARE).tolist()
+    told = from_data(task, every).tolist()
     given, (values, before) = task.model.known, ((every @ x).tolist() for x in (theta, task.nominal))
     found = [
         {"name": k, "value": x, "nominal": y, "source": "given" if k in given else DATA if own else rest}
-        for k, own, x, y in zip(names, shares, values, before, strict=True)
+        for k, own, x, y in zip(names, told, values, before, strict=True)
     ]
     own = found[: len(theta)]
     return {
@@ -80,8 +80,8 @@ def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[st
     }
 
 
-def data_share(task: Task, rows: Array) -> Array:
-    """(b,) the data's share of the information on linear functions, rows (b, p), of theta: 0 to 1."""
+def from_data(task: Task, rows: Array) -> NDArray[np.bool_]:
+    """(b,) whether the data tell linear functions, rows (b, p), of theta better than the prior does."""
     half = _prior_factor(task)
     # In coordinates z = half theta the prior is the identity: H becomes A^T A.
     into = scipy.linalg.solve_triangular(half, np.eye(len(half)), lower=False)
@@ -92,7 +92,7 @@ def data_share(task: Task, rows: Array) -> Array:
     weight = (a @ vt.T) ** 2
     # Information of the data in a direction that no torque shows, in the prior's.
     data, prior = weight @ (1.0 / np.maximum(information, 1e-12)), weight.sum(axis=1)
-    return np.asarray(prior / (prior + data))
+    return np.asarray(data < prior)
 
 
 def _prior_factor(task: Task) -> Array:

@@ -26,16 +26,12 @@ from sdp_vs_penalty.effects.servo import LATEST
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import (
     COMMAND_HARMONICS,
-    DELAY_GRID,
     DELAY_REACH,
-    DELAY_STEPS,
     FEWER_GAINS,
-    SAME_MOTION,
     SEEN_DELAY,
     SHAPE_FOLDS,
     SIMULATIONS,
     TURNS,
-    WIDER_TURNS,
 )
 from sdp_vs_penalty.estimation.drive_torque import with_simulated_motion
 from sdp_vs_penalty.estimation.known_load import (
@@ -155,7 +151,7 @@ def find_law(
             if more.mean() <= max(2.0 * np.log(FEWER_GAINS), more.std(ddof=1) / np.sqrt(len(more))):
                 break
         found = about + late[name]
-        if abs(late[name]) < DELAY_REACH - 0.5 * DELAY_GRID or found >= LATEST:
+        if abs(late[name]) < 0.95 * DELAY_REACH or found > 0.95 * LATEST:
             without = float(np.mean(_score(first, name, 0.0) - scores[name]))
             found = found if delay is not None or without > 2.0 * np.log(SEEN_DELAY) else 0.0
             ratios = {k: float(np.exp(0.5 * np.mean(s - scores[best]))) for k, s in scores.items()}
@@ -201,11 +197,15 @@ def _fitted(terms: Array, law: Array) -> Array:
 
 def _later(joints: Sequence[_Joint], name: str, about: float) -> float:
     """The delay [s] of a law beyond that of the terms with which least remains of all joints."""
-    grid = np.arange(-DELAY_REACH, DELAY_REACH + DELAY_GRID, DELAY_GRID)
-    grid = grid[(about + grid >= -1e-9) & (about + grid <= LATEST)]
-    laws = [_law(name, d) for d in grid]
-    left = [[np.sum((rows @ _fitted(rows, law)) ** 2) for rows, _ in joints] for law in laws]
-    return float(grid[np.argmin(np.log(or_least(left)).sum(axis=1))])
+    from scipy.optimize import minimize_scalar
+
+    def left(later: float) -> float:
+        law = _law(name, later)
+        each = [np.sum((rows @ _fitted(rows, law)) ** 2) for rows, _ in joints]
+        return float(np.sum(np.log(or_least(each))))
+
+    ends = max(-DELAY_REACH, -about), min(DELAY_REACH, LATEST - about)
+    return float(minimize_scalar(left, bounds=ends, method="bounded").x)
 
 
 def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
@@ -275,11 +275,11 @@ def servo_log(
             simulated, apart = log.simulated(better, rows)
             error = float(np.mean(np.log(or_least(apart))))
             before, least = least, min(error, least)
-            if not error < before + np.log(SAME_MOTION):
+            if not error < before + np.log(FEWER_GAINS):
                 break
             used, rows, motion = rows, simulated, apart
         model = better
-        if instruments and error > before - np.log(SAME_MOTION):
+        if instruments and error > before - np.log(FEWER_GAINS):
             break
     assert model.reference is not None
     scale, factor, error = dict(known) or dict(model.known), 1.0, 0.0
@@ -392,19 +392,17 @@ class _Log:
         assert model.reference is not None
         gains = {model.parameters[k].name: float(model.reference[k]) for k in model.error_gains}
         free = replace(model, known=gains)
-        return estimate_shapes(free, self.data, self.settings, self.weighting, beyond=WIDER_TURNS)
+        return estimate_shapes(free, self.data, self.settings, self.weighting, widest=TURNS[-1])
 
     def later(self, model: Model, rows: Measurements) -> Model:
-        """The model with a better delay of its command, by Gauss-Newton steps with links that the joints
-        share."""
-        for _ in range(DELAY_STEPS):
-            assert model.reference is not None
-            (drive,) = (e for e in model.effects if e.position_gains)
-            wide = with_sensitivities(model, model.reference, lambda e: bool(e.position_gains))
-            task = make_task(self.problem, wide, compress(rows, wide, self.settings), self.weighting)
-            late = drive.shape["T"] + float(task.ols[-1]) * prior_deviation(drive, "T")
-            model = self.balanced(model.effects, float(np.clip(late, 0.0, LATEST)))
-        return model
+        """The model with a better delay of its command, by a Gauss-Newton step in which joints share
+        their links."""
+        assert model.reference is not None
+        (drive,) = (e for e in model.effects if e.position_gains)
+        wide = with_sensitivities(model, model.reference, lambda e: bool(e.position_gains))
+        task = make_task(self.problem, wide, compress(rows, wide, self.settings), self.weighting)
+        late = drive.shape["T"] + float(task.ols[-1]) * prior_deviation(drive, "T")
+        return self.balanced(model.effects, float(np.clip(late, 0.0, LATEST)))
 
     def simulated(self, model: Model, rows: Measurements) -> tuple[Measurements, Array]:
         """The motion that the model, fitted to the rows, makes of the command, and (n,) how far that is

@@ -49,7 +49,7 @@ Chosen = Callable[[int, Array], NDArray[np.bool_]]
 class ShapeEstimate(Plain):
     """A shape constant as estimated: ``before`` is what the model had; std : its standard deviation,
     from the curvature of the squared error; gain : what the change takes from that error in motion left
-    out, in units of its variance; at_end : it lies at the end of the range in which it was looked for."""
+    out, in units of its variance; at_end : it lies at an end of the range that was searched."""
 
     effect: str
     joint: int
@@ -96,14 +96,14 @@ def estimate_shapes(
     weighting: str,
     chosen: Chosen | None = None,
     workers: Workers = ALONE,
-    beyond: int = 0,
+    widest: float = 0.0,
 ) -> list[ShapeEstimate]:
     """The open shape constants of a model, each at its best value if that explains significantly more
     than the one the model has, of motion left out as well, else at that.
 
     settings : resolved; weighting : of the joints' rows, "noise" or "none"; chosen : the rows that take
-    part, default all; workers : who compresses the runs; beyond : how many values more, each twice the
-    last one, the grids hold.
+    part, default all; workers : who compresses the runs; widest : up to which value the grids go on
+    beyond their own, each twice the last one.
     """
     wanted = open_shapes(model.effects)
     if not wanted:
@@ -117,7 +117,7 @@ def estimate_shapes(
         return found.select(sorted({f.block for f in found.factors if f.block < count}))
 
     clocks = motion_clocks(tracks_of(measurements))
-    wide, base, banks = _with_banks(model, wanted, beyond)
+    wide, base, banks = _with_banks(model, wanted, widest)
     folds = compressed(wide, SHAPE_FOLDS)
     weights = np.ones(model.robot.n)
     if weighting == "noise":
@@ -186,7 +186,7 @@ class _Bank:
 
 
 def _with_banks(
-    model: Model, wanted: Sequence[tuple[Effect, int, str]], beyond: int
+    model: Model, wanted: Sequence[tuple[Effect, int, str]], widest: float
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
     """The model with the columns of each open constant at all values of its grid; where all other
     columns stand; the grids."""
@@ -196,7 +196,8 @@ def _with_banks(
     base, banks, parts = np.arange(first), list[_Bank](), list[_Grid]()
     for effect, joint, key in wanted:
         grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
-        grid = (*grid, *(grid[-1] * 2.0**k for k in range(1, beyond + 1)))
+        while grid[-1] < widest:
+            grid = (*grid, 2.0 * grid[-1])
         ends, now = (grid[0], grid[-1]), effect.shape[key]
         if ends[0] <= now <= ends[-1]:  # in place of those within a tenth of it: exact there as well
             grid = tuple(sorted({now, *(g for g in grid if g in ends or abs(np.log(g / now)) > 0.1)}))

@@ -18,7 +18,7 @@ from typing import Any, Self
 import numpy as np
 
 from sdp_vs_penalty.effects.model import JointColumns, Model
-from sdp_vs_penalty.estimation.constants import IDENTIFIABLE_WIDTH, LEVEL, NORMAL_95, WEAK_WIDTH
+from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, WIDTHS
 from sdp_vs_penalty.estimation.sandwich import Sandwich, sandwich, stretched
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.estimator import Task
@@ -28,7 +28,7 @@ from sdp_vs_penalty.regression.partial import smallest
 from sdp_vs_penalty.regression.regression import Regression
 from sdp_vs_penalty.robot.arrays import Array
 
-IDENTIFIABLE, WEAKLY, NOT_SEEN = "identifiable", "weakly", "not seen"
+NOT_SEEN = "not seen"
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def physical_limits(task: Task) -> Array:
 
 
 def _verdict(half: float, value: float, largest: float) -> str:
-    for (own, absolute), verdict in ((IDENTIFIABLE_WIDTH, IDENTIFIABLE), (WEAK_WIDTH, WEAKLY)):
+    for verdict, (own, absolute) in WIDTHS.items():
         if half <= max(own * min(value, largest), absolute * largest if np.isfinite(largest) else 0.0):
             return verdict
     return NOT_SEEN
@@ -95,7 +95,7 @@ def _verdict(half: float, value: float, largest: float) -> str:
 def counts(intervals: Sequence[Interval]) -> dict[str, int]:
     """How many of each verdict."""
     every = [i.verdict for i in intervals]
-    return {verdict: every.count(verdict) for verdict in (IDENTIFIABLE, WEAKLY, NOT_SEEN)}
+    return {verdict: every.count(verdict) for verdict in (*WIDTHS, NOT_SEEN)}
 
 
 @dataclass(frozen=True)

@@ -39,8 +39,6 @@ ABOVE_NOISE = 2.0
 CLOSE, NO_MODEL = 5.0, 15.0
 #: From this share of new motion on, errors are those of unseen motion; below, they show repeatability.
 MOSTLY_NEW = 0.5
-#: Share of rows outside of a measured curve from which on a prediction is not good.
-_OUTSIDE = 0.05
 #: No link of an arm weighs less than this share of it; the lightest wrists have a hundredth.
 _LIGHTEST = 1e-3
 FIT, PREDICTION, MISSING = "fit against noise", "prediction", "missing"
@@ -201,7 +199,7 @@ def _prediction(errors: Errors, forward: str) -> Line:
         if grade == "do not use":
             said = f"{beyond:.3g} % relative error beyond the noise already here. {said}"
     else:
-        far = errors.outside > _OUTSIDE or errors.floor is None
+        far = errors.outside > CHANGES or errors.floor is None
         grade = "do not use" if not beyond <= NO_MODEL else "usable" if far or beyond > CLOSE else "good"
         said = f"{errors.relative:.3g} % relative error on motion of which {percent} is new to the model"
     if errors.outside > 0.0:

@@ -13,7 +13,7 @@ from sdp_vs_penalty.estimators.estimator import Array, Fit, Task
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import solver
-from sdp_vs_penalty.solvers.certificate import repair
+from sdp_vs_penalty.solvers.certificate import TIGHT, repair
 from sdp_vs_penalty.solvers.conic import Solution
 from sdp_vs_penalty.solvers.identification import (
     SdpProblem,
@@ -27,8 +27,6 @@ from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 from sdp_vs_penalty.solvers.small_cones import SmallCones
 from sdp_vs_penalty.solvers.verified import proves_infeasible
 
-#: A certified gap relative to the loss below which an answer is kept at once.
-_TIGHT = 1e-8
 #: Whose answers every solver is judged beside, and our own method, which goes before it where it can.
 REFERENCE, OWN = "clarabel", "primal-dual"
 #: A certified gap up to which an answer counts that its solver itself did not call one; above it no
@@ -58,7 +56,7 @@ def solve_sdp(
     """Solve one SDP until our own certificate is tight; the answer lies inside the constraints.
 
     A solver may stall short of what it was asked for: every answer is certified, and where the gap is
-    above ``_TIGHT`` the problem is solved again as seen from the answer, each cone scaled by a point a
+    above ``TIGHT`` the problem is solved again as seen from the answer, each cone scaled by a point a
     little inside of it. solver_name None: our own interior-point method, then Clarabel where that is not
     tight. Raises InputError where the constraints admit no interior point, or nothing near an optimum
     came.
@@ -100,7 +98,7 @@ class PosedSdp:
         """
         if self.cones is not None:
             fit = self._own(self.cones, objective, accuracy, near)
-            if fit is not None and fit.gap <= _TIGHT:
+            if fit is not None and fit.gap <= TIGHT:
                 return fit
         return _solved(self, objective, accuracy)
 
@@ -167,7 +165,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
         fit = Fit(theta, objective, constraints, multipliers, slopes, interior, task.bound, details)
         if fit.gap < (np.inf if best is None else best.gap):
             best = fit
-        if fit.gap <= _TIGHT:
+        if fit.gap <= TIGHT:
             break
     if best is None or not (answered or best.gap <= FAR_GAP):
         raise InputError(

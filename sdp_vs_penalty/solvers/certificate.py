@@ -12,9 +12,8 @@ give a tight one. Nothing a solver says about itself enters.
 """
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -25,28 +24,7 @@ from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Alike, ConstraintSet, cone_depths, project, safe_depth
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.objective import Objective
-
-
-@dataclass(frozen=True)
-class DualEvidence:
-    """What a lower bound follows from, whoever adds it up: the numbers may be off, the bound holds.
-
-    multipliers : near their cones, one a constraint; y (r,) : near the residual at the optimum;
-    entropy_slopes (links, 4, 4) : positive definite S with -log det P >= log det S + 4 - tr(S P);
-    push : from a leftover slope (p,) times its limit to the shift of y (r,) that removes it.
-    """
-
-    multipliers: Sequence[Array]
-    y: Array
-    entropy_slopes: Sequence[Array]
-    push: Callable[[Array], Array]
-
-    def bound(self, objective: Objective, constraints: ConstraintSet, limit: Array) -> float:
-        """The lower bound that is proved, with outward rounding; -inf where slopes are not definite."""
-        dual = self.multipliers, self.y, limit, self.entropy_slopes, self.push
-        with suppress(np.linalg.LinAlgError):
-            return verified.lower_bound(objective, constraints.entries, *dual)
-        return -np.inf
+from sdp_vs_penalty.solvers.verified import DualEvidence
 
 
 def lower_bound(
@@ -62,12 +40,11 @@ def lower_bound(
     Proved from the multipliers as they are, and, unless that bound is tight, also from polished ones.
     Arguments as of :func:`dual_evidence`.
     """
-    asked = objective, constraints
-    evidence = partial(dual_evidence, *asked, multipliers, theta, bound, entropy_slopes)
-    lower = evidence(polished=False).bound(*asked, bound)
-    if objective.least_squares.gap(objective.value(theta), lower, theta) <= _TIGHT:
+    evidence = partial(dual_evidence, objective, constraints, multipliers, theta, bound, entropy_slopes)
+    lower = verified.lower_bound(objective, constraints.entries, evidence(polished=False), bound)
+    if objective.least_squares.gap(objective.value(theta), lower, theta) <= 0.5 * TIGHT:
         return lower
-    return max(lower, evidence().bound(*asked, bound))
+    return max(lower, verified.lower_bound(objective, constraints.entries, evidence(), bound))
 
 
 def dual_evidence(
@@ -175,8 +152,9 @@ def _inverse(group: Alike, t: Array) -> Array:
 #: Directions below this share of the data's energy, or of the strongest, are left alone where a slope is
 #: pushed into y: by a Cholesky factor first, which is quick, by singular values then.
 _RIDGE, _CUT = 1e-9, 1e-8
-#: Gap relative to the loss, half of what is promised, from which on a tighter bound is of no use.
-_TIGHT = 5e-9
+#: Gap relative to the loss that is promised: an answer within it is kept at once, and a bound within
+#: half of it is not made tighter.
+TIGHT = 1e-8
 #: Most rounds of pushing the leftover slope into the multipliers, and the share of what it costs that a
 #: round has to gain.
 _DUAL_ROUNDS, _WORTHWHILE = 50, 0.02

@@ -21,6 +21,7 @@ from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import dual_evidence, repair
 from sdp_vs_penalty.solvers.identification import RowBuilder, SdpProblem, largest_margin
 from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers.verified import lower_bound
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class Slice:
         objective = Objective.without_data(len(g), g)
         multipliers = self.reduced.filled(self.sdp.multipliers(solution))
         found = dual_evidence(objective, self.reduced, multipliers, solution.x, self.limit)
-        return solution.x, found.bound(objective, self.reduced, self.limit)
+        return solution.x, lower_bound(objective, self.reduced.entries, found, self.limit)
 
 
 def _interior(constraints: ConstraintSet, free: Array, theta: Array, bound: Array) -> Array:

@@ -27,9 +27,9 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import verify_proof
-from sdp_vs_penalty.solvers.certificate import DualEvidence, dual_evidence
+from sdp_vs_penalty.solvers.certificate import dual_evidence
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
-from sdp_vs_penalty.solvers.verified import CORRECTIONS, factor
+from sdp_vs_penalty.solvers.verified import CORRECTIONS, DualEvidence, factor
 
 Proof = dict[str, Any]
 
@@ -240,6 +240,7 @@ def _polished(exact: dict[str, Any], evidence: DualEvidence, bound: Array) -> li
     """y, shifted until nothing is left of the slope wherever the data determine theta."""
     for _ in range(CORRECTIONS):
         _, slope = verify_proof.dual_bound(exact)
+        assert evidence.push is not None
         shift = evidence.push(bound * np.array([float(x) for x in slope]))
         exact["y"] = [a - Fraction(float(b)) for a, b in zip(exact["y"], shift, strict=True)]
     return list(exact["y"])

@@ -14,6 +14,7 @@ is formed in rational arithmetic and factorised exactly: feasible is then a fact
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -100,41 +101,52 @@ def _entropy_tangent(entropy: Entropy, slopes: Sequence[Array], p: int) -> tuple
     return weight * slope, weight * (constant + np.array(more, Long))
 
 
+@dataclass(frozen=True)
+class DualEvidence:
+    """What a lower bound follows from, whoever adds it up: the numbers may be off, the bound holds.
+
+    multipliers : near their cones, one a constraint; y (r,) : near the residual at the optimum;
+    entropy_slopes (links, 4, 4) : positive definite S with -log det P >= log det S + 4 - tr(S P);
+    push : from a leftover slope (p,) times its limit to the shift of y (r,) that removes it.
+    """
+
+    multipliers: Sequence[Array]
+    y: Array
+    entropy_slopes: Sequence[Array] = ()
+    push: Callable[[Array], Array] | None = None
+
+
 def lower_bound(
-    objective: Objective,
-    constraints: Entries,
-    multipliers: Sequence[Array],
-    y: Array,
-    bound: Array,
-    entropy_slopes: Sequence[Array] = (),
-    correct: Callable[[Array], Array] | None = None,
+    objective: Objective, constraints: Entries, evidence: DualEvidence, bound: Array
 ) -> float:
-    """A number that is certainly <= min objective over the constraints and |theta_k| <= bound_k.
+    """A number that is certainly <= min objective over the constraints and |theta_k| <= bound_k; -inf
+    where slopes of the entropy are not definite.
 
     f(theta) >= residual_norm^2 + 2 y^T (R theta - rho) - y^T y - sum <S_i, F_i(theta)> for every y and
-    all S_i in their cones; what is left of the slope, e, costs |e|^T bound. y (r,) near the residual at
-    the optimum, multipliers near the dual optimum; correct : from a leftover slope (p,) times bound to
-    the shift (r,) of y that removes it, added in extended precision until it no longer matters.
+    all S_i in their cones; what is left of the slope, e, costs |e|^T bound. y is shifted in extended
+    precision until that no longer matters.
     """
     data, signs = objective.least_squares, np.array([-1, 1])
-    groups = zip(constraints.groups, constraints.stacked(multipliers), strict=True)
+    groups = zip(constraints.groups, constraints.stacked(evidence.multipliers), strict=True)
     slope, constant = _against(constraints, [in_cone(g.cone, s) for g, s in groups], len(bound))
     slope, constant = signs[:, None] * slope, signs * constant
     slope += np.array([objective.linear, np.abs(objective.linear)]).reshape(2, -1)
-    operations = len(y) + len(constraints.constant)
+    operations = len(evidence.y) + len(constraints.constant)
     if objective.entropy is not None:
         operations += len(objective.entropy.entries.constant)
-        tangent = _entropy_tangent(objective.entropy, entropy_slopes, len(bound))
+        try:
+            tangent = _entropy_tangent(objective.entropy, evidence.entropy_slopes, len(bound))
+        except np.linalg.LinAlgError:
+            return -np.inf
         slope, constant = slope + tangent[0], constant + tangent[1]
-    R, rho, limit = (np.asarray(x, Long) for x in (data.R, data.rho, bound))
-    y = np.asarray(y, Long)
+    R, rho, limit, y = (np.asarray(x, Long) for x in (data.R, data.rho, bound, evidence.y))
     floor = Long(data.residual_norm) ** 2
-    for _ in range(0 if correct is None else CORRECTIONS):
-        assert correct is not None
+    for _ in range(CORRECTIONS if evidence.push else 0):
+        assert evidence.push is not None
         leftover = np.asarray(limit * (slope[0] + 2 * R.T @ y), float)
         if np.abs(leftover).sum() <= _MATTERS * float(y @ y + floor):
             break
-        y = y - correct(leftover)
+        y = y - evidence.push(leftover)
     gamma = _gamma(operations)
     left = slope[0] + 2 * R.T @ y
     left_at_most = np.abs(left) + gamma * (slope[1] + 2 * np.abs(R).T @ np.abs(y)) + _TINY
@@ -156,7 +168,7 @@ def proves_infeasible(
     lower bound of the objective zero: positive exactly if the set is empty.
     """
     entries, nothing = Entries.of(alike(constraints)), Objective.without_data(len(bound))
-    return lower_bound(nothing, entries, multipliers, np.zeros(0), bound) > 0.0
+    return lower_bound(nothing, entries, DualEvidence(multipliers, np.zeros(0)), bound) > 0.0
 
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:

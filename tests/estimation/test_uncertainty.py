@@ -8,9 +8,7 @@ from sdp_vs_penalty import Measurements, Problem, load_problem
 from sdp_vs_penalty.effects import Model, Motion
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.uncertainty import (
-    IDENTIFIABLE,
     NOT_SEEN,
-    WEAKLY,
     Uncertainty,
     counts,
     of_regression,
@@ -74,9 +72,9 @@ def test_what_cannot_be_seen_is_said(two_link):
             assert verdicts[name].verdict == NOT_SEEN
             assert np.isinf(verdicts[name].lower)
     assert verdicts["mx2"].verdict == NOT_SEEN  # only mx2 + 0.8 m2: the frame is at the far end
-    assert verdicts["my2"].verdict == WEAKLY  # seen, but it is zero within its interval
+    assert verdicts["my2"].verdict == "weakly"  # seen, but it is zero within its interval
     for name in ("f_c1", "f_c2", "f_v2"):
-        assert verdicts[name].verdict == IDENTIFIABLE, verdicts[name]
+        assert verdicts[name].verdict == "identifiable", verdicts[name]
         assert verdicts[name].lower < verdicts[name].value < verdicts[name].upper
     assert sum(counts(known.base).values()) == len(known.base) == 8 + 6
     assert counts(known.base)[NOT_SEEN] == 0

@@ -6,8 +6,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import approx_fprime
 
-from sdp_vs_penalty.estimation.constants import DATA_SHARE
-from sdp_vs_penalty.estimation.identify import DATA, data_share
+from sdp_vs_penalty.estimation.identify import DATA, from_data
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table import Cell, Maker, Row, Table, text
@@ -76,7 +75,7 @@ def sources(study: Study, data: Data) -> dict[str, str]:
         wide[:, indices] = approx_fprime(theta[indices], inertia.barycentric_from_standard)
         names += barycentric_names(link)
         gradients.append(wide)
-    own = data_share(task, np.vstack(gradients)) > DATA_SHARE
+    own = from_data(task, np.vstack(gradients))
     return {name: "data" if seen else "prior" for name, seen in zip(names, own, strict=True)}
 
 
