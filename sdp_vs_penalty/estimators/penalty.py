@@ -126,7 +126,10 @@ def minimise(
 
     def rows(z: Array) -> tuple[Array, Array]:
         r, J = penalty.rows(z, shifts, weight)
-        return np.concatenate([r, near @ (z - x)]), np.concatenate([J, near])
+        both = np.vstack([np.column_stack([J, r]), np.column_stack([near, near @ (z - x)])])
+        # Turned into as few rows: nothing that MINPACK looks at changes, and its own QR is not blocked.
+        turned = np.linalg.qr(both, mode="r")
+        return turned[:, -1], turned[:, :-1]
 
     while stages < _STEPS:
         stages += 1
