@@ -128,7 +128,7 @@ def minimise(
         r, J = penalty.rows(z, shifts, weight)
         both = np.vstack([np.column_stack([J, r]), np.column_stack([near, near @ (z - x)])])
         # Turned into as few rows: nothing that MINPACK looks at changes, and its own QR is not blocked.
-        turned = np.linalg.qr(both, mode="r")
+        turned = np.asarray(np.linalg.qr(both, mode="r"))
         return turned[:, -1], turned[:, :-1]
 
     while stages < _STEPS:
