@@ -169,7 +169,7 @@ def cross_validate(
     options = PoseOptions(effects, preprocessing, weighting, seed=seed, known=known or {})
     split = split_by_phase(problem, measurements, options, folds, progress)
     workers = replace(workers, progress=progress)
-    return split.result(estimator, list(workers.map(partial(split.judged, estimator), range(folds))))
+    return split.result(estimator, list(workers.map(partial(split.judged, estimator), split.numbers)))
 
 
 @dataclass(frozen=True)
@@ -213,33 +213,33 @@ class Split:
     seed: int
     raw: Regression | None = None
 
-    def fold(self, number: int) -> FoldData | None:
-        """The data of a fold, None where it has no rows to judge on."""
+    @property
+    def numbers(self) -> list[int]:
+        """The folds that have rows to judge on."""
+        rows, tested = self.raw or self.common, self.phases.tested
+        return [k for k in range(self.phases.count) if rows.select(tested(k)).factors]
+
+    def fold(self, number: int) -> FoldData:
+        """The data of a fold."""
         own = self.model if self.raw else self._trained(number)
         rows = self.common
         if own is not self.model:
             rows = compress_cells(self.runs, own, self.settings, self.phases)
         train = rows.select(self.phases.training(number))
         test = (self.raw or rows).select(self.phases.tested(number))
-        if not test.factors:
-            return None
         task = make_task(self.problem, own, train, self.weighting, self.seed)
         return FoldData(*self.phases.stretch(number), task, test)
 
-    def judged(self, estimator: Estimator, number: int) -> Fold | None:
-        data = self.fold(number)
-        return None if data is None else data.judged(estimator)
+    def judged(self, estimator: Estimator, number: int) -> Fold:
+        return self.fold(number).judged(estimator)
 
-    def result(self, estimator: Estimator, judged: Sequence[Fold | None]) -> CrossValidation:
-        """What folds add up to. Raises InputError where none has rows to judge on."""
-        found = tuple(fold for fold in judged if fold is not None)
-        if not found:
-            raise _too_short(self.runs.names[0], self.phases)
+    def result(self, estimator: Estimator, judged: Sequence[Fold]) -> CrossValidation:
+        """What folds add up to."""
         texts = tuple(e.text for e in self.model.effects)
         periodic = any(clock.periodic for clock in self.phases.clocks)
         assert self.settings.torque_cutoff is not None
         split_by = periodic, self.phases.guard, self.settings.torque_cutoff
-        return CrossValidation(self.problem.name, estimator.name, texts, found, *split_by)
+        return CrossValidation(self.problem.name, estimator.name, texts, tuple(judged), *split_by)
 
     def _trained(self, fold: int) -> Model:
         """The model with what :func:`identify` takes from the data beside its parameters, from the
@@ -256,8 +256,6 @@ class Split:
         shapes = estimate_shapes(model, self.runs, self.settings, self.weighting, training)
         if any(shape.after != shape.before for shape in shapes):
             model = replace(model, effects=with_shapes(model.effects, shapes))
-        if not model.needs_reference:
-            return model
         return with_reference(self.problem, model, compressed, self.weighting)
 
 
@@ -287,15 +285,14 @@ def split_by_phase(
         phases = phase_folds(runs, settings, folds)
         common = compress_cells(posed.measurements, model, settings, phases)
         raw = compress_cells(runs, replace(model, reference=None), settings, phases)
-    if not all(common.select(phases.training(k)).factors for k in range(folds)):
-        raise _too_short(runs.names[0], phases)
-    return Split(problem, model, runs, settings, phases, common, options.weighting, options.seed, raw)
-
-
-def _too_short(name: str, split: PhaseFolds) -> InputError:
-    return InputError(
-        f"{formatting.count(split.count, 'fold')} with {split.guard:.3g} s kept clear on either side "
-        "leave nothing to train on or to judge",
-        "choose fewer folds, or record longer",
-        name,
-    )
+    method = options.weighting, options.seed
+    split = Split(problem, model, runs, settings, phases, common, *method, raw)
+    trained = all(common.select(phases.training(k)).factors for k in range(folds))
+    if not (trained and split.numbers):
+        raise InputError(
+            f"{formatting.count(folds, 'fold')} with {phases.guard:.3g} s kept clear on either side "
+            "leave nothing to train on or to judge",
+            "choose fewer folds, or record longer",
+            runs.names[0],
+        )
+    return split

@@ -222,11 +222,9 @@ def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
     return replace(trajectory, a=trajectory.a * share, b=trajectory.b * share, q_0=q_0)
 
 
-def save_trajectory(
-    trajectory: FourierTrajectory | PointTrajectory, path: str | Path, rate: float = 1000.0
-) -> None:
-    """Write t, q1..qn, dq1..dqn, ddq1..ddqn at ``rate`` [Hz]: what a robot's controller plays."""
-    t = np.arange(int(np.floor(trajectory.duration * rate + 1e-9)) + 1) / rate
+def save_trajectory(trajectory: FourierTrajectory | PointTrajectory, path: str | Path) -> None:
+    """Write t, q1..qn, dq1..dqn, ddq1..ddqn at 1 kHz: what a robot's controller plays."""
+    t = np.arange(int(np.floor(trajectory.duration * 1e3 + 1e-9)) + 1) / 1e3
     n = trajectory.states(t[:1])[0].shape[1]
     header = ["t", *(f"{name}{j + 1}" for name in ("q", "dq", "ddq") for j in range(n))]
     rows = np.column_stack([t, *trajectory.states(t)])

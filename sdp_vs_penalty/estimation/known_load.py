@@ -18,7 +18,7 @@ joints together, the start of the convex problem that is posed
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,24 +50,6 @@ from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, 
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
-
-
-@dataclass(frozen=True)
-class Gains:
-    """gain (n,) : what each torque channel reads over the true torque; factor (n, r) : with the
-    covariance of the gains' relative errors factor factor'."""
-
-    gain: Array
-    factor: Array
-
-    @property
-    def std(self) -> Array:
-        """(n,) relative standard deviations."""
-        return np.asarray(np.linalg.norm(self.factor, axis=1))
-
-    def to_dict(self) -> dict[str, list[float]]:
-        """Plain JSON: gains and their standard deviations."""
-        return {"gain": self.gain.tolist(), "std": (self.gain * self.std).tolist()}
 
 
 def parsed_known_load(text: str) -> tuple[Path, float]:
@@ -113,8 +95,9 @@ def gains_from_loads(
     loads: Sequence[tuple[Source, float]],
     settings: Preprocessing,
     prior: float,
-) -> Gains:
-    """The gains that make the loads weigh what they weigh.
+) -> tuple[Array, Array]:
+    """The gains (n,) that make the loads weigh what they weigh, what each torque channel reads over the
+    true torque; a factor (n, r) of the covariance of their relative errors.
 
     model : of the robot without load; loads : further runs, each with the mass [kg] of a body on the
     last link; settings : resolved; prior : standard deviation of the gains' relative errors before the
@@ -144,7 +127,7 @@ def gains_from_loads(
             break
     known = sandwich(_linearised(parts, p, x, log_gain), weights, scale)
     std = known.half_widths(np.eye(len(scale))[-n:], LEVEL) / NORMAL_95
-    return Gains(np.exp(log_gain), stretched(known.factor[-n:], std))
+    return np.exp(log_gain), stretched(known.factor[-n:], std)
 
 
 def _linearised(

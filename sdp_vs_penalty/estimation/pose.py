@@ -152,10 +152,11 @@ def posed(
         if options.known_loads:
             progress("determining the gains from the known loads")
             spread = float(np.max(options.gain_uncertainty))
-            found = gains_from_loads(model, data, options.known_loads, settings, spread)
-            problem = replace(problem, gains=tuple(found.gain.tolist()))
-            model, errors = replace(model, gains=problem.gains), found.factor
-            details["gains"] = found.to_dict()
+            gain, errors = gains_from_loads(model, data, options.known_loads, settings, spread)
+            problem = replace(problem, gains=tuple(gain.tolist()))
+            model = replace(model, gains=problem.gains)
+            std = gain * np.linalg.norm(errors, axis=1)
+            details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
     else:
         wanted = options.known, options.weighting, progress, options.instruments != "none"
         chosen = options.effects is not None
@@ -170,8 +171,7 @@ def posed(
     def compressed(part: Model) -> Regression:
         return in_columns(data, part, settings, workers)
 
-    if model.needs_reference:
-        model = with_reference(problem, model, compressed, options.weighting, progress)
+    model = with_reference(problem, model, compressed, options.weighting, progress)
     progress("compressing the measurements")
     regression = compressed(model)
     task = make_task(problem, model, regression, options.weighting, options.seed, progress)
@@ -207,8 +207,11 @@ def with_reference(
     weighting: str = "noise",
     progress: Progress = no_progress,
 ) -> Model:
-    """The model with the current model that its torque-dependent effects refer to: least squares without
-    those effects, then with them. compressed : the training data in the columns of a model."""
+    """The model with the current model that its torque-dependent effects refer to, itself where there
+    are none: least squares without those effects, then with them. compressed : the training data in the
+    columns of a model."""
+    if not model.needs_reference:
+        return model
     reference = np.zeros(len(model.parameters))
     for k in range(2):
         progress(f"the current model, pass {k + 1} of 2")

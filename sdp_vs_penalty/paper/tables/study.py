@@ -324,14 +324,14 @@ def _unseen(study: Study, method: str | Estimator, effects: tuple[Any, ...] | No
     study.progress(f"folds by phase, {method if isinstance(method, str) else method.name}")
     split, folds = study.once(_folds, effects)
     estimator = study.estimator(method)
-    return split.result(estimator, study.workers.map(partial(_judged, estimator), folds))
+    return split.result(estimator, list(study.workers.map(partial(_judged, estimator), folds)))
 
 
-def _folds(study: Study, effects: tuple[Any, ...] | None) -> tuple[Split, list[FoldData | None]]:
+def _folds(study: Study, effects: tuple[Any, ...] | None) -> tuple[Split, list[FoldData]]:
     """The real run's folds, shape constants included; no method changes them."""
     assert study.run is not None
     split = split_by_phase(study.problem, study.run, PoseOptions(effects, seed=study.seed), FOLDS)
-    return split, list(study.workers.map(split.fold, range(FOLDS)))
+    return split, list(study.workers.map(split.fold, split.numbers))
 
 
 def _estimated(given: tuple[Estimator, Task]) -> Result:
@@ -344,8 +344,8 @@ def _estimated(given: tuple[Estimator, Task]) -> Result:
     return Result(theta, certificate, seconds, fit.details)
 
 
-def _judged(estimator: Estimator, data: FoldData | None) -> Fold | None:
-    return None if data is None else data.judged(estimator)
+def _judged(estimator: Estimator, data: FoldData) -> Fold:
+    return data.judged(estimator)
 
 
 def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:
