@@ -12,7 +12,7 @@ from random_robots import bare, link_parameters, open_problem, sines, task_of, t
 from sdp_vs_penalty import InputError, Measurements, Problem, identify
 from sdp_vs_penalty.estimators import interior_point
 from sdp_vs_penalty.paper.tables.errata import pi_p_hat
-from sdp_vs_penalty.problem import plausible_links, published_links, with_bounds
+from sdp_vs_penalty.problem import open_box, plausible_links, published_links, with_bounds
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import CentreOfMassCone
 from sdp_vs_penalty.problem.published import published_cell, published_values
@@ -277,6 +277,10 @@ def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
         problem = open_problem(robot, np.array(links))
         np.testing.assert_allclose(problem.link_defaults, [[mass, radius]] * robot.n, rtol=1e-12)
         assert not problem.guessed_links.any()  # nothing says so
+    box = open_box(1)
+    box[0, 1] = -3.0, 1.0  # where a centre of mass may be, the link reaches
+    far = replace(open_problem(Robot("one", (arm,)), np.zeros((1, 10))), box=box)
+    assert far.link_defaults[0, 1] == 4.5
 
 
 def test_bounds_alone_draw_ellipsoids_that_fill_them(tmp_path):
