@@ -19,6 +19,8 @@ Mask = NDArray[np.bool_]
 FALSE_EVENT = 1e-5
 #: By how much motion may change the noise's variance.
 _MODULATION = (0.1, 10.0)
+#: How far out of the others an event's window is, in robust deviations of the logarithms.
+_FAR = 5.0
 #: Lengths of the windows that are searched [rows].
 LENGTHS = (1, 4, 16)
 #: Events are rare: what fills more than this share of the rows is noise of another kind.
@@ -46,8 +48,9 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
             if length > len(piece):
                 continue
             windows = energy[length:] - energy[:-length]
-            hits = np.flatnonzero(windows > limit)
-            for first in hits:
+            if length > 1:  # the logarithm of their energy is nearly normal
+                limit = max(limit, _outlying(windows))
+            for first in np.flatnonzero(windows > limit):
                 mask[piece[first : first + length]] = True
     return mask
 
@@ -99,6 +102,16 @@ def _tail_limit(values: Array, tests: int) -> float:
         if values[out - 1] > limit:
             return limit
     return np.inf
+
+
+def _outlying(windows: Array) -> float:
+    """The energy that stands _FAR robust deviations out of the windows' own, in logarithms: noise
+    that swells and fades by itself makes no event."""
+    logs = np.log(windows[windows > 0.0])
+    if not len(logs):
+        return np.inf
+    middle = float(np.median(logs))
+    return float(np.exp(middle + _FAR * 1.4826 * np.median(np.abs(logs - middle))))
 
 
 def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
