@@ -10,9 +10,10 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, as_completed
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from itertools import chain
 from typing import Any, Generic, TypeVar
 
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -102,21 +103,30 @@ def _batches(items: list[Item], threads: int) -> list[list[Item]]:
 
 
 def _here(function: Callable[[Item], Result], items: list[Item], jobs: int) -> Iterator[Result]:
-    from joblib import Parallel, delayed
+    """By jobs - 1 other processes, which take the first item that waits, and this one, which takes the
+    last: it works while they start."""
+    from joblib.externals.loky import get_reusable_executor
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
     work, left = Numbered(function), dict(enumerate(items))
-    how: dict[str, Any] = {"backend": "loky", "initializer": end_with, "initargs": (os.getpid(),)}
+    threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
     for attempt in range(_RETRIES + 1):
-        parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, **how)
+        others = get_reusable_executor(
+            max(jobs - 1, 1), initializer=end_with, initargs=(os.getpid(),), env=threads
+        )
+        asked = {others.submit(work, item): item for item in left.items()}
         try:
-            for k, result in parallel(delayed(work)(item) for item in list(left.items())):
+            own = (work(asked.pop(f)) for f in reversed(list(asked)) if f.cancel())
+            for k, result in chain(own, (f.result() for f in as_completed(asked))):
                 del left[k]
                 yield result
             return
         except TerminatedWorkerError:  # the whole pool ends with one worker
             if attempt == _RETRIES:
                 raise
+        finally:
+            for future in asked:
+                future.cancel()
 
 
 @dataclass(frozen=True)
