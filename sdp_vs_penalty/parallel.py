@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, as_completed
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import chain
 from typing import Any, Generic, TypeVar
 
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -108,17 +107,20 @@ def _here(function: Callable[[Item], Result], items: list[Item], jobs: int) -> I
     from joblib.externals.loky import get_reusable_executor
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-    work, left = Numbered(function), dict(enumerate(items))
+    left = dict(enumerate(items))
     threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
     for attempt in range(_RETRIES + 1):
         others = get_reusable_executor(
             max(jobs - 1, 1), initializer=end_with, initargs=(os.getpid(),), env=threads
         )
-        asked = {others.submit(work, item): item for item in left.items()}
+        asked = {others.submit(function, item): k for k, item in left.items()}
         try:
-            own = (work(asked.pop(f)) for f in reversed(list(asked)) if f.cancel())
-            for k, result in chain(own, (f.result() for f in as_completed(asked))):
-                del left[k]
+            for future in reversed(list(asked)):
+                if future.cancel():
+                    yield function(left.pop(asked.pop(future)))
+            for future in as_completed(asked):
+                result = future.result()
+                del left[asked[future]]
                 yield result
             return
         except TerminatedWorkerError:  # the whole pool ends with one worker

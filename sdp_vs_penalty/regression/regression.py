@@ -280,8 +280,8 @@ def _triangles(stacks: Array) -> Array:
 
 
 def _each_folded(parts: Sequence[Array]) -> list[Array]:
-    """Matrices of about as many rows, as triangles where one has more than that: by one call, since rows
-    of zeros add nothing."""
+    """Matrices of about as many rows, as triangles where one has more rows than columns: by one call,
+    since rows of zeros add nothing."""
     most, width = max(len(part) for part in parts), parts[0].shape[1]
     if most <= width:
         return list(parts)
@@ -289,12 +289,6 @@ def _each_folded(parts: Sequence[Array]) -> list[Array]:
     for place, part in zip(stacks, parts, strict=True):
         place[: len(part)] = part
     return list(_triangles(stacks))
-
-
-def _folded(parts: Sequence[Array]) -> Array:
-    """The stacked matrices, as a triangle where they have more rows than that."""
-    stack = np.vstack(parts)
-    return triangular([stack]) if len(stack) > stack.shape[1] else stack
 
 
 def compress(
@@ -363,7 +357,7 @@ def compress_cells(
     if own_errors or any(np.any(f.indices >= p) for f in factors):
         made = instrumented(model, [(f.joint, f.indices, f.triangle) for f in factors])
         factors = [
-            replace(f, indices=own, triangle=_folded([whole]))
+            replace(f, indices=own, triangle=_each_folded([whole])[0])
             for f, (own, whole) in zip(factors, made, strict=True)
         ]
     oversampling = rows / sum(samples for _, samples in found)
@@ -394,10 +388,8 @@ def _take(found: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.in
         keys = [(b, joint) for b in blocks.tolist()]
         pieces = np.split(both, begin[1:])
         counts = [len(piece) for piece in pieces]
-        if found.keys().isdisjoint(keys):
-            pieces = _each_folded(pieces)
-        for key, piece, count in zip(keys, pieces, counts, strict=True):
-            old = found.get(key)
-            if old is not None:
-                piece, count = _folded([old.triangle, piece]), count + old.rows
+        for k, key in enumerate(keys):
+            if (old := found.get(key)) is not None:
+                pieces[k], counts[k] = np.vstack([old.triangle, pieces[k]]), counts[k] + old.rows
+        for key, piece, count in zip(keys, _each_folded(pieces), counts, strict=True):
             found[key] = Factor(joint, key[0], columns.indices, piece, count)

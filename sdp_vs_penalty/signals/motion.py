@@ -164,9 +164,9 @@ def _straight(rows: Array, beside: float) -> Array:
     """Rows between which straight lines pass all the others within ``beside``: halved until they do."""
     each, knots = np.arange(len(rows)), np.unique([0, len(rows) - 1])
     while len(knots) > 1:
-        left = np.minimum(np.searchsorted(knots, each, "right"), len(knots) - 1) - 1
-        share = (each - knots[left]) / np.diff(knots)[left]
-        line = rows[knots][left] + share[:, None] * np.diff(rows[knots], axis=0)[left]
+        at, steps = np.interp(each, knots, np.arange(len(knots))), np.diff(rows[knots], axis=0)
+        left = np.minimum(at.astype(int), len(steps) - 1)
+        line = rows[knots[left]] + (at - left)[:, None] * steps[left]
         off = np.flatnonzero(np.abs(rows - line).max(axis=1) > beside)
         if not len(off):
             break
