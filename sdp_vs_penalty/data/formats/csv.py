@@ -130,7 +130,9 @@ def _columns(path: Path, width: int, first: int) -> Iterator[Array | list[Array]
     from pyarrow import csv as arrow
 
     names = [str(k) for k in range(width)]
-    found = arrow.ReadOptions(use_threads=False, skip_rows=first - 1, column_names=names)
+    # Some forty blocks are read ahead.
+    how = {"use_threads": False, "block_size": PIECE // 4}
+    found = arrow.ReadOptions(**how, skip_rows=first - 1, column_names=names)
     cells = arrow.ParseOptions(quote_char=False, ignore_empty_lines=False)
     kinds = arrow.ConvertOptions(column_types=dict.fromkeys(names, "float64"), null_values=[])
     yield np.zeros((width, 0))
