@@ -209,6 +209,22 @@ def test_bags_that_cannot_be_used(tmp_path):
     assert run_cli("convert", tmp_path / "x.csv", "--out", tmp_path / "y.csv") == 2
 
 
+def test_where_one_reader_of_numbers_stops_the_other_goes_on(tmp_path):
+    """Arrow takes no plus sign: from its piece on rows are read, and counted, by the careful reader."""
+    path, rows = tmp_path / "run.csv", np.random.default_rng(0).normal(size=(30_000, 3))
+    rows[:, 0] = np.arange(len(rows))
+    lines = ["t,q1,tau1", *(",".join(map(repr, row)) for row in rows.tolist())]
+    rows[20_000, 1:] = 0.5
+    lines[20_001] = "20000,+0.5,5e-1"
+    path.write_text("\n".join(lines))
+    run = load_measurements(path)
+    np.testing.assert_array_equal(np.column_stack([run.t, run.q, run.tau]), rows)
+    lines[25_000] = "24999,1.2.3,1"
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"row 25001, column 2 holds '1\.2\.3'"):
+        load_measurements(path)
+
+
 def test_formats_without_their_extra(tmp_path, monkeypatch):
     """Without the optional packages: a sentence with the command, not a traceback."""
     import sys
