@@ -106,7 +106,8 @@ _RISES: Mapping[str, Callable[[Array], Array]] = {
 
 
 #: How much wider than the sign itself turns round a rise has to be: the difference of two that are
-#: alike is nothing, and its size eight times that of the friction (off by 22 deviations; by 1 with 2, 4).
+#: alike is nothing, and its size eight times that of the friction
+#: (off by 22 deviations; by 1 with 2 or 4).
 _WIDER = 2.0
 
 
