@@ -10,7 +10,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, as_completed
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any, Generic, TypeVar
@@ -102,33 +102,21 @@ def _batches(items: list[Item], threads: int) -> list[list[Item]]:
 
 
 def _here(function: Callable[[Item], Result], items: list[Item], jobs: int) -> Iterator[Result]:
-    """By jobs - 1 other processes, which take the first item that waits, and this one, which takes the
-    last: it works while they start."""
-    from joblib.externals.loky import get_reusable_executor
+    from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-    left = dict(enumerate(items))
-    threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
+    work, left = Numbered(function), dict(enumerate(items))
+    how: dict[str, Any] = {"backend": "loky", "initializer": end_with, "initargs": (os.getpid(),)}
     for attempt in range(_RETRIES + 1):
-        others = get_reusable_executor(
-            max(jobs - 1, 1), initializer=end_with, initargs=(os.getpid(),), env=threads
-        )
-        asked = {others.submit(function, item): k for k, item in left.items()}
+        parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, **how)
         try:
-            for future in reversed(list(asked)):
-                if future.cancel():
-                    yield function(left.pop(asked.pop(future)))
-            for future in as_completed(asked):
-                result = future.result()
-                del left[asked[future]]
+            for k, result in parallel(delayed(work)(item) for item in list(left.items())):
+                del left[k]
                 yield result
             return
         except TerminatedWorkerError:  # the whole pool ends with one worker
             if attempt == _RETRIES:
                 raise
-        finally:
-            for future in asked:
-                future.cancel()
 
 
 @dataclass(frozen=True)
