@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.constants import (
@@ -75,11 +76,12 @@ class Found:
     curves: tuple[Measured, ...] = ()
 
 
-def what_is_left(search: Search) -> Remainder:
-    """Of the rows beside all terms of a search."""
+def what_is_left(search: Search, odd: NDArray[np.bool_] | None = None) -> Remainder:
+    """Of the rows beside all terms of a search; odd (M, n) : its outliers, if they are known."""
     data, fit = search.data, search.fit
     residual = refitted(data, [t.form.effect for t in search.terms])[1]
-    odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
+    if odd is None:
+        odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
     return remainder(data, fit, residual, odd)
 
 

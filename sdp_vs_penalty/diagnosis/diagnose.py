@@ -123,6 +123,12 @@ def _offered(search: Search, judge: Judge) -> Found:
     order = held_out.offered(len(terms), needed=beside.data.noise.source != REPETITION)
     final = beside.limited([terms[k] for k in order])
     left = what_is_left(final)
+    if left.matters and left.odd.any():  # what happens once is no evidence, if it is that alone
+        beside = final.carried(now, left.odd)
+        beside = beside.limited(beside.terms)
+        rest = what_is_left(beside, left.odd)
+        if len(rest.matters) < len(left.matters):
+            final, left = beside, rest
     before = held_out.errors(()) if before is None else before
     found = Found(judge.first, now, tuple(shapes), final, left, held_out, tuple(order), before)
     parts = in_parts(final)

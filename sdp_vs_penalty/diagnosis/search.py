@@ -6,6 +6,7 @@ from collections.abc import Hashable, Iterable, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import (
     APART,
@@ -255,10 +256,14 @@ class Search:
 
     # The same search beside something else.
 
-    def carried(self, estimate: Estimate) -> Search:
-        """The same findings beside another model, in the columns that this one makes."""
+    def carried(self, estimate: Estimate, without: NDArray[np.bool_] | None = None) -> Search:
+        """The same findings beside another model, in the columns that this one makes; without : rows
+        (M, n) that are no evidence."""
         data = self.data
-        data = whitened(with_estimate(data.rows, estimate), data.noise, estimate, data.frozen)
+        rows = with_estimate(data.rows, estimate)
+        if without is not None:
+            rows = rows.with_masked(rows.masked | without if rows.masked.size else without)
+        data = whitened(rows, data.noise, estimate, data.frozen)
         named = [t for t in self.terms if not t.form.own]
         out = Search(data, replace(self.library, own=()))
         out.terms = [Term(t.form, data.columns(t.form.effect), t.J, t.beta, t.rivals) for t in named]
