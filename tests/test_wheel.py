@@ -100,7 +100,7 @@ def test_each_verb_works_or_names_its_extra(folder):
         "check-urdf model.urdf": "",
         "list solvers": "",
         "convert run.csv --out run.mat": "",
-        "convert run.csv --out run.parquet": "formats",
+        "convert run.csv --out run.parquet": "",
         "convert run.mcap --out other.csv": "formats",
         "report model.json --data run.csv --out report.html": "report",
         "page": "page",
