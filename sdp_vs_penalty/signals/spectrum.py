@@ -17,6 +17,7 @@ from sdp_vs_penalty.signals.constants import (
     LAST,
     MOTION_ENDS,
     NOISE_LIKE,
+    NOISY,
     QUIET,
     SAMPLES,
     SMOOTH,
@@ -77,14 +78,16 @@ def unbent_cutoff(runs: Sequence[Measurements], cutoff: float, band: float, high
     of the positions that it lets through.
 
     A robot that sticks at its reversals moves more sharply than it was told to. The given cut-off stays
-    where it takes away less than a hundredth of the acceleration.
+    where it takes away less than a hundredth of the acceleration, or wider ones are noisy on some joint.
     """
     steps = np.arange(1 + int(2.0 * np.log2(max(highest / cutoff, 1.0))))
     tried = np.asarray(cutoff * 2.0 ** (0.5 * steps), np.float64)
     bent, noise = np.concatenate([_errors(run, tried, band) for run in runs], axis=1)
     if not len(bent) or bent[:, 0].mean() < BENT**2:
         return cutoff
-    return float(tried[np.argmin((bent + noise).mean(axis=0))])
+    noisy = noise.max(axis=0) > NOISY**2
+    error = np.where(noisy & (tried > cutoff), np.inf, (bent + noise).mean(axis=0))
+    return float(tried[np.argmin(error)])
 
 
 def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
