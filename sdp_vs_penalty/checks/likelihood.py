@@ -294,10 +294,11 @@ class Likelihood:
         return score, -slope[:, :, None] / or_one(size), size
 
     def step(self, at: Callable[[float], Repair], value: float, h: float) -> float:
-        """By how much a number has to change, to first order."""
+        """By how much a number has to change, to first order: the mean of what the log says without one
+        part each."""
         score, column, size = self.line(at, value, h)
-        found = self.equations(at(value), column).solved(score.weights[:, None])[0, -1]
-        return float(found / size) if size else 0.0
+        found = self.left_out(at(value), score.weights, column)[0][:, -1]
+        return jackknifed(found)[0] / size if size else 0.0
 
     def deviation(self, at: Callable[[float], Repair], value: float, h: float) -> float:
         """A number's standard deviation: what the model lacks makes it vary from part to part, and noise
