@@ -12,8 +12,8 @@ SAMPLES = 1 << 18
 #: Share of a joint's acceleration that a filter may take away unnoticed.
 BENT = 0.01
 #: Share of it that the noise of a joint's positions may be behind a wider filter. Without it a point to
-#: point run of the UR10e (steps of 1e-4 rad) is cut off at twice the frequency, and its check warns of all
-#: joints.
+#: point run of the UR10e (steps of 1e-4 rad) is cut off at twice the frequency, and its check warns of
+#: five joints.
 NOISY = 0.03
 #: Motion is what has so many times the power of the noise, in a spectrum smoothed over so many Hz.
 ABOVE, SMOOTH = 10.0, 1.0
