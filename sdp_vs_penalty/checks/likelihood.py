@@ -285,27 +285,16 @@ class Likelihood:
         whole = np.maximum(parts[..., -1, -1].sum(axis=0), 1e-280)
         return arms, np.maximum(PARTS * np.array(left) / whole, FLOOR)
 
-    def line(self, at: Callable[[float], Repair], value: float, h: float) -> tuple[Score, Array, float]:
-        """The fit at a number's value, the column (n, M, 1) by which it changes to first order, and how
-        large that column was made."""
+    def change(self, at: Callable[[float], Repair], value: float, h: float) -> tuple[float, float]:
+        """By how much a number has to change, to first order, and the standard deviation of that: what
+        the model lacks makes it vary from part to part, and noise alone would make it look exact."""
         score = self.score(at(value))
         slope = self.slope(at, value, h, score.theta)
         size = float(np.linalg.norm(slope)) / max(float(np.linalg.norm(score.rows.raw[0])), 1e-300)
-        return score, -slope[:, :, None] / or_one(size), size
-
-    def step(self, at: Callable[[float], Repair], value: float, h: float) -> float:
-        """By how much a number has to change, to first order: the mean of what the log says without one
-        part each."""
-        score, column, size = self.line(at, value, h)
-        found = self.left_out(at(value), score.weights, column)[0][:, -1]
-        return jackknifed(found)[0] / size if size else 0.0
-
-    def deviation(self, at: Callable[[float], Repair], value: float, h: float) -> float:
-        """A number's standard deviation: what the model lacks makes it vary from part to part, and noise
-        alone would make it look exact."""
-        score, column, size = self.line(at, value, h)
-        found = self.left_out(at(value), score.weights, column)[0][:, -1]
-        return jackknifed(found)[1] / size if size else np.inf
+        if size == 0.0:
+            return 0.0, np.inf
+        found = self.left_out(at(value), score.weights, -slope[:, :, None] / size)[0][:, -1]
+        return jackknifed(found / size)
 
     def predicts(self, before: Array, after: Array) -> float:
         """By how many standard errors the second of what two repairs leave (PARTS, n) of parts that were

@@ -187,7 +187,7 @@ def hidden_errors(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     zeros = {}
     for j in log.revolute:
         at = partial(repair.with_entries, "zero", (j,))
-        zeros[j + 1] = 3.0 * log.screen.deviation(at, repair.zero[j], 0.3 * c.CALIBRATED)
+        zeros[j + 1] = 3.0 * log.screen.change(at, repair.zero[j], 0.3 * c.CALIBRATED)[1]
     hidden = [
         f"joint {j}{'' if not x < np.pi else f' below {np.degrees(x):.2g} degrees'}"
         for j, x in zeros.items()

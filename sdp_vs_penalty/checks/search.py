@@ -114,7 +114,7 @@ class Search:
 
     def deviation(self, number: Number) -> float:
         """A number's standard deviation."""
-        return self.log.deviation(number.at, number.value, 0.3 * number.tolerance)
+        return self.log.change(number.at, number.value, 0.3 * number.tolerance)[1]
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
         """With the best values of the numbers that ``now`` does not have; round ones where as likely."""

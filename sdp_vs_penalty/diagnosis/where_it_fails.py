@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import Source, as_measurements
@@ -236,6 +235,8 @@ def _full_rate(run: Measurements, segment: Segment, j: int) -> tuple[Array, Arra
 
 def _orders(full: list[tuple[Array, Array, float]]) -> tuple[tuple[int, float, float], ...]:
     """The orders whose amplitude 2 |mean of r exp(-i k q)| stands out most of their surroundings."""
+    from scipy.ndimage import maximum_filter, median_filter  # scipy.signal takes 0.3 s to import
+
     spectrum, count = np.zeros(_BINS, complex), 0
     for q, error, _ in full:
         smooth = np.convolve(error, np.ones(101) / 101.0, mode="same")
@@ -244,10 +245,8 @@ def _orders(full: list[tuple[Array, Array, float]]) -> tuple[tuple[int, float, f
         count += len(q)
     amplitude = 2.0 * np.abs(spectrum[: _BINS // 8 + 1]) / max(count, 1)
     amplitude[0] = 0.0
-    # As scipy.ndimage does, whose import takes longer.
-    around, beside = (sliding_window_view(np.pad(amplitude, k, "symmetric"), 2 * k + 1) for k in (15, 1))
-    ratio = amplitude / np.maximum(np.median(around, axis=1), 1e-300)
-    peak = (amplitude == beside.max(axis=1)) & (ratio > 4.0)
+    ratio = amplitude / np.maximum(median_filter(amplitude, 31), 1e-300)
+    peak = (amplitude == maximum_filter(amplitude, 3)) & (ratio > 4.0)
     peaks = [k for k in np.flatnonzero(peak).tolist() if k > 1]
     peaks.sort(key=lambda k: -amplitude[k])
     return tuple((k, float(amplitude[k]), float(ratio[k])) for k in peaks[:5])

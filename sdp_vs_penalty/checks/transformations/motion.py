@@ -143,7 +143,7 @@ class Zero(Transformation):
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         for j in log.joints:
             at, unit = partial(_shifted, log, now, j), 1.0 if j in log.revolute else _length(log)
-            step = log.screen.step(at, now.zero[j], 0.01 * unit)
+            step, _ = log.screen.change(at, now.zero[j], 0.01 * unit)
             quarters = self.quarters if j in log.revolute and score.poor.any() else ()
             for x in (float(np.clip(step, -0.7 * unit, 0.7 * unit)), *quarters):
                 if x:
@@ -183,7 +183,7 @@ class Length(Transformation):
         for j, joint in enumerate(log.problem.robot.joints):
             if j and joint.placement[:3, 3].any():
                 at = partial(now.with_entries, "longer", (j,))
-                step = log.screen.step(at, now.longer[j], 0.01 * unit)
+                step, _ = log.screen.change(at, now.longer[j], 0.01 * unit)
                 yield at(now.longer[j] + float(np.clip(step, -0.7 * unit, 0.7 * unit)))
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
@@ -213,7 +213,7 @@ class Mounting(Transformation):
         if known:
             turned = given
             for across in np.linalg.svd(given[None, :])[2][1:]:
-                step = log.screen.step(_turned(now, given, given + size * across), 0.0, 0.02)
+                step, _ = log.screen.change(_turned(now, given, given + size * across), 0.0, 0.02)
                 turned = turned + size * np.clip(step, -0.5, 0.5) * across
             yield _under(now, size * turned / np.linalg.norm(turned))
 
