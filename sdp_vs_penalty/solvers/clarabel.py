@@ -1,4 +1,4 @@
-"""Clarabel (Goulart, Chen 2024), called directly on our conic data: the default."""
+"""Clarabel, in a file of its own: what runs by default imports no other solver."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,20 +8,18 @@ import numpy as np
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.solver import ACCURACY, Solver
 
-_CLAIMS = {
-    "Solved": "optimal",
-    "AlmostSolved": "inaccurate",
-    "PrimalInfeasible": "infeasible",
-    "AlmostPrimalInfeasible": "infeasible",
-    "DualInfeasible": "unbounded",
-    "AlmostDualInfeasible": "unbounded",
-}
-
 
 class Clarabel(Solver):
+    """Clarabel (Goulart, Chen 2024), called directly on our conic data: the default."""
+
     name = "clarabel"
     requires = "package", "clarabel"
     told = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), ACCURACY)
+    claims = {
+        **{"Solved": "optimal", "AlmostSolved": "inaccurate"},
+        **dict.fromkeys(("PrimalInfeasible", "AlmostPrimalInfeasible"), "infeasible"),
+        **dict.fromkeys(("DualInfeasible", "AlmostDualInfeasible"), "unbounded"),
+    }
 
     def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
         import clarabel
@@ -50,5 +48,5 @@ class Clarabel(Solver):
             return Solution.none(problem, "data beyond 1e20")
         solver = clarabel.DefaultSolver(problem.P, problem.q, problem.A, problem.b, cones, settings)
         result = solver.solve()
-        status, x, z = str(result.status), np.array(result.x), np.array(result.z)
-        return Solution(x, z, _CLAIMS.get(status, "failed"), status, int(result.iterations))
+        x, z = np.array(result.x), np.array(result.z)
+        return self.said(x, z, str(result.status), result.iterations)

@@ -1,5 +1,6 @@
 """Command-line solvers that read the sparse SDPA format: CSDP, DSDP, SDPA."""
 
+import re
 import signal
 import subprocess
 import tempfile
@@ -11,28 +12,26 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution, svec
 from sdp_vs_penalty.solvers.conic_files import sdpa_text, svec_entries
-from sdp_vs_penalty.solvers.solver import Solver
-
-#: What a program claims, its own words, iterations.
-Said = tuple[str, str, int]
+from sdp_vs_penalty.solvers.solver import ACCURACY, SDPA_CLAIMS, Solver
 
 
 class Program(Solver):
-    """Runs in a fresh folder that holds problem.dat-s."""
+    """Runs in a fresh folder that holds problem.dat-s; parameters : the text of a file of its own."""
 
     cones = frozenset({"nonnegative", "psd"})
     # All inequalities in one block at the end: of several, DSDP's saved solution holds none.
     order = "psd", "nonnegative"
+    parameters = ""
 
     @abstractmethod
-    def command(self, told: Mapping[str, Any]) -> tuple[list[str], dict[str, str]]:
-        """What is run, and the files of its own that it reads, by name."""
+    def command(self, told: Mapping[str, Any]) -> list[str]:
+        """What is run."""
 
     @abstractmethod
-    def said(self, text: str, code: int) -> Said:
-        """From what it printed and its exit code."""
+    def ended(self, text: str, code: int) -> tuple[str, str, int]:
+        """Claims, its own words and iterations, from what it printed and its exit code."""
 
     def read(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array]:
         """x and z of "solution" in the format of CSDP, which DSDP shares: matrix 1 is Z, matrix 2 X.
@@ -52,24 +51,18 @@ class Program(Solver):
         return x, z
 
     def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
-        command, files = self.command(told)
+        command = self.command(told)
         with tempfile.TemporaryDirectory(prefix="sdp-vs-penalty-") as name:
             folder = Path(name)
-            for file, content in {"problem.dat-s": sdpa_text(problem), **files}.items():
-                (folder / file).write_text(content)
-            done = subprocess.run(
-                command,
-                cwd=folder,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-                check=False,
-            )
+            (folder / "problem.dat-s").write_text(sdpa_text(problem))
+            (folder / f"param.{command[0]}").write_text(self.parameters.format(**told))
+            piped = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+            done = subprocess.run(command, cwd=folder, check=False, **piped)  # type: ignore[call-overload]
             if -done.returncode == signal.SIGXCPU:
                 raise TimeoutError(f"{command[0]} used up its processor time")
             if done.returncode < 0:  # killed by a signal: the caller's process counts it as a crash
                 raise ChildProcessError(f"{command[0]} ended by signal {-done.returncode}")
-            claims, status, iterations = self.said(done.stdout, done.returncode)
+            claims, status, iterations = self.ended(done.stdout, done.returncode)
             try:
                 x, z = self.read(folder, problem)
             except (OSError, ValueError, IndexError):
@@ -78,3 +71,128 @@ class Program(Solver):
             return Solution(x, z, claims, status, iterations)
         claims = "failed" if claims in ("optimal", "inaccurate") else claims
         return Solution.none(problem, status, claims, iterations)
+
+
+class Csdp(Program):
+    """CSDP (Borchers 1999), the command-line program, through the sparse SDPA format."""
+
+    name = "csdp"
+    extra = "a system package: coinor-csdp"
+    requires = "program", "csdp"
+    system_package = "coinor-csdp"
+    finest = 1e-8
+    told = {**dict.fromkeys(("axtol", "atytol", "objtol"), ACCURACY), "maxiter": 200}
+    parameters = """axtol={axtol}
+atytol={atytol}
+objtol={objtol}
+pinftol=1.0e8
+dinftol=1.0e8
+maxiter={maxiter}
+minstepfrac=0.90
+maxstepfrac=0.97
+minstepp=1.0e-8
+minstepd=1.0e-8
+usexzgap=1
+tweakgap=0
+affine=0
+printlevel=1
+perturbobj=1
+fastmode=0
+"""
+
+    def command(self, told: Mapping[str, Any]) -> list[str]:
+        return ["csdp", "problem.dat-s", "solution"]
+
+    def ended(self, text: str, code: int) -> tuple[str, str, int]:
+        said = re.findall(r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*", text, re.M)
+        found = (s for s in text.splitlines() if said and s.startswith(said[-1]))
+        iterations = len(re.findall(r"^Iter:", text, re.M)) - 1
+        # By its exit codes. Our problem is the one that CSDP calls the dual.
+        claims = dict(enumerate(("optimal", "unbounded", "infeasible", "inaccurate")))
+        return claims.get(code, "failed"), next(found, f"exit code {code}"), max(iterations, 0)
+
+
+class Dsdp(Program):
+    """DSDP (Benson, Ye 2008), a dual-scaling method, the command-line program dsdp5."""
+
+    name = "dsdp"
+    extra = "a system package: dsdp"
+    requires = "program", "dsdp5"
+    system_package = "dsdp"
+    finest = 1e-6
+    told = {"gaptol": ACCURACY, "maxit": 1000}
+    # Our problem is DSDP's dual.
+    claims = {
+        "DSDP Converged": "optimal",
+        "DSDP Primal Unbounded, Dual Infeasible": "infeasible",
+        "DSDP Dual Unbounded, Primal Infeasible": "unbounded",
+        "DSDP Terminated": "failed",
+    }
+
+    def command(self, told: Mapping[str, Any]) -> list[str]:
+        words = [word for key, value in told.items() for word in (f"-{key}", str(value))]
+        return ["dsdp5", "problem.dat-s", "-save", "solution", *words]
+
+    def ended(self, text: str, code: int) -> tuple[str, str, int]:
+        status = next((p for p in reversed(self.claims) if p in text), f"exit code {code}")
+        steps = re.findall(r"^(\d+)\s+[-\d.e+]+\s+[-\d.e+]+", text, re.M)
+        return self.claims.get(status, "failed"), status, int(steps[-1]) if steps else 0
+
+
+class SdpaProgram(Program):
+    """SDPA (Yamashita et al. 2010), the command-line program."""
+
+    name = "sdpa-program"
+    extra = "a system package: sdpa"
+    requires = "program", "sdpa"
+    finest = 1e-7
+    told = {
+        **{"maxIteration": 200, "epsilonStar": ACCURACY, "epsilonDash": ACCURACY},
+        **{"lambdaStar": 1e2, "betaStar": 0.1, "betaBar": 0.2, "gammaStar": 0.9},
+    }
+    variants = {  # -pt 1 and -pt 2
+        "fast": {"betaStar": 0.01, "betaBar": 0.02, "gammaStar": 0.95},
+        "stable": {"lambdaStar": 1e4, "betaBar": 0.3, "gammaStar": 0.8, "maxIteration": 1000},
+    }
+    claims = SDPA_CLAIMS
+    parameters = """{maxIteration} unsigned int maxIteration;
+{epsilonStar} double 0.0 < epsilonStar;
+{lambdaStar} double 0.0 < lambdaStar;
+2.0 double 1.0 < omegaStar;
+-1.0E5 double lowerBound;
+1.0E5 double upperBound;
+{betaStar} double 0.0 <= betaStar < 1.0;
+{betaBar} double 0.0 <= betaBar < 1.0, betaStar <= betaBar;
+{gammaStar} double 0.0 < gammaStar < 1.0;
+{epsilonDash} double 0.0 < epsilonDash;
+%+.17e char* xPrint (default %+8.3e, NOPRINT skips printout)
+%+.17e char* XPrint (default %+8.3e, NOPRINT skips printout)
+%+.17e char* YPrint (default %+8.3e, NOPRINT skips printout)
+%+.17e char* infPrint (default %+10.16e, NOPRINT skips printout)
+"""
+
+    def command(self, told: Mapping[str, Any]) -> list[str]:
+        files = "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa"
+        return ["sdpa", *files, "-numThreads", "1"]
+
+    def ended(self, text: str, code: int) -> tuple[str, str, int]:
+        phase = re.search(r"phase\.value\s*=\s*(\w+)", text)
+        steps = re.search(r"Iteration\s*=\s*(\d+)", text)
+        status = phase.group(1) if phase else f"exit code {code}"
+        return self.claims.get(status, "failed"), status, int(steps.group(1)) if steps else 0
+
+    def read(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array]:
+        text = (folder / "answer").read_text()
+        x = _numbers(text.split("xVec =")[1].split("xMat =")[0])
+        values = _numbers(text.split("yMat =")[1].split("main loop time")[0])
+        z, at = list[Array](), 0
+        for cone in problem.cones:
+            d = cone.size
+            own = values[at : at + (d * d if cone.kind == "psd" else d)]
+            z.append(svec(own.reshape(d, d)) if cone.kind == "psd" else own)
+            at += len(own)
+        return x, np.concatenate(z)
+
+
+def _numbers(text: str) -> Array:
+    return np.array([float(w) for w in re.findall(r"[-+]?(?:\d[\d.]*(?:[eE][-+]?\d+)?|nan|inf)", text)])

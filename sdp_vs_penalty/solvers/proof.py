@@ -14,7 +14,7 @@ approximate multipliers.
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import zip_longest
 from pathlib import Path
@@ -139,53 +139,51 @@ def difference(proof: Proof, own: Proof) -> str:
     Names, their order, cones and indices are compared exactly, numbers to 1e-8 of themselves, R, rho and
     floor by the loss that they make, since another triangle R may make the same one.
     """
-    titles = [[f"{c['family']} of {c['name']}" for c in p["constraints"]] for p in (proof, own)]
+    titles = [
+        [f"{_title(c)}, {c['cone']} in {c['indices']}" for c in p["constraints"]] for p in (proof, own)
+    ]
     names = proof["parameters"], own["parameters"]
     for kind, pair in (("parameter", names), ("constraint", titles)):
         for k, (a, b) in enumerate(zip_longest(*pair, fillvalue="none"), start=1):
             if a != b:
                 return f"{kind} {k} is {a} in the proof, {b} of the model"
-    for name, a, b in zip(names[1], _array(proof["bound"]), _array(own["bound"]), strict=True):
-        if not _close(a, b):
-            return f"the bound of {name} is {a:g} in the proof, {b:g} of the model"
-    grams = []
-    for p in (proof, own):
-        rows = np.column_stack([_array(p["R"]).reshape(-1, len(p["bound"])), _array(p["rho"])])
-        grams.append(rows.T @ rows)
-        grams[-1][-1, -1] += float(Fraction(p["floor"])) ** 2
-    if not _same_gram(*grams):
-        return "the proof has another R, rho or floor"
-    for title, a, b in zip(titles[1], proof["constraints"], own["constraints"], strict=True):
-        for field in b:
-            if not _same(field, a[field], b[field]):
-                return f"the constraint {title} differs: its {field}"
+    for (what, x, _), (_, y, size) in zip(_facts(proof), _facts(own), strict=True):
+        if x.shape != y.shape or np.any(np.abs(x - y) > _SAME * size):
+            return f"the proof has another {what}"
     return ""
 
 
-def _same(field: str, stated: Any, own: Any) -> bool:
-    """Whether a field of a constraint is the same."""
-    if field in ("constant", "coefficients"):
-        return _close(_array(stated), _array(own))
-    if field != "entropy" or len(stated) != len(own):
-        return bool(stated == own)
-    return all(
-        _close(*(_array([e["weight"]]) for e in (a, b)))
-        and _same_gram(*(_array(e["inverse"]).reshape(4, 4) for e in (a, b)))
-        # A logarithm: its error is a relative one of the determinant.
-        and abs(float(Fraction(a["log_det"]) - Fraction(b["log_det"]))) <= _SAME
-        for a, b in zip(stated, own, strict=True)
-    )
+def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
+    """What a problem states in numbers, by name, and how large each counts."""
+
+    def squares(gram: Array) -> Array:
+        size = np.sqrt(np.diagonal(gram))
+        return np.outer(size, size)
+
+    def itself(x: Array) -> Array:
+        return np.abs(x) + _ROUNDING / _SAME * np.abs(x).max(initial=0.0)
+
+    rows = np.column_stack([_array(p["R"]).reshape(-1, len(p["bound"])), _array(p["rho"])])
+    gram = rows.T @ rows
+    gram[-1, -1] += float(Fraction(p["floor"])) ** 2
+    yield "R, rho or floor", gram, squares(gram)
+    for name, bound in zip(p["parameters"], _array(p["bound"]), strict=True):
+        yield f"bound of {name}", bound, itself(bound)
+    for c in p["constraints"]:
+        for field in ("constant", "coefficients"):
+            yield f"{field} of {_title(c)}", (x := _array(c[field])), itself(x)
+        parts = [(np.zeros(0), np.zeros(0))]
+        for e in c["entropy"]:
+            weight, log_det, inverse = (_array(x) for x in ([e["weight"]], [e["log_det"]], e["inverse"]))
+            # Of a logarithm the error is a relative one of the determinant.
+            parts += [(weight, itself(weight)), (log_det, np.ones(1))]
+            parts += [(inverse, squares(inverse.reshape(4, 4)).ravel())]
+        numbers, size = map(np.concatenate, zip(*parts, strict=True))
+        yield f"entropy of {_title(c)}", numbers, size
 
 
-def _same_gram(stated: Array, own: Array) -> bool:
-    size = np.sqrt(np.diagonal(own))
-    return bool(np.all(np.abs(stated - own) <= _SAME * np.outer(size, size)))
-
-
-def _close(a: Array, b: Array) -> bool:
-    """Whether each number is the same, by itself."""
-    atol = _ROUNDING * np.abs(b).max(initial=0.0)
-    return a.shape == b.shape and bool(np.allclose(a, b, rtol=_SAME, atol=atol))
+def _title(constraint: Proof) -> str:
+    return f"{constraint['family']} of {constraint['name']}"
 
 
 def _array(texts: Any) -> Array:

@@ -1,6 +1,6 @@
 """What a conic solver declares, and how any of them is asked.
 
-A file in this folder that defines a subclass of :class:`Solver` is its registration: it says what the
+A subclass of :class:`Solver` in a file of this folder is its registration: it says what the
 solver takes and is told, and runs it on a problem of that form. Rewriting the problem, reading the
 answer back and finding out what is installed are here, once.
 """
@@ -9,13 +9,15 @@ import importlib
 import importlib.util
 import shutil
 import subprocess
-import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib import metadata
 from typing import Any, ClassVar
 
+import numpy as np
+
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.rewrite import full_matrices, suited, unchanged
 
@@ -23,6 +25,17 @@ from sdp_vs_penalty.solvers.rewrite import full_matrices, suited, unchanged
 ACCURACY = "accuracy"
 #: All kinds of cones, and a quadratic objective.
 EVERYTHING = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
+#: What SDPA's phases claim of our problem, which is its dual.
+SDPA_CLAIMS = {
+    **{"pdOPT": "optimal", "pINF_dFEAS": "infeasible", "dUNBD": "infeasible"},
+    **dict.fromkeys(("pdFEAS", "pFEAS", "dFEAS"), "inaccurate"),
+    **dict.fromkeys(("pFEAS_dINF", "pUNBD"), "unbounded"),
+}
+
+
+def flat(values: Any, size: int) -> Array:
+    """A solver's numbers (size,); NaN where it gives none."""
+    return np.full(size, np.nan) if values is None else np.array(values, float).ravel()
 
 
 class Solver(ABC):
@@ -34,7 +47,8 @@ class Solver(ABC):
     cones : what it takes; what it lacks is rewritten. order : of the kinds of cones, where it wants one;
     full_matrices : whether a psd cone's rows are all entries of the matrix instead of svec's.
     told : options by the names of its documentation; variants : further sets of these from its manual,
-    by name; finest : the finest accuracy that a loop around it may ask for.
+    by name; claims : what its status claims (of a Solution; else "failed"); finest : the finest accuracy
+    that a loop around it may ask for.
     """
 
     name: ClassVar[str]
@@ -46,6 +60,7 @@ class Solver(ABC):
     full_matrices: ClassVar[bool] = False
     told: ClassVar[Mapping[str, Any]]
     variants: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    claims: ClassVar[Mapping[str, str]] = {}
     finest: ClassVar[float] = 1e-10
 
     @abstractmethod
@@ -66,6 +81,11 @@ class Solver(ABC):
         seen = None if form.problem is problem else (form.problem, x, z)
         x, z = form.back(x, z)
         return replace(found, x=x, z=z, seen=seen)
+
+    def said(self, x: Array, z: Array, status: str, iterations: float, more: str = "") -> Solution:
+        """Its answer with what its status claims; more : words that belong to the status."""
+        claims = self.claims.get(status, "failed")
+        return Solution(x, z, claims, f"{status} {more}".rstrip(), int(iterations))
 
     def licence(self) -> str:
         """What is missing of a licence, or ""."""
@@ -89,8 +109,8 @@ class Solver(ABC):
 
     @property
     def description(self) -> str:
-        """The first line of its file."""
-        return (sys.modules[type(self).__module__].__doc__ or "").strip().partition("\n")[0]
+        """The first line of its docstring."""
+        return (type(self).__doc__ or "").partition("\n")[0]
 
     def warm_up(self) -> None:
         """Pay for what its first call costs once."""

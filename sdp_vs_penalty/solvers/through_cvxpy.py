@@ -1,7 +1,9 @@
-"""Our conic form stated in CVXPY and handed to one of its solvers."""
+"""Our conic form stated in CVXPY and handed to one of its solvers: MOSEK, COPT."""
 
+import os
 import warnings
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,15 +12,12 @@ from scipy import sparse
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
 from sdp_vs_penalty.solvers.rewrite import quadratic_factor
-from sdp_vs_penalty.solvers.solver import Solver
+from sdp_vs_penalty.solvers.solver import ACCURACY, Solver, flat
 
 CLAIMS = {
-    "optimal": "optimal",
-    "optimal_inaccurate": "inaccurate",
-    "infeasible": "infeasible",
-    "infeasible_inaccurate": "infeasible",
-    "unbounded": "unbounded",
-    "unbounded_inaccurate": "unbounded",
+    **{"optimal": "optimal", "optimal_inaccurate": "inaccurate"},
+    **dict.fromkeys(("infeasible", "infeasible_inaccurate"), "infeasible"),
+    **dict.fromkeys(("unbounded", "unbounded_inaccurate"), "unbounded"),
 }
 
 
@@ -36,8 +35,10 @@ class ThroughCvxpy(Solver):
     """A solver of CVXPY's, called there by our name in capitals; group : the argument that holds its
     options, "" where each is an argument."""
 
+    extra = "its vendor, with a licence"
     full_matrices = True
     group: ClassVar[str] = ""
+    claims = CLAIMS
 
     def warm_up(self) -> None:
         warm_up()
@@ -61,10 +62,9 @@ class ThroughCvxpy(Solver):
                 model.solve(solver=self.name.upper(), **({self.group: told} if self.group else told))
         except cp.error.SolverError as error:
             return Solution.none(problem, str(error))
-        values = np.full(len(problem.q), np.nan) if x.value is None else np.asarray(x.value, float)
         z = np.concatenate([_dual(c, m) for c, m in zip(problem.cones, constraints, strict=True)])
-        claims, steps = CLAIMS.get(model.status, "failed"), int(model.solver_stats.num_iters or 0)
-        return Solution(values, z, claims, model.status, steps)
+        steps = model.solver_stats.num_iters or 0
+        return self.said(flat(x.value, len(problem.q)), z, model.status, steps)
 
 
 def _membership(cone: Cone, slack: Any) -> Any:
@@ -88,3 +88,35 @@ def _dual(cone: Cone, constraint: Any) -> Array:
     if cone.kind == "psd":
         return np.ravel(0.5 * (value + value.T))
     return np.concatenate([np.ravel(v) for v in (value if isinstance(value, list) else [value])])
+
+
+class Mosek(ThroughCvxpy):
+    """MOSEK, commercial, where its package and a licence are found; called through CVXPY."""
+
+    name = "mosek"
+    requires = "package", "mosek"
+    group = "mosek_params"
+    told = {f"MSK_DPAR_INTPNT_CO_TOL_{what}": ACCURACY for what in ("REL_GAP", "PFEAS", "DFEAS")}
+
+    def licence(self) -> str:
+        named = os.environ.get("MOSEKLM_LICENSE_FILE")
+        if named and ("@" in named or Path(named).exists()):  # a file, or port@server
+            return ""
+        if (Path.home() / "mosek" / "mosek.lic").is_file():
+            return ""
+        return "no licence in MOSEKLM_LICENSE_FILE or ~/mosek/mosek.lic"
+
+
+class Copt(ThroughCvxpy):
+    """COPT, commercial, where its package and a licence are found; called through CVXPY."""
+
+    name = "copt"
+    requires = "package", "coptpy"
+    told = dict.fromkeys(("RelGap", "FeasTol", "DualTol"), ACCURACY)
+
+    def licence(self) -> str:
+        named = (os.environ.get(name) for name in ("COPT_LICENSE_DIR", "COPT_HOME"))
+        folders = [*(Path(folder) for folder in named if folder), Path.home() / "copt"]
+        if any((folder / "license.dat").is_file() for folder in folders):
+            return ""
+        return "no license.dat in COPT_LICENSE_DIR, COPT_HOME or ~/copt"

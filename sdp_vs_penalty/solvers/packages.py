@@ -1,0 +1,150 @@
+"""Conic solvers that are Python packages and take NumPy's arrays: CVXOPT, QICS, SCS and SDPA."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
+from sdp_vs_penalty.solvers.rewrite import KINDS, sizes
+from sdp_vs_penalty.solvers.solver import ACCURACY, EVERYTHING, SDPA_CLAIMS, Solver, flat
+
+
+class Cvxopt(Solver):
+    """CVXOPT's conelp (Andersen, Dahl, Vandenberghe) with its LDL factorisation."""
+
+    name = "cvxopt"
+    extra = "solvers"
+    requires = "package", "cvxopt"
+    cones = frozenset({"zero", "nonnegative", "soc", "psd"})
+    order, full_matrices = KINDS, True
+    finest = 1e-7
+    told = {**dict.fromkeys(("abstol", "reltol", "feastol"), ACCURACY), "maxiters": 200}
+    claims = {"optimal": "optimal", "primal infeasible": "infeasible", "dual infeasible": "unbounded"}
+
+    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+        import cvxopt
+        from cvxopt import solvers
+
+        dims, coo = sizes(problem.cones), problem.A.tocoo()
+        equal, rows, columns = dims["z"], coo.row.astype(int), coo.col.astype(int)
+        A, b = cvxopt.spmatrix(coo.data, rows, columns, coo.shape), cvxopt.matrix(problem.b)
+        parts = A[equal:, :], b[equal:], {k: dims[k] for k in "lqs"}, A[:equal, :], b[:equal]
+        options = {**told, "show_progress": False}
+        try:
+            result = solvers.conelp(cvxopt.matrix(problem.q), *parts, kktsolver="ldl", options=options)
+        except (ValueError, ArithmeticError) as error:
+            return Solution.none(problem, str(error))
+        z = flat(result["y"], equal), flat(result["z"], len(problem.b) - equal)
+        x = flat(result["x"], len(problem.q))
+        return self.said(x, np.concatenate(z), result["status"], result["iterations"])
+
+
+class Qics(Solver):
+    """QICS (He, Saunderson, Fawzi 2024), an interior-point method for nonsymmetric cones."""
+
+    name = "qics"
+    extra = "solvers"
+    requires = "package", "qics"
+    cones = EVERYTHING - {"quadratic"}
+    order, full_matrices = KINDS, True
+    # Iterative refinement and third-order adjustments are on by default, as its manual recommends.
+    told = {"tol_gap": ACCURACY, "tol_feas": ACCURACY, "max_iter": 200}
+    claims = (
+        {"optimal": "optimal", "near_optimal": "inaccurate"}
+        | dict.fromkeys(("pinfeas", "near_pinfeas"), "infeasible")
+        | dict.fromkeys(("dinfeas", "near_dinfeas"), "unbounded")
+    )
+
+    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+        import qics
+
+        made = {
+            "nonnegative": qics.cones.NonNegOrthant,
+            "soc": lambda size: qics.cones.SecondOrder(size - 1),
+            "psd": qics.cones.PosSemidefinite,
+            "exp": lambda size: qics.cones.ClassRelEntr(1),
+        }
+        cones = [made[cone.kind](cone.size) for cone in problem.cones if cone.kind != "zero"]
+        dims, rows = sizes(problem.cones), len(problem.b)
+        # y exp(x / y) <= z exactly if -x >= y log(y / z): of three rows the first with another sign.
+        signs, equal = np.ones(rows), dims["z"]
+        signs[rows - 3 * dims["ep"] :: 3] = -1.0
+        A, b = sparse.csr_matrix(sparse.diags(signs) @ problem.A), (signs * problem.b)[:, None]
+        parts = {"A": A[:equal], "b": b[:equal], "G": A[equal:], "h": b[equal:]}
+        model = qics.Model(problem.q[:, None], **parts, cones=cones)
+        info = qics.Solver(model, verbose=0, **told).solve()
+        duals = info["y_opt"], getattr(info["z_opt"], "vec", info["z_opt"])  # as versions have it
+        z = signs * np.concatenate([np.asarray(dual, float).ravel() for dual in duals])
+        x, more = np.asarray(info["x_opt"]).ravel(), f"({info['exit_status']})"
+        return self.said(x, z, info["sol_status"], info["num_iter"], more)
+
+    def warm_up(self) -> None:
+        """It compiles its code for each cone on first use: a tiny problem that has them all."""
+        rows = np.eye(2)
+        square = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+        cones = (Cone("nonnegative", 2), Cone("soc", 3), Cone("psd", 2), Cone("exp", 3))
+        below = [[0, 0], [1, 0], [0, 1]], square, [[1, 0], [0, 0], [0, 1]]
+        A = sparse.csc_matrix(-np.vstack([rows, *below]))
+        b = np.array([0.0, 0.0, 9.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 9.0])
+        empty = sparse.csc_matrix((2, 2))
+        self.solve(ConicProblem(empty, np.ones(2), A, b, cones), 1e-4)
+
+
+class Scs(Solver):
+    """SCS (O'Donoghue, Chu, Parikh, Boyd 2016), a first-order splitting method, called directly."""
+
+    name = "scs"
+    extra = "solvers"
+    requires = "package", "scs"
+    order = KINDS
+    finest = 1e-7
+    # The rest are its defaults, which its documentation recommends (adaptive scale, normalisation,
+    # Anderson acceleration over 10 steps).
+    told = {"eps_abs": ACCURACY, "eps_rel": ACCURACY, "max_iters": 100_000}
+    claims = {"solved": "optimal", "infeasible": "infeasible", "unbounded": "unbounded"}
+
+    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+        import scs
+
+        rows, start = [np.zeros(0, np.intp)], 0
+        for cone in problem.cones:
+            i, j = np.triu_indices(cone.size)  # entry (j, i), j >= i: column i of the lower triangle
+            rows.append(start + (j * (j + 1) // 2 + i if cone.kind == "psd" else np.arange(cone.rows)))
+            start += cone.rows
+        lower = np.concatenate(rows)
+        A = problem.A.tocsr()[lower].tocsc()
+        data = {"P": problem.P, "A": A, "b": problem.b[lower], "c": problem.q}
+        result = scs.SCS(data, sizes(problem.cones), verbose=False, **told).solve()
+        z, info = np.empty(len(lower)), result["info"]
+        z[lower] = result["y"]
+        # The first word of its status; what follows says that it is inaccurate.
+        word, _, more = info["status"].partition(" ")
+        found = self.said(np.array(result["x"]), z, word, info["iter"], more)
+        return replace(found, claims="inaccurate") if word == "solved" and more else found
+
+
+class Sdpa(Solver):
+    """SDPA (Fujisawa, Fukuda, Kojima, Nakata, Yamashita) through sdpa-python."""
+
+    name = "sdpa"
+    extra = "solvers"
+    requires = "package", "sdpap"
+    cones = frozenset({"nonnegative", "psd"})
+    order, full_matrices = KINDS, True
+    told = {"epsilonStar": ACCURACY, "epsilonDash": ACCURACY, "maxIteration": 200}
+    claims = SDPA_CLAIMS
+
+    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+        import sdpap
+
+        dims = sizes(problem.cones)
+        # minimise c^T x subject to (-A) x - (-b) in J, x free
+        free = sdpap.SymCone(f=len(problem.q))
+        cones = sdpap.SymCone(l=dims["l"], s=tuple(dims["s"]))
+        settings = {**told, "print": "no", "numThreads": 1}
+        x, y, info, _, more = sdpap.solve(-problem.A, -problem.b, problem.q, free, cones, settings)
+        x, z = (np.asarray(v.todense()).ravel() for v in (x, y))
+        return self.said(x, z, str(info.get("phasevalue")), more.get("iteration", 0))
