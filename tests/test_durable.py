@@ -15,7 +15,7 @@ from challenge import cases
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.files import alone
-from sdp_vs_penalty.paper.tables.table import Column, Table
+from sdp_vs_penalty.paper.tables.table import Table
 from sdp_vs_penalty.shootout.results import COLUMNS, Results
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked and killed")
@@ -104,7 +104,7 @@ def test_of_two_writers_the_second_is_told(tmp_path):
 
 
 def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path):
-    tables = [Table(n, "t", "c", (Column("a"),), ((1.0,), (2.0,))) for n in ("I", "II")]
+    tables = [Table.of(n, "t", "c", [{"a": 1.0}, {"a": 2.0}]) for n in ("I", "II")]
 
     def write(folder: Path) -> dict[str, str]:
         for table in tables:

@@ -18,7 +18,7 @@ from sdp_vs_penalty.cli.verbs.list import details, listing
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
-from sdp_vs_penalty.paper.tables.methods import WITH_PRIOR, build
+from sdp_vs_penalty.paper.tables.methods import WITH_PRIOR, methods
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.shootout.contestants import contestants
@@ -126,8 +126,9 @@ def test_an_estimator_is_in_the_table_of_methods_by_itself(added, monkeypatch):
     few = {name: kind for name, kind in estimator_types().items() if name in ("ridge", "lmi-sdp-plain")}
     monkeypatch.setattr("sdp_vs_penalty.paper.tables.methods.estimator_types", lambda: few)
     study = Study(load_problem("two_link"))
-    rows = [row for row in build(study).rows if row[0] == "simulated"]
-    assert {row[1] for row in rows} == {"ridge", "lmi-sdp-plain", *WITH_PRIOR}
+    frame = methods.build(study).frame
+    own = frame["method"][frame["data"] == "simulated"]
+    assert set(own) == {"ridge", "lmi-sdp-plain", *WITH_PRIOR}
 
 
 def test_a_solver_is_one_file(added):

@@ -14,7 +14,6 @@ from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import REVERSAL
-from sdp_vs_penalty.paper.tables.table import Column, Table
 from sdp_vs_penalty.signals import Preprocessing, filtered_torque
 
 FIELDS = {
@@ -155,13 +154,6 @@ def test_frames_hold_the_same_numbers(two_link):
     comparisons = compare({"a": estimate, "b": estimate}, run)
     table = comparisons.to_frame()
     assert table.loc[("b", 2), "rmse"] == comparisons[1].rmse[1]
-
-
-def test_table_frame_keeps_printed_digits():
-    table = Table("X", "title", "caption", (Column("a"), Column("b")), (("1.50", 2.0), (None, 3.0)))
-    frame = table.to_frame()
-    assert frame["a"][0] == "1.50"
-    assert frame["b"].sum() == 5.0
 
 
 def test_an_error_after_reversals_is_seen_there(two_link):

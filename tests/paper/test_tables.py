@@ -14,10 +14,10 @@ from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.estimators import Estimator, PenaltyPaper
 from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
-from sdp_vs_penalty.paper.sigmoid_friction import exact_rows, fit_sigmoid
 from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables, study
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
 from sdp_vs_penalty.paper.tables.table import Table
+from sdp_vs_penalty.paper.tables.table_i import exact_rows, fit_sigmoid
 from sdp_vs_penalty.problem.published import barycentric_names
 from sdp_vs_penalty.regression import LeastSquares, triangular
 from sdp_vs_penalty.robot import inertia
@@ -60,7 +60,7 @@ def test_published_cells_come_first_and_as_printed(tables, panda, name):
     printed = panda.published[f"table_{name}"]
     made = tables["panda", name]
     header = list(printed[0])
-    assert [c.name for c in made.columns][: len(header)] == header
+    assert list(made.frame)[: len(header)] == header
     ours = rows(made)
     for published, row in zip(printed, ours, strict=False):
         assert {key: row[key] for key in header} == published
@@ -83,9 +83,9 @@ def test_tables_three_eight_and_nine_are_one_robot(tables, panda, without_data):
 
 def test_all_three_forms_hold_the_same_cells(tables):
     for table in tables.values():
-        cells = table.cells()
+        cells = table.cells().to_numpy().tolist()
         read = list(csv.reader(io.StringIO(table.csv())))
-        for row, exact, shown in zip(table.rows, read[1:], cells, strict=True):
+        for row, exact, shown in zip(table.frame.to_numpy(), read[1:], cells, strict=True):
             for cell, kept, rounded in zip(row, exact, shown, strict=True):
                 if isinstance(cell, float) and np.isfinite(cell):
                     assert float(kept) == cell  # all digits: to compute with
@@ -95,7 +95,7 @@ def test_all_three_forms_hold_the_same_cells(tables):
         plain = [[c.strip() for c in re.split(r"(?<!\\)\|", line)[1:-1]] for line in body]
         assert plain == [[c.replace("|", "\\|") for c in row] for row in cells]
         lines = [line for line in table.latex().splitlines() if line.endswith(r" \\")][1:]
-        assert [line.count(" & ") for line in lines] == [len(table.columns) - 1] * len(cells)
+        assert [line.count(" & ") for line in lines] == [len(table.frame.columns) - 1] * len(cells)
 
 
 def test_files_of_the_names_asked_for_are_written(tmp_path, without_data, monkeypatch):
@@ -128,7 +128,7 @@ def test_any_urdf_has_tables_too(tmp_path, without_data):
 def test_real_data_add_measured_columns(panda):
     study = SmallStudy(panda)
     three, four = build_tables(["III", "IV"], study)
-    assert {f"{m}_measured" for m in METHODS} <= {c.name for c in three.columns}
+    assert {f"{m}_measured" for m in METHODS} <= set(three.frame)
     measured = {row["coefficient"]: row for row in rows(three)}
     # The paper's figures for this run: condition number 121.88, relative error 1.41 %.
     assert 90.0 < float(measured["condition number"]["ols_measured"]) < 140.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import InputError, Problem, load_problem
-from sdp_vs_penalty.paper.wrenches import (
+from sdp_vs_penalty.paper.tables.wrenches import (
     WrenchIntervals,
     unfeasible_retrievals,
     wrench_intervals,

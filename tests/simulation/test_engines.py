@@ -11,7 +11,7 @@ from sdp_vs_penalty.paper.tables import table_v
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.robot import Joint, Robot, inertia, joint_limits
 from sdp_vs_penalty.simulation import engine_types
-from sdp_vs_penalty.simulation.engines.comparison import Sinusoids, inverse_dynamics_error, play
+from sdp_vs_penalty.simulation.engines.comparison import inverse_dynamics_error, play, sinusoids
 from sdp_vs_penalty.simulation.engines.engine import Engine
 
 #: Torque error over a motion relative to the largest torque: what a first-order step of 1 ms and, in
@@ -56,7 +56,7 @@ def test_torques_and_poses_are_pinocchios(name, which):
     kind = present(name)
     error = inverse_dynamics_error(kind, robot, links)
     assert error is None if name == "ODE" else error < 1e-9
-    run = play(kind, robot, links, Sinusoids.over_range(robot), 1.0)
+    run = play(kind, robot, links, sinusoids(robot), 1.0)
     # The first steps hold the jump of the acceleration from rest.
     assert np.abs(run.error[20:]).max() < TOLERANCE[name] * np.abs(run.model).max()
     assert run.position.max() < 2e-3
@@ -84,7 +84,7 @@ def test_a_rod_is_refused_by_name(name, two_link):
 
 def test_sinusoids_stay_within_the_limits(panda):
     lower, upper, velocity = joint_limits(panda.robot)
-    q, dq, _ = Sinusoids.over_range(panda.robot).states(np.linspace(0.0, 60.0, 20000))
+    q, dq, _ = sinusoids(panda.robot)(np.linspace(0.0, 60.0, 20000))
     assert np.all((lower <= q) & (q <= upper) & (np.abs(dq) <= velocity))
     assert np.all(np.ptp(q, axis=0) > 0.85 * (upper - lower))
 

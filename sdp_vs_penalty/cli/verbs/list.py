@@ -94,10 +94,7 @@ def solvers() -> Listing:
 def tables() -> Listing:
     from sdp_vs_penalty.paper.tables import makers
 
-    rows: Rows = [
-        (name, ", ".join(maker.problems), (maker.about or "").strip().splitlines()[0])
-        for name, maker in makers().items()
-    ]
+    rows: Rows = [(name, ", ".join(x.problems), x.about) for name, x in makers().items()]
     return ("name", "only for", "what it is"), rows
 
 

@@ -21,7 +21,7 @@ from sdp_vs_penalty.paper.figures.style import (
     title,
 )
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.wrenches import COMPONENTS, wrench_study
+from sdp_vs_penalty.paper.tables.wrenches import COMPONENTS, wrench_study
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.robot import inertia

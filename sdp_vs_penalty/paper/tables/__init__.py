@@ -1,6 +1,5 @@
 """The comparison tables, one file each: a file with a :class:`Maker` is its registration."""
 
-import csv
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -91,9 +90,10 @@ def make_tables(
 
 def _folder(table: Table, out: Path) -> Path:
     """Where to write a table so that it takes no measured one's place without being measured itself."""
+    import pandas
+
     there = out / f"table_{table.name}.csv"
     if table.measured or not there.is_file():
         return out
-    with there.open(newline="") as file:
-        names, *rows = list(csv.reader(file)) or [[]]
-    return out / "simulated" if is_measured(names, rows) else out
+    held = pandas.read_csv(there, dtype=str, keep_default_na=False)
+    return out / "simulated" if is_measured(held) else out

@@ -10,7 +10,7 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import FOLDS, Study, torque_errors
-from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
+from sdp_vs_penalty.paper.tables.table import Row, Table, makes
 from sdp_vs_penalty.problem.published import VARIABLE, measured_runs
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
@@ -20,7 +20,9 @@ from sdp_vs_penalty.robot.arrays import Array
 REFINED = ("asymmetric_viscous_friction",)
 
 
-def build(study: Study) -> Table:
+@makes("emps", "emps", slow=True)
+def emps(study: Study) -> Table:
+    """EMPS table: the public nonlinear benchmark, by force along a motion and by simulated position."""
     found = measured_runs(study.problem.name)
     if not found:
         raise InputError(
@@ -116,6 +118,3 @@ def simulated(run: Measurements, constants: tuple[float, ...], substeps: int = 4
             v = np.sign(free) * max(abs(free) - h * coulomb / mass, 0.0)
             q += h * v
     return out
-
-
-TABLE = Maker("emps", __doc__, build, ("emps",), slow=True)

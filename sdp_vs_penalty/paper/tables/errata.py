@@ -3,18 +3,22 @@
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Maker, Table
+from sdp_vs_penalty.paper.tables.table import Table, makes
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import errata, published_links, published_values, real_file
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols, base_parameters
 from sdp_vs_penalty.robot import inertia
 
+_PROBLEMS = "panda", "two_link"
 
-def build(study: Study) -> Table:
+
+@makes("errata", *_PROBLEMS)
+def errata_table(study: Study) -> Table:
+    """Errata: where the paper contradicts itself, with the numbers that show it."""
     del study  # of the paper as a whole: both of its robots
     rows = []
-    for name in TABLE.problems:
+    for name in _PROBLEMS:
         problem = load_problem(name)
         for erratum in errata(problem):
             said = {name: getattr(erratum, name) for name in ("number", "where", "printed", "corrected")}
@@ -110,6 +114,3 @@ def _cylinder(problem: Problem) -> str:
 
 #: In the order of the errata's numbers, from 1.
 _EVIDENCE = (_c6z, _row_17, _square, _cylinder, _row_2, _delta, _authors_bound, _empty_rows)
-
-
-TABLE = Maker("errata", __doc__, build, ("panda", "two_link"))

@@ -1,4 +1,4 @@
-"""Tables VII, VIII and IX: links' parameters about their centres of mass, row by row."""
+"""Tables VI to IX: the 2R's kinematics; links' parameters about their centres of mass, row by row."""
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
@@ -9,11 +9,32 @@ from scipy.optimize import approx_fprime
 from sdp_vs_penalty.estimation.identify import DATA, from_data
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import Data, Study
-from sdp_vs_penalty.paper.tables.table import Cell, Maker, Row, Table, text
+from sdp_vs_penalty.paper.tables.table import Cell, Maker, Row, Table, makes, text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import barycentric_names, box_tables, errata
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
+
+
+@makes("VI", "two_link")
+def denavit_hartenberg(study: Study) -> Table:
+    """Table VI: the DH table of the 2R, as printed and as the problem's kinematics has it.
+
+    Rows: joints. Our columns are read back from the joint placements, not from the same file.
+    """
+    rows: list[Row] = []
+    for row, joint in zip(study.problem.published["table_VI"], study.problem.robot.joints, strict=True):
+        frame = joint.link_frame  # Tz(d) Tx(a) Rx(alpha)
+        a, alpha, d = frame[0, 3], np.arctan2(frame[2, 1], frame[2, 2]), frame[2, 3]
+        ours = {"a_m_ours": float(a), "alpha_rad_ours": float(alpha), "d_m_ours": float(d)}
+        rows.append({**row, **ours})
+    return Table.of(
+        "VI",
+        f"Table VI: Denavit-Hartenberg parameters of {study.problem.title}",
+        "Standard (distal) convention; nothing here is simulated or measured.",
+        rows,
+        ("theta_i = q_i without offset.",),
+    )
 
 
 def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool]) -> Table:

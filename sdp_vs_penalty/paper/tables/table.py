@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
-from sdp_vs_penalty.files import as_csv, write_text
+from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
 
 if TYPE_CHECKING:
@@ -21,11 +20,8 @@ Cell = str | float | int | None
 #: A row's cells by column.
 Row = dict[str, Any]
 
-#: LaTeX: text columns longer than this (characters) wrap.
-_WRAPPED = 80
 #: Of the characters that LaTeX has as commands.
 _NAMED = "backslash asciicircum asciitilde less greater bar"
-_NUMBER = re.compile(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
 _LATEX = str.maketrans(
     {c: rf"\{c}" for c in "{}$&#_%"}
     | {c: rf"\text{name}{{}}" for c, name in zip("\\^~<>|", _NAMED.split(), strict=True)}
@@ -33,43 +29,41 @@ _LATEX = str.maketrans(
 
 
 @dataclass(frozen=True)
-class Column:
-    """name : the header, the same in all three forms; digits : significant ones of a float."""
-
-    name: str
-    digits: int = 4
-
-
-@dataclass(frozen=True)
 class Maker:
-    """How a table is made: build(study) -> Table; about : what it is, in its first line; problems : the
-    names of those that it is about (none: any); slow : whether `tables --all` leaves it out."""
+    """How a table is made: build(study) -> Table; about : what it is, the first line of build's
+    docstring; problems : the names of those that it is about (none: any); slow : whether `tables --all`
+    leaves it out."""
 
     name: str
-    about: str | None
+    about: str
     build: Callable[[Any], Table]
     problems: tuple[str, ...] = ()
     slow: bool = False
 
 
-@dataclass(frozen=True)
+def makes(name: str, *problems: str, slow: bool = False) -> Callable[[Callable[[Any], Table]], Maker]:
+    """Decorates what builds the table of a name: its registration."""
+
+    def register(build: Callable[[Any], Table]) -> Maker:
+        return Maker(name, (build.__doc__ or "").partition("\n")[0], build, problems, slow)
+
+    return register
+
+
+@dataclass(frozen=True, eq=False)
 class Table:
     """name : "III" is written as table_III.csv, .md and .tex; caption : says what is simulated and
-    what measured; rows : one cell a column; notes : below the table; gist : what it shows, in words.
+    what measured; frame : the cells as they are (published ones as printed text); notes : below the
+    table; gist : what it shows, in words; digits : significant ones of a number that is shown.
     """
 
     name: str
     title: str
     caption: str
-    columns: tuple[Column, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    frame: pandas.DataFrame
     notes: tuple[str, ...] = ()
     gist: str = ""
-
-    def __post_init__(self) -> None:
-        for row in self.rows:
-            if len(row) != len(self.columns):
-                raise ValueError(f"table {self.name}: {len(row)} cells in {len(self.columns)} columns")
+    digits: int = 4
 
     @classmethod
     def of(
@@ -83,43 +77,35 @@ class Table:
         digits: int = 4,
     ) -> Table:
         """Rows as cells by column; columns come in the order of their first cells."""
-        names = dict.fromkeys(key for row in rows for key in row)
-        cells = tuple(tuple(row.get(key) for key in names) for row in rows)
-        columns = tuple(Column(key, digits) for key in names)
-        return cls(name, title, caption, columns, cells, tuple(notes), gist)
-
-    def cells(self) -> list[list[str]]:
-        """All cells as text."""
-        return [
-            [text(cell, column.digits) for cell, column in zip(row, self.columns, strict=True)]
-            for row in self.rows
-        ]
-
-    def to_frame(self) -> pandas.DataFrame:
-        """The cells as they are (published ones as printed text), for a notebook."""
         import pandas
 
-        return pandas.DataFrame(self.rows, columns=[column.name for column in self.columns])
+        frame = pandas.DataFrame(list(rows), dtype=object)
+        return cls(name, title, caption, frame, tuple(notes), gist, digits)
+
+    def cells(self) -> pandas.DataFrame:
+        """All cells as text."""
+        return self.frame.map(lambda cell: text(cell, self.digits))
 
     def csv(self) -> str:
-        cells = ([exact(cell) for cell in row] for row in self.rows)
-        return as_csv([column.name for column in self.columns], cells)
+        """With all digits that it takes to read the same numbers back."""
+        exact = self.frame.map(lambda x: repr(float(x)) if _finite(x) else text(x, self.digits))
+        return str(exact.to_csv(index=False, lineterminator="\n"))
 
     @property
     def measured(self) -> bool:
         """Whether anything in it comes from real measurements."""
-        return is_measured([column.name for column in self.columns], self.rows)
+        return is_measured(self.frame)
 
     def lines(self) -> list[str]:
         """What it is, what it shows, and how large it is: a line each."""
         source = "with measured figures" if self.measured else "nothing measured"
-        size = f"{len(self.rows)} rows, {len(self.columns)} columns; {source}"
+        size = f"{len(self.frame)} rows, {len(self.frame.columns)} columns; {source}"
         return [self.title, self.gist or self.caption.split(". ")[0].rstrip(".") + ".", size]
 
     def markdown(self) -> str:
-        cells = [[c.replace("|", "\\|").replace("\n", " ") for c in row] for row in self.cells()]
-        head, _, *rows = markdown_table([column.name for column in self.columns], cells)
-        sides = ["---:" if n else ":---" for n in _numeric_columns(cells, len(self.columns))]
+        cells = self.cells().replace({r"\|": r"\\|", "\n": " "}, regex=True)
+        head, _, *rows = markdown_table(list(cells.columns), cells.to_numpy().tolist())
+        sides = ["---:" if _numeric(cells[name]) else ":---" for name in cells]
         notes = ["", *(f"- {note}" for note in self.notes)] if self.notes else []
         lines = [
             f"# {self.title}",
@@ -134,18 +120,18 @@ class Table:
         return "\n".join(lines) + "\n"
 
     def latex(self) -> str:
-        cells = self.cells()
+        cells, layout = self.cells(), []
         infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
-        layout, columns = [], []
-        for column, number in zip(
-            zip(*cells, strict=True), _numeric_columns(cells, len(self.columns)), strict=True
-        ):
-            wrapped = max(map(len, column)) > _WRAPPED
-            text_column = r">{\raggedright\arraybackslash}p{26em}" if wrapped else "l"
-            layout.append("S[table-alignment-mode=marker]" if number else text_column)
-            columns.append([infinite.get(c, c) if number else escape_latex(c) for c in column])
-        header = " & ".join(_latex_header(column.name) for column in self.columns)
-        body = "\n".join(f"    {' & '.join(row)} \\\\" for row in zip(*columns, strict=True))
+        for name, column in cells.items():
+            if number := _numeric(column):
+                cells[name] = column.replace(infinite)
+            else:
+                cells[name] = column.map(escape_latex)
+            # Longer text wraps.
+            wide = r">{\raggedright\arraybackslash}p{26em}" if column.str.len().max() > 80 else "l"
+            layout.append("S[table-alignment-mode=marker]" if number else wide)
+        header = " & ".join(map(_latex_header, cells))
+        body = "\n".join(f"    {' & '.join(row)} \\\\" for row in cells.to_numpy())
         caption = escape_latex(" ".join([self.caption, *self.notes]))
         return rf"""% Needs \usepackage{{array,booktabs,siunitx,graphicx}}.
 \begin{{table*}}
@@ -183,19 +169,14 @@ def text(cell: Cell, digits: int = 4) -> str:
     return "0" if abs(cell) < ROUNDING else f"{cell:.{digits}g}"
 
 
-def exact(cell: Cell) -> str:
-    """A cell to compute with: a number with all digits that it takes to read the same one back."""
-    if isinstance(cell, float) and math.isfinite(cell):
-        return repr(float(cell))
-    return text(cell)
+def _finite(cell: Cell) -> bool:
+    return isinstance(cell, float) and math.isfinite(cell)
 
 
-def is_measured(names: Sequence[str], rows: Iterable[Sequence[Cell]]) -> bool:
-    """Whether a table with these columns and rows holds measured figures, as all tables name them."""
-    if any(name.endswith("_measured") for name in names):
-        return True
-    words = (str(cell) for row in rows for cell in row if isinstance(cell, str))
-    return any(word == "measured" or word.startswith(("measured,", "measured ")) for word in words)
+def is_measured(frame: pandas.DataFrame) -> bool:
+    """Whether a table holds measured figures, as all tables name them."""
+    words = frame.astype(str).apply(lambda column: column.str.match(r"measured([, ]|$)"))
+    return bool(words.to_numpy().any()) or any(str(name).endswith("_measured") for name in frame)
 
 
 def _latex_header(name: str) -> str:
@@ -210,7 +191,7 @@ def escape_latex(plain: str) -> str:
     return plain.translate(_LATEX)
 
 
-def _numeric_columns(cells: Sequence[Sequence[str]], count: int) -> list[bool]:
-    """Columns in which every cell that is not empty is a number (or infinite), and one is."""
-    filled = [[r[k] for r in cells if r[k] not in ("", "inf", "-inf")] for k in range(count)]
-    return [bool(column) and all(map(_NUMBER.fullmatch, column)) for column in filled]
+def _numeric(column: pandas.Series[str]) -> bool:
+    """Whether every cell that is not empty is a number (or infinite), and one is."""
+    filled = column[~column.isin(["", "inf", "-inf"])]
+    return len(filled) > 0 and bool(filled.str.fullmatch(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?").all())

@@ -4,11 +4,15 @@ import numpy as np
 
 from sdp_vs_penalty.estimation.excitation import Excitation, Limits, Regressor, excite
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
+from sdp_vs_penalty.paper.tables.table import Row, Table, makes
 
 
-def build(study: Study) -> Table:
-    """Rows: coefficients and condition numbers of the published and of optimised trajectories."""
+@makes("II", "panda")
+def exciting_trajectory(study: Study) -> Table:
+    """Table II: the exciting trajectory, published, as commanded, and better conditioned ones.
+
+    Rows: coefficients and condition numbers of the published and of optimised trajectories.
+    """
     published = study.problem.published["table_II"]
     paper = study.experiment.trajectory
     found = optimised(study)
@@ -66,6 +70,3 @@ def optimised(study: Study) -> dict[str, Excitation]:
         )
         for name, limit in limits.items()
     }
-
-
-TABLE = Maker("II", __doc__, build, ("panda",))

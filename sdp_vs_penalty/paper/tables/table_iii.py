@@ -7,7 +7,7 @@ import numpy as np
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
 from sdp_vs_penalty.paper.tables.study import Data, Study
-from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
+from sdp_vs_penalty.paper.tables.table import Row, Table, makes
 from sdp_vs_penalty.problem.published import box_tables, published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols
 
@@ -16,8 +16,12 @@ _CONDITION, _ERROR = "condition number", "relative error [%]"
 _PUBLISHED_FITS = {"pi_RE": ("48.9", "0.0315"), "pi_CLS": ("121.88", "1.41")}
 
 
-def build(study: Study) -> Table:
-    """Rows: base parameters, all other parameters, then condition number and relative error."""
+@makes("III")
+def base_parameter_table(study: Study) -> Table:
+    """Table III: base parameters and friction, published and ours.
+
+    Rows: base parameters, all other parameters, then condition number and relative error.
+    """
     base = tuple(base_parameter_symbols(study.problem))
     keys = [*base, *_other_names(study), _CONDITION, _ERROR]
     rows = _published(study, keys) or _own_rows(study, keys)
@@ -132,6 +136,3 @@ def _estimates(study: Study, data: Data, base: tuple[str, ...]) -> dict[str, dic
             percent = dict(zip(keys, 100.0 * std / np.abs(pi), strict=True))
             out[f"sigma_pct_ols_{data.label}"] = percent
     return out
-
-
-TABLE = Maker("III", __doc__, build)

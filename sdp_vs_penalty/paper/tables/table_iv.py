@@ -6,16 +6,18 @@ from dataclasses import replace
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.paper.sigmoid_friction import SigmoidFriction
 from sdp_vs_penalty.paper.tables.study import FOLDS, TEST_START, TRAIN_STOP, Frozen, Study
-from sdp_vs_penalty.paper.tables.table import Cell, Maker, Row, Table
+from sdp_vs_penalty.paper.tables.table import Cell, Row, Table, makes
+from sdp_vs_penalty.paper.tables.table_i import SigmoidFriction
 from sdp_vs_penalty.problem.published import box_tables, published_links
 
 #: Rows whose sensitivity to the filter is told.
 _SHOWN = ("p_hat", "delta", "ols")
 
 
-def build(study: Study) -> Table:
+@makes("IV")
+def unseen_torque(study: Study) -> Table:
+    """Table IV: torque error of each joint on motion that no estimate was made from."""
     robot, rows = study.problem.robot, []
     for row in study.problem.published.get("table_IV", []):
         cells = [row[f"joint_{j + 1}"] for j in range(robot.n)]
@@ -130,6 +132,3 @@ def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
         f"The filter matters: behind {settings.torque_cutoff:g} and {wide.torque_cutoff:g} Hz the "
         f"errors on unseen motion are {', '.join(errors)}."
     )
-
-
-TABLE = Maker("IV", __doc__, build)

@@ -7,34 +7,35 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.paper.tables.study import Data, Study
-from sdp_vs_penalty.paper.tables.table import Maker, Row, Table
+from sdp_vs_penalty.paper.tables.table import Row, Table, makes
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.engines import engine_types
 from sdp_vs_penalty.simulation.engines.comparison import (
+    Course,
     EngineRun,
-    PlayedMotion,
-    Sinusoids,
     inverse_dynamics_error,
     play,
+    played,
+    sinusoids,
 )
 
-#: Time step along the real run, and what is left out of the comparison at its start [s].
-MEASURED_STEP, _SETTLE = 2e-3, 0.1
+#: Time step along the real run [s].
+MEASURED_STEP = 2e-3
 #: The method whose links the engines get.
 METHOD = "lmi-sdp"
 
 
 @dataclass(frozen=True)
 class EngineResult:
-    """One engine on one motion. run is None where it is absent or rejects the robot: status says so.
+    """One engine, with its version, on one motion. run is None where it is absent or rejects the robot:
+    status says so.
 
     torque_error (N, n) : engine less identified model on sinusoids; engine plus identified friction
     less measured torque on the real run, both below the torque filter's cut-off.
     """
 
     engine: str
-    version: str
     motion: str
     status: str
     run: EngineRun | None = None
@@ -44,8 +45,7 @@ class EngineResult:
 
 def sinusoidal_runs(study: Study) -> list[EngineResult]:
     """Sinusoidal velocities over the range, with the links identified from the simulated run."""
-    motion = Sinusoids.over_range(study.problem.robot)
-    return _played(study, study.simulated, motion, study.effort.duration, 1e-3)
+    return _played(study, study.simulated, sinusoids(study.problem.robot), study.effort.duration, 1e-3)
 
 
 def measured_runs(study: Study) -> list[EngineResult]:
@@ -59,38 +59,42 @@ def measured_runs(study: Study) -> list[EngineResult]:
     theta[data.model.rigid_indices] = 0.0
     reference = rows.torque - predicted(rows, theta)
     t = rows.motion.t - rows.motion.t[0]
-    out = _played(study, data, PlayedMotion(t, rows.motion.q), float(t[-1]), MEASURED_STEP)
+    out = _played(study, data, played(t, rows.motion.q), float(t[-1]), MEASURED_STEP)
     for k, result in enumerate(out):
         if result.run is not None:
             at = np.column_stack([np.interp(result.run.t, t, column) for column in reference.T])
             error = result.run.followed.torque - at
-            # From rest to the run's velocity, within the first steps, is no motion of the robot's.
-            out[k] = replace(result, torque_error=error[result.run.t > _SETTLE])
+            # From rest to the run's velocity, within the first 0.1 s, is no motion of the robot's.
+            out[k] = replace(result, torque_error=error[result.run.t > 0.1])
     return out
 
 
 def _played(
-    study: Study, data: Data, motion: Sinusoids | PlayedMotion, duration: float, step: float
+    study: Study, data: Data, motion: Course, duration: float, step: float
 ) -> list[EngineResult]:
     """Every engine with the links identified from a data set."""
     links, out = study.links(METHOD, data), []
     for name, kind in engine_types().items():
         version = kind.version()
         if version is None:
-            out.append(EngineResult(name, "", data.label, f"absent ({kind.install})"))
+            out.append(EngineResult(name, data.label, f"absent ({kind.install})"))
             continue
         study.progress(f"engine {name}, {data.label} motion")
         try:
             run = play(kind, study.problem.robot, links, motion, duration, step)
             more = run, run.error, inverse_dynamics_error(kind, study.problem.robot, links)
-            out.append(EngineResult(name, version, data.label, "run", *more))
+            out.append(EngineResult(f"{name} {version}", data.label, "run", *more))
         except InputError as error:
-            out.append(EngineResult(name, version, data.label, f"rejected: {error}"))
+            out.append(EngineResult(f"{name} {version}", data.label, f"rejected: {error}"))
     return out
 
 
-def build(study: Study) -> Table:
-    """Rows: the paper's engines inside V-REP, then each of ours on simulated and real motion."""
+@makes("V", "panda")
+def engines(study: Study) -> Table:
+    """Table V: physics engines with the identified model, published ones and those at hand.
+
+    Rows: the paper's engines inside V-REP, then each of ours on simulated and real motion.
+    """
     n, rows = study.problem.robot.n, []
     for row in study.problem.published["table_V"]:
         std = {f"std_joint_{j + 1}": None for j in range(n)}
@@ -133,8 +137,5 @@ def _row(result: EngineResult, n: int) -> Row:
         for word, way in ways
         for j in range(n)
     }
-    about = {"engine": f"{result.engine} {result.version}".strip()}
+    about = {"engine": result.engine}
     return {**about, **torque, "motion": result.motion, **figures, "status": result.status}
-
-
-TABLE = Maker("V", __doc__, build, ("panda",))

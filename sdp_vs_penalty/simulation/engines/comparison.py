@@ -4,51 +4,39 @@ The paper's experiment (its Table V, Figs. 5 to 7): joints follow velocities, th
 torque that took, the identified model says which it should have taken.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Self
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
 from sdp_vs_penalty.simulation.engines.engine import Engine, Followed
 
-
-@dataclass(frozen=True)
-class PlayedMotion:
-    """A motion as splines through samples t (N,) [s], q (N, n): what engines are told to follow."""
-
-    t: Array
-    q: Array
-
-    def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """q, dq, ddq (M, n) at the instants t (M,)."""
-        spline = CubicSpline(self.t, self.q)
-        return spline(t), spline(t, 1), spline(t, 2)
+#: q, dq, ddq (M, n) at the instants (M,) [s].
+Course = Callable[[Any], tuple[Array, Array, Array]]
 
 
-@dataclass(frozen=True)
-class Sinusoids:
-    """q_j(t) = middle_j - amplitude_j cos(w_j t): sinusoidal velocities, from rest."""
+def played(t: Array, q: Array) -> Course:
+    """Splines through samples t (N,) [s], q (N, n): what engines are told to follow."""
+    spline = CubicSpline(t, q)
+    return lambda at: (spline(at), spline(at, 1), spline(at, 2))
 
-    middle: Array
-    amplitude: Array
-    frequency: Array  # rad/s
 
-    @classmethod
-    def over_range(cls, robot: Robot, reach: float = 0.9, speed: float = 0.5) -> Self:
-        """These shares of every joint's range and of its velocity limit."""
-        lower, upper, velocity = joint_limits(robot)
-        amplitude = 0.5 * reach * (upper - lower)
-        return cls(0.5 * (lower + upper), amplitude, speed * velocity / amplitude)
+def sinusoids(robot: Robot, reach: float = 0.9, speed: float = 0.5) -> Course:
+    """q_j(t) = middle_j - a_j cos(w_j t): sinusoidal velocities, from rest; reach, speed : shares of
+    every joint's range and of its velocity limit."""
+    lower, upper, velocity = joint_limits(robot)
+    a, middle = 0.5 * reach * (upper - lower), 0.5 * (lower + upper)
+    w = speed * velocity / a
 
-    def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """q, dq, ddq (M, n) at the instants t (M,)."""
-        w, a = self.frequency, self.amplitude
-        angle = np.outer(np.asarray(t, float), w)
-        return self.middle - a * np.cos(angle), a * w * np.sin(angle), a * w**2 * np.cos(angle)
+    def states(t: Array) -> tuple[Array, Array, Array]:
+        angle = np.outer(t, w)
+        return middle - a * np.cos(angle), a * w * np.sin(angle), a * w**2 * np.cos(angle)
+
+    return states
 
 
 @dataclass(frozen=True)
@@ -61,7 +49,6 @@ class EngineRun:
     """
 
     engine: str
-    version: str
     followed: Followed
     model: Array
     position: Array
@@ -81,7 +68,7 @@ def play(
     kind: type[Engine],
     robot: Robot,
     links: Array,
-    motion: Sinusoids | PlayedMotion,
+    motion: Course,
     duration: float,
     step: float = 1e-3,
 ) -> EngineRun:
@@ -92,11 +79,11 @@ def play(
     """
     count = round(duration / step)
     edges = np.arange(count + 1) * step
-    q = motion.states(edges)[0]
+    q = motion(edges)[0]
     followed = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
-    model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion.states(followed.t))
+    model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(followed.t))
     position, angle = pose_errors(robot, q[1:], followed.pose)
-    return EngineRun(kind.name, kind.version() or "", followed, model, position, angle)
+    return EngineRun(kind.name, followed, model, position, angle)
 
 
 def inverse_dynamics_error(kind: type[Engine], robot: Robot, links: Array) -> float | None:
