@@ -19,10 +19,8 @@ from typing import TextIO
 
 from sdp_vs_penalty.files import write_text
 
-#: Characters that a column keeps, however long the line.
-_NARROWEST = 8
 #: How a terminal is told of a style (ECMA-48).
-STYLES = {"bold": 1, "dim": 2, "italic": 3, "red": 31, "yellow": 33}
+STYLES = {"bold": "1", "dim": "2", "italic": "3", "red": "31", "yellow": "33"}
 
 
 def width() -> int:
@@ -124,13 +122,13 @@ def _print(
     right: Container[int] = (),
     ruled: bool = True,
 ) -> None:
-    """Rows of cells, columns side by side; wrapped : columns that are broken where lines are too long;
-    right : columns of figures; ruled : the first row holds headings."""
+    """Rows of cells, columns side by side; wrapped : columns that are broken where lines are too long,
+    none to less than half of its even share; right : columns of figures; ruled : the first row holds
+    headings."""
     widths, most = [max(map(len, column)) for column in zip(*rows, strict=True)], width()
-    while (whole := sum(widths) + 2 * len(widths) - 2) > most:
-        loose = [k for k in wrapped if widths[k] > _NARROWEST]
-        if not loose:
-            break
+    while (whole := sum(widths) + 2 * len(widths) - 2) > most and (
+        loose := [k for k in wrapped if 2 * len(widths) * widths[k] > most]
+    ):
         widths[max(loose, key=widths.__getitem__)] -= 1
     utf8 = str(getattr(sys.stdout, "encoding", "utf-8")).lower().startswith("utf")
     for number, row in enumerate(rows):
