@@ -22,7 +22,7 @@ from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.identify import identify as _identify
 from sdp_vs_penalty.estimation.pose import readable
-from sdp_vs_penalty.estimation.verdict import Errors, NoiseFloor, Verdict, judge, noise_level
+from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict, judge, noise_level
 from sdp_vs_penalty.formatting import Shown, Summary, finite
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -95,21 +95,18 @@ class Comparison(Shown):
     def verdict_with(self, missing: str = "", forward: str = "") -> Verdict:
         """The same with what a diagnosis and a forward simulation say; the grade stays."""
         links = self.estimate.model.rigid_indices[::10]
-        errors = Errors(
-            self.rmse,
-            self.r2,
-            self.noise_floor,
-            self.noise_source,
-            self.relative_error_percent,
-            self.new_motion_share,
-            max(self.outside.values(), default=0.0),
-        )
         return judge(
-            errors,
-            self.estimate.certificate,
-            self.estimate.theta[links],
-            self.estimate.nominal[links],
-            self.runs,
+            rmse=self.rmse,
+            r2=self.r2,
+            floor=self.noise_floor,
+            noise_source=self.noise_source,
+            relative=self.relative_error_percent,
+            new_share=self.new_motion_share,
+            outside=max(self.outside.values(), default=0.0),
+            certificate=self.estimate.certificate,
+            masses=self.estimate.theta[links],
+            nominal=self.estimate.nominal[links],
+            judged_on=self.runs,
             missing=missing,
             forward=forward,
             remark=self.judged_on or "",

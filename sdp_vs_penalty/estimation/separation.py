@@ -32,7 +32,6 @@ from sdp_vs_penalty.estimation.excitation import Limits, independent_rate, shrun
 from sdp_vs_penalty.estimation.verdict import with_current
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
-from sdp_vs_penalty.robot.self_collision import SelfCollision
 from sdp_vs_penalty.robot.trajectory import PointTrajectory, random_trajectory, shortest_moves
 
 States = Callable[[Array], tuple[Array, Array, Array]]
@@ -69,9 +68,17 @@ class Hypotheses:
 
     estimate: Estimate
     effects: tuple[Effect, ...]
-    noise: Array
-    row_rate: float
     scale: tuple[float, ...]
+
+    @property
+    def noise(self) -> Array:
+        """(n,) [N m, N]."""
+        return np.maximum(self.estimate.uncertainty.torque_noise, 1e-12)
+
+    @property
+    def row_rate(self) -> float:
+        """Independent rows a second [Hz]."""
+        return independent_rate(self.estimate)
 
     @classmethod
     def of(cls, estimate: Estimate, texts: str, level: float) -> Hypotheses:
@@ -87,8 +94,7 @@ class Hypotheses:
             if twice := own & {p.name for p in effect.parameters}:
                 what = f"the model has {effect.name} already ({min(twice)})"
                 raise InputError(what, "separate effects that it lacks")
-        noise = np.maximum(estimate.uncertainty.torque_noise, 1e-12)
-        bare = cls(estimate, tuple(found), noise, independent_rate(estimate), (1.0,) * len(found))
+        bare = cls(estimate, tuple(found), (1.0,) * len(found))
         motion = bare.motion(default_excitation(estimate, 20.0, 0), 20.0)
         # Mean squares of unit parameters over the noise, of the joint that each effect moves most.
         squares = [(bare._white(e, motion) ** 2).mean(axis=1).sum(axis=1).max() for e in found]
@@ -97,8 +103,7 @@ class Hypotheses:
     def motion(self, states: States, duration: float) -> Motion:
         """A motion with the model's torque and links, sampled."""
         t = np.arange(0.0, duration, 1.0 / _RATE)
-        motion = Motion(t, *states(t))
-        return with_current(self.estimate.model, self.estimate.theta, motion)
+        return with_current(self.estimate.model, self.estimate.theta, Motion(t, *states(t)))
 
     def _white(self, effect: Effect, motion: Motion) -> Array:
         """(n, N, k)."""
@@ -135,8 +140,9 @@ class Hypotheses:
         first, last = np.log([1e-3, 1e7])
         if short(last) < 0.0:
             return float("inf")
-        found = first if short(first) >= 0.0 else optimize.brentq(short, first, last, xtol=1e-4)
-        return float(np.exp(found))
+        return float(
+            np.exp(first if short(first) >= 0.0 else optimize.brentq(short, first, last, xtol=1e-4))
+        )
 
 
 def _apart(X: Array, A: Array, B: Array) -> float:
@@ -167,106 +173,88 @@ def separate(
     iterations: int = 200,
     seed: int = 0,
     limits: Limits | None = None,
-    collision: SelfCollision | None = None,
+    free: Callable[[Array], bool] | None = None,
     progress: Progress = no_progress,
 ) -> Separation:
     """The motion of ``duration`` [s] on which two effects differ most.
 
     effects : two, as they are written, or one, to be told from nothing; level : root mean square of
     each over the noise of its joint on the default excitation; iterations : changes that are tried;
-    limits : default the robot's own; collision : the arm's shapes. Raises InputError for hypotheses that
+    limits : default the robot's own; free : whether the arm touches itself at none of poses (N, n)
+    (:func:`~sdp_vs_penalty.robot.geometry.self_collision`). Raises InputError for hypotheses that
     cannot be separated.
     """
-    hypotheses = Hypotheses.of(estimate, effects, level)
+    told, rng = Hypotheses.of(estimate, effects, level), np.random.default_rng(seed)
     bounds = Limits.of_robot(estimate.robot) if limits is None else limits
-    search = _Search(hypotheses, bounds, collision, duration, np.random.default_rng(seed))
-    search.run(iterations, progress)
-    usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
-    default = float(np.median([hypotheses.distance(hypotheses.motion(s, duration)) for s in usual]))
-    (right, right_before), (seconds, before) = (
-        [of(x, duration) for x in (search.value, default)]
-        for of in (hypotheses.right, hypotheses.needed)
-    )
-    told = right, right_before, seconds, before, hypotheses.scale, collision is not None
-    return Separation(search.best, search.value, default, *told)
+    low, high = (bounds.middle + s * _SHARE * bounds.half for s in (-1.0, 1.0))
+    # Where nothing states a limit of jerk: acceleration within .1 s of its limit.
+    limited = bounds.velocity, bounds.acceleration, bounds.acceleration / 0.1
+    effort, looked = np.array([j.effort for j in estimate.robot.joints]), 0
+    best: tuple[float, PointTrajectory | None, _Plan] = -1.0, None, (low[None], low, low)
 
-
-class _Search:
-    """Random motions, then random changes of the best."""
-
-    def __init__(
-        self,
-        hypotheses: Hypotheses,
-        limits: Limits,
-        collision: SelfCollision | None,
-        duration: float,
-        rng: np.random.Generator,
-    ) -> None:
-        self.h, self.collision, self.duration, self.rng = hypotheses, collision, duration, rng
-        self.low, self.high = (limits.middle + s * _SHARE * limits.half for s in (-1.0, 1.0))
-        # Where nothing states a limit of jerk: acceleration within .1 s of its limit.
-        limited = limits.velocity, limits.acceleration, limits.acceleration / 0.1
-        self.rates = tuple(_SHARE * x for x in limited)
-        self.effort = np.array([j.effort for j in hypotheses.estimate.robot.joints])
-        self.value, self.looked = -1.0, 0
-
-    def run(self, iterations: int, progress: Progress) -> None:
-        for _ in range(20 * _DRAWN):
-            self._try(*self._drawn())
-            if self.value >= 0.0 and self.looked >= _DRAWN:
-                break
-        if self.value < 0.0:
-            raise InputError(
-                "no motion from point to point keeps the limits",
-                "widen the limits of position or torque, or lengthen the motion with --duration",
-            )
-        reach = 0.3
-        for k in range(iterations):
-            better = self._try(*self._changed(reach))
-            reach = min(0.5, reach * 1.3) if better else max(0.02, reach * 0.93)
-            if k % 20 == 19:
-                progress(f"separating: {k + 1} of {iterations} changes, delta {self.value**0.5:.2f}")
-
-    def _drawn(self) -> tuple[Array, Array, Array]:
-        """Points, slowness of each move, pauses."""
-        count = int(self.rng.integers(6, 40))
-        n = len(self.low)
-        points = self.rng.uniform(self.low, self.high, (count, n))
-        still = self.rng.random(n) < self.rng.choice([0.0, 0.3, 0.7])
-        points[:, still] = points[0, still]
-        slow = np.exp(self.rng.uniform(0.0, np.log(_SLOWEST), count - 1) * self.rng.random())
-        return points, slow, self.rng.uniform(0.0, _PAUSE, count) * self.rng.random()
-
-    def _changed(self, reach: float) -> tuple[Array, Array, Array]:
-        points, slow, pauses = self.now
-        share = self.rng.choice([0.1, 0.3, 1.0])
-        step = reach * (self.high - self.low) * self.rng.normal(size=points.shape)
-        points = np.clip(points + step * (self.rng.random(points.shape) < share), self.low, self.high)
-        which = self.rng.random(len(slow)) < share
-        slow = np.clip(
-            slow * np.exp(which * reach * 2.0 * self.rng.normal(size=len(slow))), 1.0, _SLOWEST
-        )
-        pauses = np.clip(pauses + reach * _PAUSE * self.rng.normal(size=len(pauses)), 0.0, _PAUSE)
-        return points, slow, pauses
-
-    def _try(self, points: Array, slow: Array, pauses: Array) -> bool:
+    def improves(plan: _Plan) -> bool:
         """Whether a motion is allowed and better than the best."""
-        moves = slow * shortest_moves(points, *self.rates)
+        nonlocal best, looked
+        points, slow, pauses = plan
+        moves = slow * shortest_moves(points, *(_SHARE * x for x in limited))
         # As many points as fit; the rest of the time goes into the moves.
-        ends = np.cumsum(moves + pauses[1:]) + pauses[0]
-        fit = int(np.searchsorted(ends, self.duration))
+        fit = int(np.searchsorted(np.cumsum(moves + pauses[1:]) + pauses[0], duration))
         if fit < 2:
             return False
-        moves, pauses_used = moves[:fit], pauses[: fit + 1]
-        moves = moves * (self.duration - pauses_used.sum()) / moves.sum()
-        trajectory = PointTrajectory(points[: fit + 1], moves, pauses_used)
-        motion = self.h.motion(trajectory.states, self.duration)
-        if np.any(np.abs(motion.model_torque) > _SHARE * self.effort):
+        moves, rests = moves[:fit], pauses[: fit + 1]
+        moves = moves * (duration - rests.sum()) / moves.sum()
+        trajectory = PointTrajectory(points[: fit + 1], moves, rests)
+        motion = told.motion(trajectory.states, duration)
+        if np.any(np.abs(motion.model_torque) > _SHARE * effort):
             return False
-        self.looked += 1
-        value = self.h.distance(motion)
-        poses = trajectory.states(np.arange(0.0, self.duration, 0.1))[0]
-        if value <= self.value or (self.collision is not None and not self.collision.free(poses)):
+        looked += 1
+        value = told.distance(motion)
+        poses = trajectory.states(np.arange(0.0, duration, 0.1))[0]
+        if value <= best[0] or (free is not None and not free(poses)):
             return False
-        self.best, self.value, self.now = trajectory, value, (points, slow, pauses)
+        best = value, trajectory, plan
         return True
+
+    for _ in range(20 * _DRAWN):
+        improves(_drawn(rng, low, high))
+        if best[0] >= 0.0 and looked >= _DRAWN:
+            break
+    reach = 0.3
+    for k in range(iterations if best[0] >= 0.0 else 0):
+        better = improves(_changed(rng, best[2], low, high, reach))
+        reach = min(0.5, reach * 1.3) if better else max(0.02, reach * 0.93)
+        if k % 20 == 19:
+            progress(f"separating: {k + 1} of {iterations} changes, delta {best[0] ** 0.5:.2f}")
+    value, trajectory, _ = best
+    if trajectory is None:
+        raise InputError(
+            "no motion from point to point keeps the limits",
+            "widen the limits of position or torque, or lengthen the motion with --duration",
+        )
+    usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
+    default = float(np.median([told.distance(told.motion(s, duration)) for s in usual]))
+    figures = [of(x, duration) for of in (told.right, told.needed) for x in (value, default)]
+    return Separation(trajectory, value, default, *figures, told.scale, free is not None)
+
+
+#: Points (W, n), slowness (W - 1,) of each move over the fastest, pauses (W,) [s].
+_Plan = tuple[Array, Array, Array]
+
+
+def _drawn(rng: np.random.Generator, low: Array, high: Array) -> _Plan:
+    count, n = int(rng.integers(6, 40)), len(low)
+    points = rng.uniform(low, high, (count, n))
+    still = rng.random(n) < rng.choice([0.0, 0.3, 0.7])
+    points[:, still] = points[0, still]
+    slow = np.exp(rng.uniform(0.0, np.log(_SLOWEST), count - 1) * rng.random())
+    return points, slow, rng.uniform(0.0, _PAUSE, count) * rng.random()
+
+
+def _changed(rng: np.random.Generator, now: _Plan, low: Array, high: Array, reach: float) -> _Plan:
+    points, slow, pauses = now
+    share = rng.choice([0.1, 0.3, 1.0])
+    step = reach * (high - low) * rng.normal(size=points.shape)
+    points = np.clip(points + step * (rng.random(points.shape) < share), low, high)
+    which = rng.random(len(slow)) < share
+    slow = np.clip(slow * np.exp(which * reach * 2.0 * rng.normal(size=len(slow))), 1.0, _SLOWEST)
+    return points, slow, np.clip(pauses + reach * _PAUSE * rng.normal(size=len(pauses)), 0.0, _PAUSE)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
@@ -103,84 +104,71 @@ class Verdict(Plain):
 NOT_JUDGED = "Verdict: not judged on any measurements; `sdp-vs-penalty compare` judges it."
 
 
-@dataclass(frozen=True)
-class Errors:
-    """What a model is judged by: rmse, r2 (n,); floor (n,) or None and its source; relative : error over
-    all joints [%]; new_share : of the rows whose motion is new to the model, None where not recorded;
-    outside : largest share of rows outside of one of its measured curves."""
-
-    rmse: Array
-    r2: Array
-    floor: Array | None
-    source: str
-    relative: float
-    new_share: float | None
-    outside: float = 0.0
-
-    @property
-    def over_noise(self) -> Array | None:
-        """(n,) RMSE over the noise floor; 1 where both are zero."""
-        if self.floor is None:
-            return None
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(self.floor > 0.0, self.rmse / self.floor, np.inf)
-        return np.where((self.floor <= 0.0) & (self.rmse <= 0.0), 1.0, ratio)
-
-    @property
-    def beyond_noise(self) -> float:
-        """Relative error [%] without what the noise explains; all of it where that is not known."""
-        if self.floor is None or not np.isfinite(self.relative) or not np.any(self.rmse > 0.0):
-            return self.relative
-        left = np.maximum(self.rmse**2 - self.floor**2, 0.0).sum()
-        return float(self.relative * np.sqrt(left / np.sum(self.rmse**2)))
-
-
 def judge(
-    errors: Errors,
+    *,
+    rmse: Array,
+    r2: Array,
+    floor: Array | None,
+    noise_source: str,
+    relative: float,
+    new_share: float | None,
+    outside: float,
     certificate: Certificate,
     masses: Array,
     nominal: Array,
     judged_on: Sequence[str],
-    *,
     missing: str = "",
     forward: str = "",
     remark: str = "",
 ) -> Verdict:
     """The verdict on one model.
 
-    masses, nominal (links,) [kg] : of its links, identified and before; missing : what a diagnosis says,
-    "" where there was none; forward : what a forward simulation says; remark : of long recordings.
+    rmse, r2 (n,); floor (n,) or None, and its source; relative : error over all joints [%]; new_share :
+    of the rows whose motion is new to the model, None where not recorded; outside : largest share of
+    rows outside of a measured curve. masses, nominal (links,) [kg] : of its links, identified and
+    before; missing : what a diagnosis says, "" where there was none; forward : what a forward simulation
+    says; remark : of long recordings.
     """
-    fit = _fit(errors)
-    over = errors.over_noise
+    beyond, over = relative, None  # relative: without what the noise explains, where that is known
+    if floor is not None:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(floor > 0.0, rmse / floor, np.inf)
+        over = np.where((floor <= 0.0) & (rmse <= 0.0), 1.0, ratio)
+        if np.isfinite(relative) and np.any(rmse > 0.0):
+            left = np.maximum(rmse**2 - floor**2, 0.0).sum()
+            beyond = float(relative * np.sqrt(left / np.sum(rmse**2)))
+    fit = _fit(over, beyond, relative, noise_source, np.asarray(r2) < 0.0)
     said = missing or _left(fit, over)
     if impossible := implausible(certificate, masses, nominal):
         last = Line(MISSING, "do not use", f"{impossible} {said}")
     else:
         believed = " The links can exist." if len(masses) else ""
         last = Line(MISSING, "good" if fit.grade == "good" else "usable", said + believed)
-    lines = [fit, _prediction(errors, forward), last]
+    far = outside > CHANGES or floor is None
+    said = f"; {100.0 * outside:.0f} % of the rows lie outside of a measured curve's table"
+    end = f"{said if outside > 0.0 else ''}.{f' {forward}' if forward else ''}"
+    lines = [fit, _prediction(beyond, relative, new_share, far, end), last]
     weakest_first = tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
-    ratios, source = (None, "") if over is None else (tuple(map(float, over)), errors.source)
+    ratios, source = (None, "") if over is None else (tuple(map(float, over)), noise_source)
     return Verdict(weakest_first, ratios, source, tuple(judged_on), remark)
 
 
-def _fit(errors: Errors) -> Line:
-    beyond, over = errors.beyond_noise, errors.over_noise
-    none = np.asarray(errors.r2) < 0.0
+def _fit(
+    over: Array | None, beyond: float, relative: float, source: str, none: NDArray[np.bool_]
+) -> Line:
+    """Of errors over noise; none (n,) : joints whose mean torque does better."""
+    grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
     if over is None:
-        said = f"{errors.relative:.3g} % relative error; the noise floor is unknown: no motion repeats"
-        grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
+        said = f"{relative:.3g} % relative error; the noise floor is unknown: no motion repeats"
     else:
-        none &= over > ABOVE_NOISE
-        above = np.flatnonzero(over > ABOVE_NOISE)
-        grade = "good" if not len(above) else "usable"
+        none = none & (over > ABOVE_NOISE)
         said = f"Error over noise, joint by joint: {', '.join(formatting.number(x, 2) for x in over)}"
-        if errors.source == SPECTRUM:
+        if source == SPECTRUM:
             said += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
-        if not beyond <= NO_MODEL:
-            grade = "do not use"
+        if grade == "do not use":
             said = f"{beyond:.3g} % relative error beyond the noise; {said[0].lower()}{said[1:]}"
+        elif np.all(over <= ABOVE_NOISE):
+            grade = "good"
     if none.any():
         grade = min(grade, "usable", key=GRADES.index)
         where = formatting.joints((np.flatnonzero(none) + 1).tolist())
@@ -188,23 +176,19 @@ def _fit(errors: Errors) -> Line:
     return Line(FIT, grade, f"{said}.")
 
 
-def _prediction(errors: Errors, forward: str) -> Line:
-    share, beyond = errors.new_share, errors.beyond_noise
-    percent = "not recorded" if share is None else f"{100.0 * share:.0f} %"
+def _prediction(beyond: float, relative: float, share: float | None, far: bool, end: str) -> Line:
+    """far : rows lie outside of a measured curve, or the noise is not known; end : of the sentence."""
+    grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
+    percent = "" if share is None else f"{100.0 * share:.0f} %"
     if share is None or share < MOSTLY_NEW:
-        grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
-        own = "the model does not record its own"
-        known = own if share is None else f"{percent} of this is new to it"
+        known = f"{percent} of this is new to it" if percent else "the model does not record its own"
         said = f"Not judged on unseen motion ({known}): compare it on another one"
         if grade == "do not use":
             said = f"{beyond:.3g} % relative error beyond the noise already here. {said}"
     else:
-        far = errors.outside > CHANGES or errors.floor is None
-        grade = "do not use" if not beyond <= NO_MODEL else "usable" if far or beyond > CLOSE else "good"
-        said = f"{errors.relative:.3g} % relative error on motion of which {percent} is new to the model"
-    if errors.outside > 0.0:
-        said += f"; {100.0 * errors.outside:.0f} % of the rows lie outside of a measured curve's table"
-    return Line(PREDICTION, grade, f"{said}.{f' {forward}' if forward else ''}")
+        grade = "good" if beyond <= CLOSE and not far else grade
+        said = f"{relative:.3g} % relative error on motion of which {percent} is new to the model"
+    return Line(PREDICTION, grade, said + end)
 
 
 def _left(fit: Line, over: Array | None) -> str:

@@ -52,7 +52,7 @@ class CentreOfMassCone:
         coefficients[0, 0], coefficients[1 + self.axis, 0] = self.radius, self.slope
         coefficients[1 + across[0], 1] = coefficients[1 + across[1], 2] = 1.0
         who = "centre of mass cone", f"link {self.link + 1}", indices[:4]
-        return build.second_order(*who, coefficients, np.zeros(3))
+        return build.linear(*who, coefficients, np.zeros(3), "soc")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON, as :meth:`from_dict` reads it: link from 1, axis by its letter."""
@@ -313,7 +313,7 @@ class Problem(Shown):
             upper = box[[4, 6, 9], 1]
             out.append(build.linear("trace", name, indices[[0, 4, 6, 9]], coefficients, upper))
         else:
-            ball = build.ball(self.link_defaults[link, 1])
+            ball = np.diag([*np.full(3, -1.0 / self.link_defaults[link, 1] ** 2), 1.0])
             out.append(build.density_in_ellipsoid("bounding ellipsoid", name, indices, ball))
         return out
 

@@ -157,7 +157,7 @@ class Constraint:
     def identity(self) -> Array:
         """The element e of the cone for which margin(F + t e) = margin(F) + t."""
         unit = np.eye(len(self.constant))
-        return {"psd": unit, "soc": unit[0], "nonnegative": unit.sum(axis=0)}[self.cone]
+        return unit if self.cone == "psd" else unit[0] if self.cone == "soc" else unit.sum(axis=0)
 
     def adjoint(self, multiplier: Array) -> Array:
         """(k,) inner products <F_i, S> of the coefficients with a multiplier S."""
@@ -345,7 +345,8 @@ def margins(constraints: Sequence[Constraint], theta: ArrayLike) -> tuple[Array,
 
 def pseudo_inertia(name: str, indices: ArrayLike) -> Constraint:
     """P(theta) >= 0: contains m >= 0, positive definiteness and the triangle inequalities."""
-    return _psd("pseudo-inertia", name, indices, inertia.PSEUDO_INERTIA_BASIS)
+    basis = inertia.PSEUDO_INERTIA_BASIS
+    return linear("pseudo-inertia", name, indices, basis, np.zeros((4, 4)), "psd")
 
 
 def minimum_thickness(name: str, indices: ArrayLike, radius: float) -> Constraint:
@@ -355,7 +356,7 @@ def minimum_thickness(name: str, indices: ArrayLike, radius: float) -> Constrain
     """
     coefficients = inertia.PSEUDO_INERTIA_BASIS.copy()
     coefficients[0, :3, :3] -= radius**2 * np.eye(3)
-    return _psd("minimum thickness", name, indices, coefficients)
+    return linear("minimum thickness", name, indices, coefficients, np.zeros((4, 4)), "psd")
 
 
 def density_in_ellipsoid(family: str, name: str, indices: ArrayLike, quadric: ArrayLike) -> Constraint:
@@ -369,11 +370,6 @@ def density_in_ellipsoid(family: str, name: str, indices: ArrayLike, quadric: Ar
     return linear(family, name, indices, row[:, None], [0.0])
 
 
-def ball(radius: float) -> Array:
-    """The quadric (4, 4) of a ball around the frame's origin [radius in m]."""
-    return np.diag([*np.full(3, -1.0 / radius**2), 1.0])
-
-
 def linear(
     family: str,
     name: str,
@@ -382,17 +378,8 @@ def linear(
     constant: ArrayLike,
     cone: str = "nonnegative",
 ) -> Constraint:
-    """constant + coefficients^T theta >= 0, entry by entry, or in another cone; coefficients (k, d)."""
+    """constant + coefficients^T theta >= 0, entry by entry, or in another cone; coefficients (k, d).
+
+    Of a second-order cone, |u| <= s, these are (s, u); of a matrix its entries."""
     arrays = np.asarray(constant, float), np.asarray(coefficients, float)
     return Constraint(family, name, cone, np.asarray(indices, np.intp), *arrays)
-
-
-def second_order(
-    family: str, name: str, indices: ArrayLike, coefficients: ArrayLike, constant: ArrayLike
-) -> Constraint:
-    """|u| <= s with (s, u) = constant + coefficients^T theta; coefficients (k, 1 + dim u)."""
-    return linear(family, name, indices, coefficients, constant, "soc")
-
-
-def _psd(family: str, name: str, indices: ArrayLike, coefficients: Array) -> Constraint:
-    return linear(family, name, indices, coefficients, np.zeros(coefficients.shape[1:]), "psd")

@@ -1,4 +1,4 @@
-"""The geometry of a URDF's links: points that enclose its shapes, and their volume.
+"""The geometry of a URDF's links: points that enclose its shapes, their volume, and what touches.
 
 Collision shapes where they can be read, else visual ones. Meshes are found beside the file or in the
 packages that ROS knows; a link of which one is missing or cannot be read has no geometry, and its
@@ -6,17 +6,17 @@ body is then taken from what else is known.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.files import LARGEST_MESH, reading
+from sdp_vs_penalty.files import LARGEST_MESH, LARGEST_TEXT, reading
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import directions
-from sdp_vs_penalty.robot.urdf import numbers_of, placed_links, pose_of
+from sdp_vs_penalty.robot.urdf import load_urdf, numbers_of, placed_links, pose_of
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ def link_geometry(path: str | Path) -> list[Geometry | None]:
     Raises InputError for a file that is not a URDF of a tree of joints.
     """
     out: list[Geometry | None] = []
-    for found in _link_shapes(path):
-        shapes = [shape for part in found for shape in part or []]
-        cloud = np.concatenate([np.zeros((0, 3)), *(shape.points for shape in shapes)])
-        known = bool(shapes) and None not in found
-        out.append(Geometry(cloud, sum(shape.volume for shape in shapes)) if known else None)
+    for found in _link_shapes(Path(path)):
+        cloud = np.concatenate([np.zeros((0, 3)), *(s.points for part in found for s in part or [])])
+        known = len(cloud) and None not in found
+        volume = sum(s.volume for part in found for s in part or [])
+        out.append(Geometry(cloud, volume) if known else None)
     return out
 
 
@@ -47,8 +47,52 @@ def link_hulls(path: str | Path) -> list[list[Array]]:
 
     Raises InputError as :func:`link_geometry`.
     """
-    shapes = [[s for part in found for s in part or []] for found in _link_shapes(path)]
+    shapes = [[s for part in found for s in part or []] for found in _link_shapes(Path(path))]
     return [[hull for s in some if (hull := _hull(s.points)) is not None] for some in shapes]
+
+
+def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
+    """Whether a URDF's arm is free of itself at all of the poses (N, n), by Pinocchio and coal.
+
+    Neighbours, and pairs that touch in every one of a few poses (shapes drawn too large), are left out.
+    None where the file has no collision shapes that can be read, or other joints than n.
+    """
+    from sdp_vs_penalty.robot._pinocchio import pin
+
+    load_urdf(urdf)  # says in a sentence what is wrong with the file
+    with reading(urdf, LARGEST_TEXT):
+        model = pin.buildModelFromUrdf(str(urdf))
+    try:
+        shapes, folders = pin.GeometryType.COLLISION, [str(Path(urdf).parent)]
+        geometry = pin.buildGeomFromUrdf(model, str(urdf), shapes, package_dirs=folders)
+    except (ValueError, RuntimeError):
+        return None
+    if geometry.ngeoms < 2 or model.nq != n:
+        return None
+    geometry.addAllCollisionPairs()
+    joints = [o.parentJoint for o in geometry.geometryObjects]
+    for pair in list(geometry.collisionPairs):
+        a, b = joints[pair.first], joints[pair.second]
+        if a == b or model.parents[a] == b or model.parents[b] == a:
+            geometry.removeCollisionPair(pair)
+    data = model.createData()
+
+    def touching(q: Array, placed: Any, first: bool) -> bool:
+        return bool(pin.computeCollisions(model, data, geometry, placed, q, first))
+
+    limits = np.maximum(model.lowerPositionLimit, -np.pi), np.minimum(model.upperPositionLimit, np.pi)
+    pairs, touch, placed = list(geometry.collisionPairs), [], geometry.createData()
+    for q in np.random.default_rng(0).uniform(*limits, (40, n)):
+        touching(q, placed, False)
+        touch.append([r.isCollision() for r in placed.collisionResults])
+    for k in np.flatnonzero(np.all(touch, axis=0)):
+        geometry.removeCollisionPair(pairs[k])
+    placed = geometry.createData()
+    return (
+        (lambda q: not any(touching(row, placed, True) for row in q))
+        if len(geometry.collisionPairs)
+        else None
+    )
 
 
 def _hull(points: Array) -> Array | None:
@@ -67,12 +111,9 @@ def _hull(points: Array) -> Array | None:
     return corners
 
 
-def _link_shapes(path: str | Path) -> list[list[list[Geometry] | None]]:
+def _link_shapes(path: Path) -> list[list[list[Geometry] | None]]:
     """Of each moving link the shapes of it and of what is fixed to it."""
-    return [
-        [_shapes(Path(path), link, placement) for link, placement in parts]
-        for parts in placed_links(path)
-    ]
+    return [[_shapes(path, link, at) for link, at in parts] for parts in placed_links(path)]
 
 
 def _shapes(path: Path, link: Any, placement: Array) -> list[Geometry] | None:
@@ -94,35 +135,27 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
     """One shape about its own origin; None for numbers that describe none, or a mesh that is missing."""
     shape = next(iter(geometry), None) if geometry is not None else None
     made: Geometry | None = None
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     if shape is None:
         return None
     if shape.tag == "box":
         half = 0.5 * numbers_of(shape.get("size", ""), 3)
-        made = Geometry(_box(half), float(8.0 * half.prod()))
+        made = Geometry(corners * half, float(8.0 * half.prod()))
     elif shape.tag == "sphere":
         (radius,) = numbers_of(shape.get("radius", ""), 1)
-        made = Geometry(_box(np.full(3, radius)), 4.0 / 3.0 * np.pi * radius**3)
+        made = Geometry(corners * radius, 4.0 / 3.0 * np.pi * radius**3)
     elif shape.tag in ("cylinder", "capsule"):
         radius, length = (x for name in ("radius", "length") for x in numbers_of(shape.get(name, ""), 1))
         ends = 0.5 * length + (radius if shape.tag == "capsule" else 0.0)
-        made = Geometry(_cylinder(radius, ends), np.pi * radius**2 * length)
+        turn, outer = np.pi / 8.0 * np.arange(16), radius / np.cos(np.pi / 16.0)  # a prism around it
+        circle = outer * np.cos(turn), outer * np.sin(turn)
+        prism = [np.column_stack([*circle, np.full(16, z)]) for z in (ends, -ends)]
+        made = Geometry(np.concatenate(prism), np.pi * radius**2 * length)
     elif shape.tag == "mesh":
         scale = numbers_of(shape.get("scale", "1 1 1"), 3)
         made = _mesh(path, shape.get("filename") or "", scale)
     known = made is not None and len(made.points) and np.all(np.isfinite(made.points))
     return made if known else None
-
-
-def _box(half: Array) -> Array:
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    return signs * half
-
-
-def _cylinder(radius: float, half: float) -> Array:
-    """Corners of a prism of sixteen sides around it."""
-    turn, outer = np.pi / 8.0 * np.arange(16), radius / np.cos(np.pi / 16.0)
-    circle = outer * np.cos(turn), outer * np.sin(turn)
-    return np.concatenate([np.column_stack([*circle, np.full(16, z)]) for z in (half, -half)])
 
 
 def _mesh(path: Path, filename: str, scale: Array) -> Geometry | None:

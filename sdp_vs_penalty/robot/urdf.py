@@ -6,9 +6,8 @@ reductions n_j, as ros_control's transmission_interface: simple: q_m = n q; diff
 """
 
 from collections import Counter
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +41,8 @@ _MOST_LINKS = 500
 
 @dataclass
 class _Reader:
+    """What a walk through a file finds: joints, and of each moving link its elements and their poses."""
+
     path: Path
     joints: list[Joint] = field(default_factory=list)
     parts: list[list[tuple[Any, Array]]] = field(default_factory=list)
@@ -50,18 +51,14 @@ class _Reader:
     def fail(self, what: str, remedy: str = "correct the file") -> InputError:
         return InputError(what, remedy, self.path)
 
-    @cached_property
-    def nominal(self) -> list[Array]:
-        """(10,) of each moving link with what is fixed to it."""
+    def weighed(self) -> tuple[list[Array], tuple[int, ...]]:
+        """(10,) of each moving link with what is fixed to it; which links say themselves that they have
+        no mass, beside others that have one."""
         moved = [[inertia.transform(at) @ self.inertial(e) for e, at in parts] for parts in self.parts]
-        return [np.sum(own, axis=0) for own in moved]
-
-    @property
-    def massless(self) -> tuple[int, ...]:
-        """Moving links that say themselves that they have no mass, beside others that have one."""
+        nominal = [np.sum(own, axis=0) for own in moved]
         said = [any(e.find("inertial") is not None for e, _ in parts) for parts in self.parts]
-        none = [k for k, x in enumerate(self.nominal) if said[k] and not x.any()]
-        return tuple(none) if any(x.any() for x in self.nominal) else ()
+        none = tuple(k for k, x in enumerate(nominal) if said[k] and not x.any())
+        return nominal, none if any(x.any() for x in nominal) else ()
 
     def numbers(
         self, element: Any, attribute: str, default: Sequence[float], largest: float = _LARGEST
@@ -115,30 +112,12 @@ class _Reader:
             raise self.fail(f"{where} must hold a number other than 0")
         return float(value)
 
-    def mimics(self, root: Any) -> dict[str, Follower]:
-        """The <mimic> of each <joint> that has one."""
-        out = {}
-        for joint in root.findall("joint"):
-            if (element := joint.find("mimic")) is not None:
-                (ratio,) = self.numbers(element, "multiplier", (1.0,))
-                (offset,) = self.numbers(element, "offset", (0.0,))
-                out[joint.get("name")] = (str(element.get("joint")), ratio, offset)
-        return out
-
     def pose(self, element: Any) -> Array:
         origin = element.find("origin")
         out = np.eye(4)
         out[:3, 3] = self.numbers(origin, "xyz", (0.0, 0.0, 0.0))
         out[:3, :3] = _rotation_rpy(*self.numbers(origin, "rpy", (0.0, 0.0, 0.0)))
         return out
-
-    def end(self, joint: Any, which: str, links: Container[str]) -> str:
-        """The link that a joint names as its parent or child."""
-        element = joint.find(which)
-        link = None if element is None else element.get("link")
-        if link not in links:
-            raise self.fail(f"joint {joint.get('name')!r} names link {link!r}, which is not in the file")
-        return str(link)
 
     def inertial(self, link: Any) -> Array:
         """Standard parameters (10,) about the link frame; zeros where the file gives none."""
@@ -189,11 +168,6 @@ class _Reader:
         return Joint(name, _MOVING[kind], parent, *place, lower, upper, *rates)
 
 
-def read_inertial(path: str | Path, link: Any) -> Array:
-    """Standard parameters (10,), about the link frame, of a <link> element of a file."""
-    return _Reader(Path(path)).inertial(link)
-
-
 def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> tuple[Robot, Array]:
     """The robot of a URDF file and its nominal standard parameters, shape (links, 10).
 
@@ -207,15 +181,20 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
     joint at all.
     """
     reader, root = _read(path)
-    name = root.get("name") or reader.path.stem
-    massless = reader.massless
+    (nominal, massless), followers = reader.weighed(), dict[str, Follower]()
+    for joint in root.findall("joint"):
+        if (element := joint.find("mimic")) is not None:
+            (ratio,) = reader.numbers(element, "multiplier", (1.0,))
+            (offset,) = reader.numbers(element, "offset", (0.0,))
+            followers[joint.get("name")] = (str(element.get("joint")), ratio, offset)
     try:
-        joints, mechanism = following(reader.joints, reader.mimics(root), massless)
+        joints, mechanism = following(reader.joints, followers, massless)
         transmission = reader.transmission(root, [joint.name for joint in joints])
     except InputError as error:
         raise error if error.where == reader.path else error.within(reader.path) from error
-    nominal = [x for k, x in enumerate(reader.nominal) if k not in massless]
-    return Robot(name, joints, tuple(map(float, gravity)), transmission, mechanism), np.array(nominal)
+    name, given = root.get("name") or reader.path.stem, tuple(map(float, gravity))
+    kept = [x for k, x in enumerate(nominal) if k not in massless]
+    return Robot(name, joints, given, transmission, mechanism), np.array(kept)
 
 
 def placed_links(path: str | Path) -> list[list[tuple[Any, Array]]]:
@@ -224,7 +203,8 @@ def placed_links(path: str | Path) -> list[list[tuple[Any, Array]]]:
     Raises InputError as :func:`load_urdf` does.
     """
     reader = _read(path)[0]
-    return [parts for k, parts in enumerate(reader.parts) if k not in reader.massless]
+    massless = reader.weighed()[1]
+    return [parts for k, parts in enumerate(reader.parts) if k not in massless]
 
 
 def pose_of(path: str | Path, element: Any) -> Array:
@@ -232,10 +212,24 @@ def pose_of(path: str | Path, element: Any) -> Array:
     return _Reader(Path(path)).pose(element)
 
 
+def read_inertial(path: str | Path, link: Any) -> Array:
+    """Standard parameters (10,), about the link frame, of a <link> element of a file."""
+    return _Reader(Path(path)).inertial(link)
+
+
 def _read(path: str | Path) -> tuple[_Reader, Any]:
-    """The reader after its walk through the file, and the <robot> element."""
-    reader = _Reader(Path(path))
-    root = _parse(reader)
+    """The reader after its walk through the file, and the <robot> element; entities are never expanded,
+    nothing is loaded from elsewhere."""
+    reader, safe = _Reader(Path(path)), {"resolve_entities": False, "no_network": True}
+    parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
+    try:
+        root = etree.fromstring(read_bytes(reader.path), parser)
+    except InputError:
+        raise
+    except (etree.XMLSyntaxError, ValueError) as error:
+        raise reader.fail(f"not an XML file ({str(error).splitlines()[0]})") from error
+    if root.tag != "robot":
+        raise reader.fail(f"the outermost element is <{root.tag}>, a URDF's is <robot>")
     links, children, base = _tree(reader, root)
     try:
         reader.visit(links, children, base, -1, np.eye(4))
@@ -247,21 +241,6 @@ def _read(path: str | Path) -> tuple[_Reader, Any]:
     if not reader.joints:
         raise reader.fail("no moving joint, so nothing to identify", "name another file")
     return reader, root
-
-
-def _parse(reader: _Reader) -> Any:
-    """The <robot> element; entities are never expanded, nothing is loaded from elsewhere."""
-    safe = {"resolve_entities": False, "no_network": True}
-    parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
-    try:
-        root = etree.fromstring(read_bytes(reader.path), parser)
-    except InputError:
-        raise
-    except (etree.XMLSyntaxError, ValueError) as error:
-        raise reader.fail(f"not an XML file ({str(error).splitlines()[0]})") from error
-    if root.tag != "robot":
-        raise reader.fail(f"the outermost element is <{root.tag}>, a URDF's is <robot>")
-    return root
 
 
 def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
@@ -281,9 +260,13 @@ def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[An
     children: dict[str, list[Any]] = {name: [] for name in links}
     carried: set[str] = set()
     for element in root.findall("joint"):
-        parent, child = reader.end(element, "parent", links), reader.end(element, "child", links)
+        name, ends = element.get("name"), [element.find(which) for which in ("parent", "child")]
+        parent, child = (None if end is None else end.get("link") for end in ends)
+        for link in (parent, child):
+            if link not in links:
+                raise reader.fail(f"joint {name!r} names link {link!r}, which is not in the file")
         if child in carried:
-            what = f"link {child!r} has two parent joints (joint {element.get('name')!r} closes a loop)"
+            what = f"link {child!r} has two parent joints (joint {name!r} closes a loop)"
             raise reader.fail(what, "cut the loop, for only trees can be identified")
         carried.add(child)
         children[parent].append(element)

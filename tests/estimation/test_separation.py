@@ -10,7 +10,7 @@ from sdp_vs_penalty import Estimate, InputError, identify, load_problem
 from sdp_vs_penalty.estimation import Limits
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.separation import Hypotheses, default_excitation, separate
-from sdp_vs_penalty.robot.self_collision import SelfCollision
+from sdp_vs_penalty.robot.geometry import self_collision
 from sdp_vs_penalty.robot.trajectory import PointTrajectory, joint_trajectory, shortest_moves
 from sdp_vs_penalty.simulation import experiment
 
@@ -120,9 +120,9 @@ def test_an_arm_that_folds_back_onto_its_base_is_seen(tmp_path):
     )
     path = tmp_path / "arm.urdf"
     path.write_text(_ARM.format(links=links, joints=joints))
-    shapes = SelfCollision.of_urdf(path, 3)
-    assert shapes.free(np.zeros((1, 3)))
-    assert not shapes.free(np.array([[0.0, 0.0, 0.0], [0.0, 2.2, 2.2]]))
+    free = self_collision(path, 3)
+    assert free(np.zeros((1, 3)))
+    assert not free(np.array([[0.0, 0.0, 0.0], [0.0, 2.2, 2.2]]))
     bare = tmp_path / "bare.urdf"
     bare.write_text(_ARM.format(links="".join(f'<link name="l{k}"/>' for k in range(4)), joints=joints))
-    assert SelfCollision.of_urdf(bare, 3) is None
+    assert self_collision(bare, 3) is None

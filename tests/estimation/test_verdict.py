@@ -6,20 +6,17 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.estimation import Certificate
-from sdp_vs_penalty.estimation.verdict import GRADES, MISSING, Errors, Verdict, judge
+from sdp_vs_penalty.estimation.verdict import GRADES, MISSING, Verdict, judge
 
 RMSE, R2 = np.array([0.1, 0.2]), np.array([0.99, 0.98])
 MASSES = np.array([3.0, 1.0])
 SOUND = Certificate({"pseudo-inertia": 0.0}, 1.0)
 
 
-def errors(**known: Any) -> Errors:
-    found = {"floor": RMSE / 1.5, "source": "repetition", "relative": 1.2, "new_share": 0.9}
-    return Errors(RMSE, known.pop("r2", R2), **{**found, **known})
-
-
 def verdict(certificate: Certificate = SOUND, masses: np.ndarray = MASSES, **known: Any) -> Verdict:
-    return judge(errors(**known), certificate, masses, MASSES, ("test.csv",))
+    found = {"rmse": RMSE, "r2": R2, "floor": RMSE / 1.5, "noise_source": "repetition", "outside": 0.0}
+    found |= {"relative": 1.2, "new_share": 0.9, "certificate": certificate, "masses": masses}
+    return judge(nominal=MASSES, judged_on=("test.csv",), **found | known)
 
 
 def test_good_takes_a_known_floor_unseen_motion_and_links_that_exist():

@@ -73,7 +73,7 @@ def demands(rng: np.random.Generator, interior: np.ndarray) -> ConstraintSet:
             Constraint(
                 "lmi", "one", "psd", index, inside - np.tensordot(interior, matrices, 1), matrices
             ),
-            build.second_order("cone", "one", index, rows, middle - interior @ rows),
+            build.linear("cone", "one", index, rows, middle - interior @ rows, "soc"),
             build.linear("bounds", "all", index, lines, rng.uniform(0.5, 2.0, 2) - interior @ lines),
         )
     )

@@ -14,7 +14,6 @@ from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.robot.constraint import second_order
 from sdp_vs_penalty.shootout.standard_instances import chain_task, shape_cones
 from sdp_vs_penalty.solvers import (
     Entropy,
@@ -50,7 +49,7 @@ class Link:
             (
                 link,
                 build.linear("mass", "link 1", [0], [[1.0, -1.0]], [-0.5, 3.0]),
-                build.second_order("centre of mass cone", "link 1", index[:4], radius, np.zeros(3)),
+                build.linear("centre of mass cone", "link 1", index[:4], radius, np.zeros(3), "soc"),
                 build.linear("trace", "link 1", [4, 6, 9], -np.eye(3), [1.0, 1.0, 1.0]),
             )
         )
@@ -295,7 +294,7 @@ def test_cones_of_a_higher_order_are_clarabels():
     size = 5  # |(m, c, a constant)| within a bound
     columns = np.zeros((4, size))
     columns[np.arange(4), np.arange(1, size)] = 1.0
-    ball = second_order("ball", "link 1", link[:4], columns, [100.0, 0.0, 0.0, 0.0, 0.0])
+    ball = build.linear("ball", "link 1", link[:4], columns, [100.0, 0.0, 0.0, 0.0, 0.0], "soc")
     task = replace(task, constraints=ConstraintSet((*task.constraints.convex, ball)))
     fit, reference = both(task, "lmi-sdp")
     assert fit.details["solver"] == "clarabel"

@@ -75,7 +75,7 @@ def test_a_point_outside_by_one_unit_in_the_last_place_is_infeasible():
     constraint = build.linear("mass", "one", [0], [[1.0]], [-1.0])  # theta >= 1
     assert verified.certainly_feasible([constraint], np.array([1.0]))
     assert not verified.certainly_feasible([constraint], np.array([np.nextafter(1.0, 0.0)]))
-    cone = build.second_order("cone", "one", [0], [[1.0, 0.0, 0.0]], [0.0, 3.0, 4.0])
+    cone = build.linear("cone", "one", [0], [[1.0, 0.0, 0.0]], [0.0, 3.0, 4.0], "soc")
     assert verified.certainly_feasible([cone], np.array([5.0]))
     assert not verified.certainly_feasible([cone], np.array([np.nextafter(5.0, 0.0)]))
     link = build.pseudo_inertia("link", np.arange(10))

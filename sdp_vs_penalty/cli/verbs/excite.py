@@ -106,13 +106,13 @@ def _separate(model: Path, effects: str, out: Path, urdf: Path | None, **setting
     from sdp_vs_penalty.estimation.excitation import save_trajectory
     from sdp_vs_penalty.estimation.separation import separate
     from sdp_vs_penalty.files import write_text
-    from sdp_vs_penalty.robot.self_collision import SelfCollision
+    from sdp_vs_penalty.robot.geometry import self_collision
     from sdp_vs_penalty.robot.trajectory import joint_trajectory
 
     estimate = load_estimate(model)
-    shapes = None if urdf is None else SelfCollision.of_urdf(urdf, estimate.robot.n)
+    shapes = None if urdf is None else self_collision(urdf, estimate.robot.n)
     with console.progress("separating") as progress:
-        found = separate(estimate, effects, collision=shapes, progress=progress, **settings)
+        found = separate(estimate, effects, free=shapes, progress=progress, **settings)
     ros = out.with_suffix(".yaml")
     save_trajectory(found.trajectory, out)
     write_text(ros, joint_trajectory(estimate.robot.joint_names, found.trajectory))
