@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.estimate import load_estimate as load_estimate
     from sdp_vs_penalty.estimation.excitation import excite as excite
     from sdp_vs_penalty.exporters.export import export as export
-    from sdp_vs_penalty.problem.convert import convert as convert
+    from sdp_vs_penalty.problem.load import convert as convert
     from sdp_vs_penalty.problem.load import load_problem as load_problem
     from sdp_vs_penalty.problem.problem import Problem as Problem
     from sdp_vs_penalty.reports import report as report
@@ -36,7 +36,7 @@ _HOME = {
     "add": "diagnosis.adding",
     "check": "checks",
     "compare": "diagnosis.comparison",
-    "convert": "problem.convert",
+    "convert": "problem.load",
     "cross_validate": "estimation.cross_validation",
     "diagnose": "diagnosis.diagnose",
     "Estimate": "estimation.estimate",

@@ -20,6 +20,7 @@ joints together, the start of the convex problem that is posed
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -44,8 +45,7 @@ from sdp_vs_penalty.estimation.drive_torque import with_drive_torque
 from sdp_vs_penalty.estimation.sandwich import sandwich, stretched, white_variance
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.bounded_least_squares import least_squares
-from sdp_vs_penalty.regression.partial import partialled, smallest, visible
+from sdp_vs_penalty.regression.partial import least_squares, partialled, smallest, visible
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, compress
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.robot import Robot
@@ -202,8 +202,6 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
     return theta * (size if size > 0.0 else 1.0)
 
 
-#: Constants of motors, and the columns that they are to be multiplied by: N m/A, N/A and N m/V, N/V.
-_MOTORS = {"kt": "current", "ku": "voltage"}
 _SCALES = "give a gain (kp2=600), a parameter that motion shows alone (m1 of a slide, mx6), or a load"
 
 
@@ -222,13 +220,44 @@ def parsed_known(text: str) -> dict[str, float]:
     return found
 
 
-def factor_of_known(
+def with_scale(
+    model: Model,
+    data: Measurements,
+    settings: Preprocessing,
+    known: Mapping[str, float],
+    loads: Sequence[tuple[Source, float]],
+) -> tuple[Model, dict[str, Any]]:
+    """A model of a log without torque in true units, and plain JSON: the parameters that are given then,
+    the scale in words, and its relative standard deviation.
+
+    model : up to a factor, its strongest gain given; known : parameters by name, or constants of motors,
+    kt1 [N m/A] and ku1 [N m/V]; loads : further runs, each with the mass [kg] that the last link carried.
+    Raises InputError for what sets no scale.
+    """
+    theta, factor, error, given = model.reference, 1.0, 0.0, dict(known) or dict(model.known)
+    assert theta is not None
+    columns, n = {"kt": "current", "ku": "voltage"}, model.robot.n
+    names = {f"{key}{j + 1}": (name, j) for key, name in columns.items() for j in range(n)}
+    if motors := {names[name]: value for name, value in known.items() if name in names}:
+        factor = _factor_of_motors(model, theta, data, motors, settings)
+    elif known:
+        factor = _factor_of_known(model, compress(data, model, settings), theta, known)
+    if loads:
+        factor, error = _factor_of_loads(model, theta, loads, settings)
+    if loads or motors:
+        given = {name: factor * x for name, x in model.known.items()}
+    said = [f"a load of {mass:g} kg" for _, mass in loads]
+    said += [f"{name} = {x:g}" for name, x in known.items()]
+    gain = ", ".join(f"{name} = {x:.4g}" for name, x in model.known.items())
+    none = f"unknown: all torques, masses and gains share one factor ({gain} if links weigh as stated)"
+    details = {"known": given, "scale": ", ".join(said) or none, "scale_error": error}
+    return replace(model, known=given, reference=factor * theta), details
+
+
+def _factor_of_known(
     model: Model, regression: Regression, theta: Array, known: Mapping[str, float]
 ) -> float:
-    """The factor on theta (p,) with which the first of the known parameters has its value.
-
-    Raises InputError for what motion does not tell by itself.
-    """
+    """The factor on theta (p,) with which the first of the known parameters has its value."""
     names, free = [p.name for p in model.parameters], ~model.drives
     told, share = regression.keeping(free).least_squares(), np.ones(len(names))
     share[free] = told.own_torque / or_one(told.column_norms)
@@ -246,14 +275,7 @@ def factor_of_known(
     return float(value / theta[names.index(name)])
 
 
-def constants_of_motors(known: Mapping[str, float], robot: Robot) -> dict[tuple[str, int], float]:
-    """Which of the known parameters are constants of motors, kt1 [N m/A] or ku1 [N m/V], by column and
-    joint from 0."""
-    names = {f"{s}{j + 1}": (column, j) for s, column in _MOTORS.items() for j in range(robot.n)}
-    return {names[name]: value for name, value in known.items() if name in names}
-
-
-def factor_of_motors(
+def _factor_of_motors(
     model: Model,
     theta: Array,
     data: Measurements,
@@ -263,16 +285,16 @@ def factor_of_motors(
     """The factor on theta (p,) with which the drives' torque is the constants times what was logged.
 
     Least squares, both filtered, beside a constant (an integral may begin anywhere in each run) and the
-    velocity: kd holds viscous friction, which is no torque of the drive. Raises InputError where the
-    column is missing, or is not that servo's.
+    velocity: kd holds viscous friction, which is no torque of the drive.
     """
     bare, shares = replace(model, known={}), []
 
     def filtered(whole: Measurements, joint: int) -> Array:
-        runs = [filtered_torque(run, bare, settings) for run in whole.runs()]
-        others = [np.stack([np.ones(len(x.torque)), x.motion.dq[:, joint]], axis=1) for x in runs]
-        pairs = zip(others, runs, strict=True)
-        return np.concatenate([partialled(some, rows.torque[:, joint]) for some, rows in pairs])
+        out = []
+        for rows in (filtered_torque(run, bare, settings) for run in whole.runs()):
+            others = np.stack([np.ones(len(rows.torque)), rows.motion.dq[:, joint]], axis=1)
+            out.append(partialled(others, rows.torque[:, joint]))
+        return np.concatenate(out)
 
     made = with_drive_torque(model, theta, data)
     for (column, j), constant in motors.items():
@@ -288,12 +310,10 @@ def factor_of_motors(
     return float(np.exp(np.mean(np.log(shares))))
 
 
-def factor_of_loads(
+def _factor_of_loads(
     model: Model, theta: Array, loads: Sequence[tuple[Source, float]], settings: Preprocessing
 ) -> tuple[float, float]:
-    """The factor on theta (p,) with which the loads weigh what they weigh [kg], and its relative
-    standard deviation. What the model leaves of a run with a load is the load, and where integrals
-    began."""
+    """The same of loads [kg], and its relative standard deviation; what is left is load and offsets."""
     robot = model.robot
     own = (Payload(robot), effect_types()["torque_offset"](robot))
     wide = Model(robot, (*model.effects, *own), gains=model.gains, changes=True)
@@ -310,14 +330,3 @@ def factor_of_loads(
         found.append(mass / x[0])
         information.append(x[0] ** 2 * data.own_torque[0] ** 2 / or_least(variance))
     return float(np.average(found, weights=information)), float(np.sum(information) ** -0.5)
-
-
-def words_of_scale(
-    known: Mapping[str, float], loads: Sequence[tuple[Source, float]], gauge: Mapping[str, float]
-) -> str:
-    """What set the scale; gauge : the gain that stands for it where nothing is known."""
-    said = [f"a load of {mass:g} kg" for _, mass in loads]
-    said += [f"{name} = {x:g}" for name, x in known.items()]
-    gain = ", ".join(f"{name} = {x:.4g}" for name, x in gauge.items())
-    none = f"unknown: all torques, masses and gains share one factor ({gain} if links weigh as stated)"
-    return ", ".join(said) or none

@@ -34,14 +34,7 @@ from sdp_vs_penalty.estimation.constants import (
     TURNS,
 )
 from sdp_vs_penalty.estimation.drive_torque import with_simulated_motion
-from sdp_vs_penalty.estimation.known_load import (
-    balanced,
-    constants_of_motors,
-    factor_of_known,
-    factor_of_loads,
-    factor_of_motors,
-    words_of_scale,
-)
+from sdp_vs_penalty.estimation.known_load import balanced, with_scale
 from sdp_vs_penalty.estimation.shape_constants import prior_deviation, with_sensitivities
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
@@ -65,16 +58,6 @@ LAWS = {
     )
     for more, also in (("", ()), (" with feed-forward", ("servo_feedforward",)))
 }
-
-
-@dataclass(frozen=True)
-class Law:
-    """name : of the law in LAWS; delay : of the command [s]; errors : held-out error of each law over
-    that of the best."""
-
-    name: str
-    delay: float
-    errors: dict[str, float]
 
 
 class _Terms(Effect):
@@ -129,8 +112,10 @@ def find_law(
     settings: Preprocessing,
     names: Sequence[str] = tuple(LAWS),
     delay: float | None = None,
-) -> Law:
-    """Of the laws among ``names`` whose held-out error is within one standard error of the least, by
+) -> tuple[str, float, dict[str, float]]:
+    """A servo's law, its delay [s], and the held-out error of each law over that of the best.
+
+    Of the laws among ``names`` whose held-out error is within one standard error of the least, by
     folds, or within what a law of friction gets wrong, the one with the fewest gains; friction may turn
     over several velocities meanwhile. delay : where it is known [s]; else it is as small as none unless
     without it much more is left of motion left out."""
@@ -155,7 +140,7 @@ def find_law(
             without = float(np.mean(_score(first, name, 0.0) - scores[name]))
             found = found if delay is not None or without > 2.0 * np.log(SEEN_DELAY) else 0.0
             ratios = {k: float(np.exp(0.5 * np.mean(s - scores[best]))) for k, s in scores.items()}
-            return Law(name, found, ratios)
+            return name, found, ratios
         about = found
         joints = _joints(wide, data, settings, about)
 
@@ -253,20 +238,26 @@ def servo_log(
             "this log holds neither torque nor commands", "log tau1..taun or qcmd1..qcmdn", data.names[0]
         )
     log = _Log(problem, data, settings, weighting)
-    load, drives = _parts(problem, effects, chosen)
+    drives = [e for e in effects if e.forward == "drive"]
+    load = tuple(e for e in effects if e.forward != "drive")
+    if not drives:  # kd and viscous friction have one column: kd is their sum
+        load = tuple(e for e in load if e.name != "viscous_friction")
+    if not chosen and "rotor_inertia" not in {e.name for e in load} and problem.robot.n > 1:
+        # A drive has a rotor. A single joint's cannot be told from what it moves.
+        load = (*load, effect_types()["rotor_inertia"](problem.robot))
     given = next((e.shape["T"] for e in drives if "T" in e.given), None)
     names = tuple(LAWS)
     if drives:
         own = {e.name for e in drives}
         names = tuple(name for name, law in LAWS.items() if set(law) == own) or names[-1:]
     progress("choosing the servo law")
-    law = find_law(load, data, settings, names, given)
-    own_drives = drives or [effect_types()[name](problem.robot) for name in LAWS[law.name]]
-    late = given is None and law.delay > 0.0
+    law, delay, errors = find_law(load, data, settings, names, given)
+    own_drives = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
+    late = given is None and delay > 0.0
     progress("balancing the gains")
-    shapes = log.shapes(log.balanced((*load, *own_drives), law.delay))
+    shapes = log.shapes(log.balanced((*load, *own_drives), delay))
     load = tuple(with_shapes(load, shapes))
-    model, least = log.balanced((*load, *own_drives), law.delay), np.inf
+    model, least = log.balanced((*load, *own_drives), delay), np.inf
     rows, used, motion = data, data, np.zeros(0)
     for k in range(SIMULATIONS if instruments else 1):
         better = log.later(model, rows) if late else model
@@ -281,27 +272,16 @@ def servo_log(
         model = better
         if instruments and error > before - np.log(FEWER_GAINS):
             break
-    assert model.reference is not None
-    scale, factor, error = dict(known) or dict(model.known), 1.0, 0.0
-    if motors := constants_of_motors(known, problem.robot):
-        factor = factor_of_motors(model, model.reference, data, motors, settings)
-    elif known:
-        factor = factor_of_known(model, compress(data, model, settings), model.reference, known)
-    if loads:
-        factor, error = factor_of_loads(model, model.reference, loads, settings)
-    if loads or motors:
-        scale = {name: factor * x for name, x in model.known.items()}
+    model, scale = with_scale(model, data, settings, known, loads)
     details = {
-        "law": "as given" if drives else law.name,
+        "law": "as given" if drives else law,
         "delay": model.effects[-1].shape["T"],
-        "held_out": law.errors,
+        "held_out": errors,
         "shapes": [s.to_dict() for s in shapes],
         "motion": motion.tolist(),
-        "known": scale,
-        "scale": words_of_scale(known, loads, model.known),
-        "scale_error": error,
+        **scale,
     }
-    return replace(model, known=scale, reference=factor * model.reference), used, details
+    return model, used, details
 
 
 def loop_beside_torque(
@@ -349,20 +329,6 @@ def loop_beside_torque(
         },
         "share": (1.0 - losses / or_least(rows.joint_losses(alone))).tolist(),
     }
-
-
-def _parts(
-    problem: Problem, effects: Sequence[Effect], chosen: bool
-) -> tuple[tuple[Effect, ...], list[Effect]]:
-    """The load, and the servo effects that are given."""
-    drives = [e for e in effects if e.forward == "drive"]
-    load = [e for e in effects if e.forward != "drive"]
-    if not drives:  # kd and viscous friction have one column: kd is their sum
-        load = [e for e in load if e.name != "viscous_friction"]
-    if not chosen and "rotor_inertia" not in {e.name for e in load} and problem.robot.n > 1:
-        # A drive has a rotor. A single joint's cannot be told from what it moves.
-        load.append(effect_types()["rotor_inertia"](problem.robot))
-    return tuple(load), drives
 
 
 @dataclass(frozen=True)

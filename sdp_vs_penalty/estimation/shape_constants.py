@@ -20,8 +20,7 @@ from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model, turning
 from sdp_vs_penalty.estimation.sandwich import white_variance
 from sdp_vs_penalty.estimators.estimator import joint_weights
-from sdp_vs_penalty.regression.bounded_least_squares import least_squares
-from sdp_vs_penalty.regression.partial import partialled, smallest
+from sdp_vs_penalty.regression.partial import least_squares, partialled, smallest
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
 

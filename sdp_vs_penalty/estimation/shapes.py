@@ -34,8 +34,7 @@ from sdp_vs_penalty.estimation.shape_constants import settled
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.regression.bounded_least_squares import least_squares
-from sdp_vs_penalty.regression.partial import UNSEEN, deviations, partialled, visible
+from sdp_vs_penalty.regression.partial import UNSEEN, deviations, least_squares, partialled, visible
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of

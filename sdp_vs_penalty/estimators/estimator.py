@@ -105,9 +105,7 @@ class Task:
 
     def minimum_thickness(self, radius: float) -> list[Constraint]:
         """Sigma_c >= m radius^2 1 for every link; nothing for radius 0."""
-        if radius <= 0.0:
-            return []
-        links = enumerate(self.links, start=1)
+        links = enumerate(self.links if radius > 0.0 else (), start=1)
         return [build.minimum_thickness(f"link {k}", indices, radius) for k, indices in links]
 
 
@@ -191,7 +189,7 @@ def make_task(
         plain = replace(plain, data=data, weights=weights)
     guessed = problem.guessed_links
     total = None if np.any(guessed) else float(nominal[plain.links[:, 0]].sum())
-    return replace(plain, prior=scaled_prior(plain, guessed), total=total)
+    return replace(plain, prior=_scaled_prior(plain, guessed), total=total)
 
 
 def with_plausible(data: LeastSquares, model: Model, oversampling: float) -> LeastSquares:
@@ -203,7 +201,7 @@ def with_plausible(data: LeastSquares, model: Model, oversampling: float) -> Lea
     return data.with_prior(model.plausible, oversampling * variance)
 
 
-def scaled_prior(task: Task, guessed: np.ndarray) -> np.ndarray:
+def _scaled_prior(task: Task, guessed: np.ndarray) -> np.ndarray:
     """(n, 10) nominal links, guessed masses times the one factor with which they fit the torque best:
     least squares in it and the joints' own parameters, the other links as stated.
 

@@ -73,14 +73,12 @@ class LmiSdp(Estimator):
             masses[0, task.links[:, 0]] = 1.0 / (self.total_spread * task.total)
             weight = self.entropy * sample_variance(task)
             data = data.observing(masses, np.array([1.0 / self.total_spread]), weight)
-        return Objective(data, self._entropy(task)), constraints
-
-    def _entropy(self, task: Task) -> Entropy | None:
-        if self.entropy <= 0.0 or not len(task.links):
-            return None
-        links = tuple(c for c in task.constraints.convex if c.family == "pseudo-inertia")
-        nominal = inertia.pseudo_inertia(task.prior_links)
-        return Entropy(self.entropy * sample_variance(task), links, nominal)
+        pull = None
+        if self.entropy > 0.0 and len(task.links):
+            links = tuple(c for c in task.constraints.convex if c.family == "pseudo-inertia")
+            nominal = inertia.pseudo_inertia(task.prior_links)
+            pull = Entropy(self.entropy * sample_variance(task), links, nominal)
+        return Objective(data, pull), constraints
 
 
 @dataclass(frozen=True)

@@ -33,14 +33,10 @@ class Ols(Estimator):
         return Fit(task.ols, Objective(task.data), task.constraints)
 
 
-def base_regressor(task: Task) -> Array:
-    """(r, b) compressed regressor W of the base parameters: W pi = R theta, W = R B^+."""
-    return task.data.R @ np.linalg.pinv(task.base)
-
-
 def condition_number(task: Task) -> float:
-    """Ratio of the extreme singular values of W; infinite where the data leave a direction open."""
-    singular = np.linalg.svd(base_regressor(task), compute_uv=False)
+    """Ratio of the extreme singular values of the base parameters' compressed regressor W = R B^+;
+    infinite where the data leave a direction open."""
+    singular = np.linalg.svd(task.data.R @ np.linalg.pinv(task.base), compute_uv=False)
     return float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf
 
 
@@ -52,7 +48,7 @@ def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
     oversampling and (W^T W) counts each of them that often. The residual is taken as white within
     the filters' band; where a model error dominates it, the true error is larger.
     """
-    w = base_regressor(task)
+    w = task.data.R @ np.linalg.pinv(task.base)
     degrees = max(task.data.rows / oversampling - visible(w)[0].shape[1], 1.0)
     return task.base @ task.ols, np.sqrt(task.data.loss(task.ols) / degrees) * deviations(w)
 

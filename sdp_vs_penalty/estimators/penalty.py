@@ -21,17 +21,20 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize
 
-from sdp_vs_penalty.estimators.barycentric import BarycentricPart, barycentric_box
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
+from sdp_vs_penalty.estimators.penalty_paper import barycentric_box
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
-from sdp_vs_penalty.regression.bounded_least_squares import in_turn
+from sdp_vs_penalty.regression.partial import in_turn
 from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import (
     Alike,
+    BarycentricBound,
     Constraint,
     ConstraintSet,
     project,
@@ -47,6 +50,58 @@ _FIRST_WEIGHT, _LARGEST_WEIGHT = 0.1, 1e10
 _STEPS = 300
 #: Weight of the pull to the last stage's x, in scaled units; each stage takes back what it cost.
 _PROXIMAL = 1e-6
+
+
+#: Bounds that are not convex are met by this much (relative), more than the final repair moves.
+_MARGIN = 1e-8
+
+
+@dataclass(frozen=True)
+class BarycentricPart:
+    """m sign (I_e - limit) >= 0 for entries e of inertia about links' centres of mass, with m I_e =
+    m J_e - h^T Q_e h: quadratic in x = theta / theta_scale, without a pole at m = 0."""
+
+    indices: NDArray[np.intp]  # (k, 10) of the link in x
+    forms: Array  # (k, 10, 10): F = u^T form u + slope u_0, u = x[indices]
+    slopes: Array  # (k,)
+    width: int
+    cone: str = "nonnegative"
+
+    @classmethod
+    def of(
+        cls, bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array
+    ) -> BarycentricPart:
+        """Of each finite end, a hair inside, and of about unit size at the reference (p,); without
+        I_xx >= 0, which P(theta) >= 0 contains."""
+        indices, forms, slopes = list[NDArray[np.intp]](), list[Array](), list[float]()
+        for b in bounds:
+            link, scale = reference[b.indices], theta_scale[b.indices]
+            moment, itself = link[[4, 6, 9]].sum(), np.trace(inertia.STEINER_FORMS[b.entry]) > 0.0
+            form = np.zeros((10, 10))
+            form[0, 4 + b.entry] = form[4 + b.entry, 0] = 0.5
+            form[1:4, 1:4] = -inertia.STEINER_FORMS[b.entry]
+            for sign, end in ((1.0, b.lower), (-1.0, b.upper)):
+                if np.isfinite(end) and not (itself and sign > 0.0 and end <= 0.0):
+                    limit = end + sign * _MARGIN * (moment + abs(end))
+                    factor = sign / (link[0] * (moment + abs(limit)))
+                    indices.append(b.indices)
+                    forms.append(form * factor * np.outer(scale, scale))
+                    slopes.append(-factor * limit * scale[0])
+        own = np.array(indices, np.intp).reshape(-1, 10), np.array(forms).reshape(-1, 10, 10)
+        return cls(*own, np.array(slopes), len(theta_scale))
+
+    def values(self, x: Array) -> Array:
+        """F(x), (k,)."""
+        u = x[self.indices]
+        return np.einsum("ki,kij,kj->k", u, self.forms, u) + self.slopes * u[:, 0]
+
+    def jacobian(self, x: Array) -> Array:
+        """dF/dx, (k, p)."""
+        out = np.zeros((len(self.indices), self.width))
+        local = 2.0 * np.einsum("kij,kj->ki", self.forms, x[self.indices])
+        local[:, 0] += self.slopes
+        out[np.arange(len(out))[:, None], self.indices] = local
+        return out
 
 
 @dataclass(frozen=True)
@@ -92,16 +147,49 @@ Part = AffinePart | BarycentricPart
 
 @dataclass(frozen=True)
 class ShiftedPenalty:
-    """L(x; S, w) with f(x) = |R x - rho|^2, all scaled; ``shifts`` has one array a part."""
+    """L(x; S, w) with f(x) = |R x - rho|^2, x = theta / theta_scale; losses and cones are of size one.
+
+    ``shifts`` has one array a part; received : convex, without what others imply."""
 
     R: Array
     rho: Array
     parts: tuple[Part, ...]
+    theta_scale: Array
+    loss_scale: float
+    received: ConstraintSet
+
+    @classmethod
+    def of(
+        cls, task: Task, data: LeastSquares, constraints: ConstraintSet, interior: Array
+    ) -> ShiftedPenalty:
+        """In units of what each parameter can be, of the cones at the interior point and of the loss."""
+        norms, size = data.column_norms, np.sqrt(data.tau_squared)
+        own = np.where((norms > 0.0) & (size > 0.0), size / or_one(norms), np.inf)
+        theta_scale = np.minimum(own, task.bound)
+        # The loss in units of its unconstrained minimum, so that weights mean the same everywhere.
+        loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
+        received = ConstraintSet(constraints.essential)
+        parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.groups]
+        if constraints.nonconvex:
+            parts.append(BarycentricPart.of(constraints.nonconvex, theta_scale, interior))
+        root = np.sqrt(loss_scale)
+        scaled = data.R * theta_scale / root, data.rho / root
+        return cls(*scaled, tuple(parts), theta_scale, loss_scale, received)
+
+    def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> list[Array]:
+        """The shifts as dual variables of the convex constraints, in units of loss per F."""
+        found: dict[Constraint, Array] = {}
+        # The groups are the first of the parts, in this order.
+        for group, part, shift in zip(self.received.groups, self.parts, shifts, strict=False):
+            assert isinstance(part, AffinePart)
+            for place, scale, multiplier in zip(group.places, part.scale, shift, strict=True):
+                found[self.received.convex[place]] = self.loss_scale * scale * multiplier
+        return constraints.filled(found)
 
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
         """Pi_K(S - w F(x)): the next shifts."""
-        pairs = zip(self.parts, shifts, strict=True)
-        return [project(part.cone, shift - weight * part.values(x)) for part, shift in pairs]
+        both = zip(self.parts, shifts, strict=True)
+        return [project(p.cone, shift - weight * p.values(x)) for p, shift in both]
 
     def rows(self, x: Array, shifts: Sequence[Array], weight: float) -> tuple[Array, Array]:
         """r (m,) with L = |r|^2 up to a constant, and J (m, p): 2 J^T r is L's gradient, and 2 J^T J an
@@ -201,15 +289,15 @@ def fit_penalty(
 ) -> Fit:
     """The best of several runs, each made feasible; raises InputError where nothing is feasible."""
     interior = interior_point(task, constraints)
-    scaled = ScaledProblem.of(task, data, constraints, interior)
+    penalty = ShiftedPenalty.of(task, data, constraints, interior)
     box, rng = barycentric_box(task), np.random.default_rng(task.seed)
     runs: list[dict[str, Any]] = []
     best: tuple[float, Array, list[Array]] | None = None
     for run in range(max(starts, 1)):
         random = box.theta(rng.uniform(box.lower, box.upper)) if run else interior
         start = repair(constraints, random, interior) if run else interior
-        x, shifts, spent = minimise(scaled.penalty, start / scaled.theta_scale, tolerance)
-        theta = feasible(constraints, scaled.theta_scale * x, interior)
+        x, shifts, spent = minimise(penalty, start / penalty.theta_scale, tolerance)
+        theta = feasible(constraints, penalty.theta_scale * x, interior)
         objective, violation = data.loss(theta), max(constraints.worst(theta).values(), default=0.0)
         found = {"loss": task.data.loss(theta), "objective": objective, "violation": violation}
         runs.append({**found, **spent})
@@ -222,7 +310,7 @@ def fit_penalty(
         task.progress(f"run {run + 1} of {starts}: best {least:.6g}, violation {violation:.1e}")
     assert best is not None
     _, theta, shifts = best
-    multipliers, details = scaled.multipliers(constraints, shifts), {"runs": runs}
+    multipliers, details = penalty.multipliers(constraints, shifts), {"runs": runs}
     return Fit(theta, Objective(data), constraints, multipliers, interior=interior, details=details)
 
 
@@ -237,41 +325,3 @@ def feasible(constraints: ConstraintSet, theta: Array, interior: Array) -> Array
         if all(bound.margin(point) >= 0.0 for bound in constraints.nonconvex):
             return point
     return repaired
-
-
-@dataclass(frozen=True)
-class ScaledProblem:
-    """The shifted penalty in variables and cones of about unit size, and the way back."""
-
-    penalty: ShiftedPenalty
-    theta_scale: Array
-    loss_scale: float
-    received: ConstraintSet  # convex, without what others imply
-
-    @classmethod
-    def of(
-        cls, task: Task, data: LeastSquares, constraints: ConstraintSet, interior: Array
-    ) -> ScaledProblem:
-        """In units of what each parameter can be, of the cones at the interior point and of the loss."""
-        norms, size = data.column_norms, np.sqrt(data.tau_squared)
-        own = np.where((norms > 0.0) & (size > 0.0), size / or_one(norms), np.inf)
-        theta_scale = np.minimum(own, task.bound)
-        # The loss in units of its unconstrained minimum, so that weights mean the same everywhere.
-        loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
-        received = ConstraintSet(constraints.essential)
-        parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.groups]
-        if constraints.nonconvex:
-            parts.append(BarycentricPart.of(constraints.nonconvex, theta_scale, interior))
-        root = np.sqrt(loss_scale)
-        penalty = ShiftedPenalty(data.R * theta_scale / root, data.rho / root, tuple(parts))
-        return cls(penalty, theta_scale, loss_scale, received)
-
-    def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> list[Array]:
-        """The shifts as dual variables of the convex constraints, in units of loss per F."""
-        found: dict[Constraint, Array] = {}
-        groups = self.received.groups  # the first of the parts, in this order
-        for group, part, shift in zip(groups, self.penalty.parts, shifts, strict=False):
-            assert isinstance(part, AffinePart)
-            for place, scale, multiplier in zip(group.places, part.scale, shift, strict=True):
-                found[self.received.convex[place]] = self.loss_scale * scale * multiplier
-        return constraints.filled(found)

@@ -21,16 +21,67 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.estimators.barycentric import BarycentricBox, barycentric_box
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import or_one
-from sdp_vs_penalty.robot.constraint import Alike
 from sdp_vs_penalty.solvers.objective import Objective
 
 #: What MATLAB's simulannealbnd, which the authors used, allows for 91 parameters in five steps.
 PAPER_BUDGET = 5 * 3000 * 91
+#: The authors' box for friction and offset parameters [N m, N m s / rad] (bounds of their one-step
+#: identification). Widened where a parameter must be larger to make the measured torque.
+JOINT_PARAMETER_RANGE = 100.0
+
+
+@dataclass(frozen=True)
+class BarycentricBox:
+    """Bounds of p (p,): each link's ten barycentric parameters in place of theta's, the rest as is."""
+
+    lower: Array
+    upper: Array
+    links: NDArray[np.intp]  # (n, 10)
+
+    def theta(self, p: Array) -> Array:
+        """Standard parameters of p: h = m c, J = I + m (c.c 1 - c c^T)."""
+        out = p.copy()
+        out[self.links] = inertia.standard_from_barycentric(p[self.links])
+        return out
+
+    def pull_back(self, p: Array, gradient: Array) -> Array:
+        """(d theta / d p)^T gradient."""
+        out, c, g = gradient.copy(), p[self.links[:, 1:4]], gradient[self.links]
+        across = np.einsum("ne,eij,nj->ni", g[:, 4:], inertia.STEINER_FORMS, c)  # half of d J / d(m c)
+        out[self.links[:, 0]] += np.sum(c * (g[:, 1:4] + across), axis=1)
+        out[self.links[:, 1:4]] = p[self.links[:, :1]] * (g[:, 1:4] + 2.0 * across)
+        return out
+
+    def p(self, theta: Array) -> Array:
+        """p of standard parameters, put inside the box (a massless link: its middle)."""
+        out = theta.copy()
+        out[self.links] = inertia.barycentric_from_standard(theta[self.links])
+        middle = 0.5 * (self.lower + self.upper)
+        return np.clip(np.where(np.isfinite(out), out, middle), self.lower, self.upper)
+
+
+def barycentric_box(task: Task) -> BarycentricBox:
+    """The problem's box; where it is open, what the problem implies (Task.bound).
+
+    Centres of mass: |c| <= largest |m c| / largest m; moments and products of inertia: the largest
+    moment about the frame. Joint parameters: their sign, and max(100, |tau| / |Y_k|) in SI units,
+    where |tau| / |Y_k| is the size at which parameter k alone makes all the measured torque.
+    """
+    norms, links = task.data.column_norms, task.links
+    alone = np.where(norms > 0.0, np.sqrt(task.data.tau_squared), 0.0) / or_one(norms)
+    upper = np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
+    lower = np.maximum(-upper, [parameter.lower for parameter in task.model.parameters])
+    implied = task.bound[links]
+    implied[:, 1:4] /= or_one(implied[:, :1])
+    low, (least, most) = -implied, np.moveaxis(task.box[: len(links)], 2, 0)
+    low[:, [0, 4, 6, 9]] = 0.0
+    lower[links] = np.where(np.isfinite(least), least, low)
+    upper[links] = np.where(np.isfinite(most), most, implied)
+    return BarycentricBox(lower, upper, links)
 
 
 @dataclass(frozen=True)
@@ -199,21 +250,19 @@ class PenalisedLoss:
             rows[np.arange(len(links))[:, None], links] = inertia.inertia_entries(dyads) * twice
             yield "triangle inequality", 0.5 * moments.sum(axis=1) - moments[:, 2], rows
         for family, stack in self.demands:
-            point = p.copy()
-            if family != "total mass":
+            point, total = p.copy(), family == "total mass"
+            if not total:
                 point[self.masses] = 1.0
-            margins, rows = _margins(stack, point)
-            if family != "total mass":
-                rows = np.where(np.isin(np.arange(rows.shape[1]), self.masses), 0.0, rows)
-            yield family, margins, rows
-
-
-def _margins(stack: Alike, point: Array) -> tuple[Array, Array]:
-    """Margins (k,) of linear or second-order constraints and their gradients (k, p')."""
-    values = stack.values(point)
-    rows = stack.matrix.reshape(*values.shape, -1)
-    if stack.cone == "nonnegative":
-        return values.ravel(), rows.reshape(values.size, -1)
-    norm = np.linalg.norm(values[:, 1:], axis=1)
-    unit = values[:, 1:] / or_one(norm)[:, None]
-    return values[:, 0] - norm, rows[:, 0] - np.einsum("gi,gip->gp", unit, rows[:, 1:])
+            values = stack.values(point)
+            margins, rows = values.ravel(), stack.matrix.reshape(*values.shape, -1)
+            if stack.cone == "nonnegative":
+                rows = rows.reshape(values.size, -1)
+            else:
+                norm = np.linalg.norm(values[:, 1:], axis=1)
+                unit = values[:, 1:] / or_one(norm)[:, None]
+                margins, rows = (
+                    values[:, 0] - norm,
+                    rows[:, 0] - np.einsum("gi,gip->gp", unit, rows[:, 1:]),
+                )
+            fixed = np.isin(np.arange(rows.shape[1]), self.masses) & (not total)
+            yield family, margins, np.where(fixed, 0.0, rows)

@@ -14,9 +14,7 @@ from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import TIGHT, repair
-from sdp_vs_penalty.solvers.conic import Solution
 from sdp_vs_penalty.solvers.identification import (
-    SdpProblem,
     largest_margin,
     least_squares_sdp,
     moving_scale,
@@ -215,7 +213,17 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
         theta = max((problem.theta(solution), nominal), key=constraints.depth)
         if constraints.depth(theta) > safe_depth(len(theta)):  # beyond what rounding decides
             return theta
-        _refuse_if_proved(task, constraints, problem, solution)
+        # The dual of the largest margin may prove that nothing satisfies all.
+        multipliers = constraints.filled(problem.multipliers(solution))
+        if proves_infeasible(constraints.convex, multipliers, task.bound):
+            families = conflicting(constraints.convex, problem.shares(solution))
+            what = f"{' and '.join(families)} exclude each other (from the infeasibility certificate)"
+            raise Infeasible(
+                f"The constraints admit no parameters: {what}",
+                "relax one of them",
+                families=families,
+                proof=(constraints.convex, multipliers),
+            )
         if solution.claims == "optimal":
             optimum = problem, solution
     if optimum is None:
@@ -233,34 +241,16 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
     )
 
 
-def _refuse_if_proved(
-    task: Task, constraints: ConstraintSet, problem: SdpProblem, solution: Solution
-) -> None:
-    """Raises Infeasible where the dual of the largest margin proves that nothing satisfies all."""
-    multipliers = constraints.filled(problem.multipliers(solution))
-    if proves_infeasible(constraints.convex, multipliers, task.bound):
-        families = conflicting(constraints.convex, problem.shares(solution))
-        what = f"{' and '.join(families)} exclude each other (from the infeasibility certificate)"
-        raise Infeasible(
-            f"The constraints admit no parameters: {what}",
-            "relax one of them",
-            families=families,
-            proof=(constraints.convex, multipliers),
-        )
-
-
 def conflicting(constraints: Sequence[Constraint], shares: Array) -> list[str]:
-    """The families, each with its links, that carry the proof that nothing satisfies all."""
+    """The families that carry the proof that nothing satisfies all: "mass (links 1, 2; robot)"."""
     families: dict[str, dict[str, float]] = {}
     for constraint, share in zip(constraints, shares, strict=True):
         if share > 1e-3 * shares.max():
             families.setdefault(constraint.family, {})[constraint.name] = float(share)
-    order = sorted(families, key=lambda family: -sum(families[family].values()))
-    return [f"{family} ({_listed(list(families[family]))})" for family in order]
-
-
-def _listed(names: Sequence[str]) -> str:
-    """link 1, link 2, robot -> links 1, 2; robot."""
-    links = [name.removeprefix("link ") for name in names if name.startswith("link ")]
-    together = [f"link{'s' if len(links) > 1 else ''} {', '.join(links)}"] if links else []
-    return "; ".join([*together, *(name for name in names if not name.startswith("link "))])
+    out = []
+    for family in sorted(families, key=lambda family: -sum(families[family].values())):
+        links = [k.removeprefix("link ") for k in families[family] if k.startswith("link ")]
+        said = [f"link{'s' if len(links) > 1 else ''} {', '.join(links)}"] if links else []
+        said += [name for name in families[family] if not name.startswith("link ")]
+        out.append(f"{family} ({'; '.join(said)})")
+    return out

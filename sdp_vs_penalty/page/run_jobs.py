@@ -18,8 +18,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.page.summary import placed, save_arrays
-from sdp_vs_penalty.problem.convert import convert
-from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.load import convert, load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import real_data_folder
 from sdp_vs_penalty.reports.plots import POINTS

@@ -1,4 +1,7 @@
-"""A problem from its name, a URDF file, or its folder: problem.toml, and the tables that it names."""
+"""A problem from its name, a URDF file, or its folder: problem.toml, and the tables that it names.
+
+And the verb ``convert``: measurements of another program, for the robot of a problem.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -9,6 +12,11 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.data.cli_parsing import numbers, pairs
+from sdp_vs_penalty.data.datasets import to_joints
+from sdp_vs_penalty.data.files import read_run, save
+from sdp_vs_penalty.data.formats.csv import read_headerless
+from sdp_vs_penalty.data.formats.recognition import scaled
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, given
 from sdp_vs_penalty.files import problems_folder, read_table, read_toml
 from sdp_vs_penalty.files.inputs import nameable
@@ -161,7 +169,13 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
     if nameable(path) and (path / "problem.toml").is_file():
         problem = read_toml(path / "problem.toml", partial(_from_toml, path))
     elif nameable(path) and path.is_file():
-        problem = _from_urdf(path)
+        robot, links = load_urdf(path)
+        box = open_box(robot.links, DEFAULT_LINK_MASS[0])
+        box[:, 0, 1] = default_mass(links[:, 0])
+        bodies = link_bodies(robot, box[:, 1:4], links, link_geometry(path))
+        nominal, sources = plausible_links(robot, links, bodies)
+        own = robot.name, f"{robot.name} from {path.name}", robot, box, nominal
+        problem = Problem(*own, bodies=bodies, nominal_from=sources)
     else:
         raise InputError(
             f"problem {str(source)!r} does not exist",
@@ -206,11 +220,54 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
     return _within_masses(replace(problem, box=box, total_mass=total))
 
 
-def _from_urdf(path: Path) -> Problem:
-    robot, given_links = load_urdf(path)
-    box = open_box(robot.links, DEFAULT_LINK_MASS[0])
-    box[:, 0, 1] = default_mass(given_links[:, 0])
-    bodies = link_bodies(robot, box[:, 1:4], given_links, link_geometry(path))
-    nominal, sources = plausible_links(robot, given_links, bodies)
-    title = f"{robot.name} from {path.name}"
-    return Problem(robot.name, title, robot, box, nominal, bodies=bodies, nominal_from=sources)
+def convert(
+    source: str | Path,
+    out: str | Path | None = None,
+    *,
+    problem: str | Path | Problem | None = None,
+    joints: Sequence[str] | None = None,
+    topic: str | None = None,
+    rename: Mapping[str, str] | None = None,
+    motors: str | Sequence[str] | bool = False,
+    rate: float | None = None,
+    scale: Mapping[str, str] | None = None,
+) -> Measurements:
+    """Read measurements of another program, and write them in the format of ``out``'s suffix.
+
+    source : a .csv, .npz, .mat, .parquet, .mcap or .bag file, or a ROS 2 bag's folder; out : .csv, .npz,
+        .parquet or .mat (default: nothing is written).
+    problem : the robot whose joint names choose the joints of a ROS bag; joints : these names, instead.
+    topic : the JointState topic, where a bag has several; rename : from t, q, dq, tau (or q1, ...) to
+        the names of the file's columns or variables.
+    motors : the channels were logged at the motors: each motor's position as a formula of the joints'
+        ("32 q5 + 32 q6"), several separated by commas or in a sequence, or True for the transmission of
+        ``problem``. The run is written on the joint side, which is what every other verb reads.
+        Columns of common loggers are recognised without it; ``{"q*": "actual_q_*"}`` names one a joint.
+    scale : what t, q, dq, tau are multiplied by: a unit (deg, ms, mNm), a number, or numbers joint by
+        joint separated by colons, as drive gains are.
+    rate : of a table without header and clock [Hz]: 3 n columns, q1..qn, dq1..dqn, tau1..taun.
+    Raises InputError for a file that cannot be read, or columns that are missing.
+    """
+    if joints is None and problem is not None:
+        joints = as_problem(problem, "convert(problem=...)").robot.joint_names
+    transmission = (
+        None
+        if motors is False or motors is True
+        else parse_transmission(motors.split(",") if isinstance(motors, str) else motors)
+    )
+    if motors is True and problem is not None:
+        transmission = as_problem(problem).robot.transmission
+    if motors is True and transmission is None:
+        raise InputError(
+            "no transmission is known",
+            "name a problem that has one, or write each motor's position, such as 50 q1,30 q2",
+            "convert(motors=True)",
+        )
+    run = read_headerless(source, rate) if rate else read_run(source, None, joints, topic, rename)
+    if scale:
+        run = scaled(run, scale)
+    if transmission is not None:
+        run = to_joints(run, transmission)
+    if out is not None:
+        save(run, out)
+    return run

@@ -44,6 +44,15 @@ def _pseudo_inertia_basis() -> Array:
     return basis
 
 
+def _steiner_forms() -> Array:
+    unit = np.eye(3)
+    dyads = [np.outer(unit[i], unit[j]) + np.outer(unit[j], unit[i]) for i, j in _ENTRIES]
+    return np.array([(i == j) * unit - 0.5 * dyad for (i, j), dyad in zip(_ENTRIES, dyads, strict=True)])
+
+
+#: Q (6, 3, 3), symmetric, with c^T Q_e c the entry e of c.c 1 - c c^T, in our order (Steiner): about the
+#: centre of mass I_e = J_e - m c^T Q_e c = J_e - h^T Q_e h / m with h = m c.
+STEINER_FORMS = _steiner_forms()
 #: P(theta) = sum_k theta_k PSEUDO_INERTIA_BASIS[k]; shape (10, 4, 4).
 PSEUDO_INERTIA_BASIS = _pseudo_inertia_basis()
 
@@ -81,13 +90,6 @@ def inertia_entries(matrix: ArrayLike) -> Array:
     """Six entries in our order, shape (..., 6), of a symmetric inertia, shape (..., 3, 3)."""
     m = np.asarray(matrix, float)
     return np.stack([m[..., i, j] for i, j in _ENTRIES], axis=-1)
-
-
-def steiner_forms() -> Array:
-    """Q (6, 3, 3), symmetric, with c^T Q_e c the entry e of c.c 1 - c c^T, in our order."""
-    unit = np.eye(3)
-    dyads = [0.5 * (np.outer(unit[i], unit[j]) + np.outer(unit[j], unit[i])) for i, j in _ENTRIES]
-    return np.array([unit[i, j] * unit - dyad for (i, j), dyad in zip(_ENTRIES, dyads, strict=True)])
 
 
 def _parallel_axis(mass: Array, c: Array) -> Array:

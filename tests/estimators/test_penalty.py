@@ -10,9 +10,9 @@ from random_robots import link_parameters, open_problem, posed_task, sines, tree
 from sdp_vs_penalty import Measurements, Problem, load_measurements
 from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimators import LmiSdp, PenaltyPaper, Task, interior_point, make_estimator
-from sdp_vs_penalty.estimators.barycentric import barycentric_box
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
-from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyTwoStep, ScaledProblem
+from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyTwoStep, ShiftedPenalty
+from sdp_vs_penalty.estimators.penalty_paper import barycentric_box
 from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]
@@ -90,9 +90,9 @@ def test_slopes_and_curvatures_are_those_of_the_penalty(name, request):
     task = task_named(name, request)
     demands = Penalty().demands(task)
     inside = interior_point(task, demands)
-    scaled = ScaledProblem.of(task, task.data, demands, inside)
-    penalty, rng, weight, h = scaled.penalty, np.random.default_rng(1), 0.7, 1e-5
-    x = inside / scaled.theta_scale
+    penalty = ShiftedPenalty.of(task, task.data, demands, inside)
+    rng, weight, h = np.random.default_rng(1), 0.7, 1e-5
+    x = inside / penalty.theta_scale
     at = [part.values(x) for part in penalty.parts]
     whole = penalty.rows(x, [2.0 * weight * f for f in at], weight)[1]
     size = whole.T @ whole
@@ -112,7 +112,7 @@ def test_slopes_and_curvatures_are_those_of_the_penalty(name, request):
     J = penalty.rows(x, shifts, weight)[1] @ axes
     np.testing.assert_allclose(2.0 * J.T @ J, numeric, atol=1e-4)
     beyond = sum(np.sum(z**2) for z in penalty.shifted(x, shifts, weight))
-    loss = (task.data.loss(inside) - task.data.residual_norm**2) / scaled.loss_scale
+    loss = (task.data.loss(inside) - task.data.residual_norm**2) / penalty.loss_scale
     assert value == pytest.approx(loss + beyond / (2.0 * weight), rel=1e-9)
 
 

@@ -43,7 +43,7 @@ def verb(
     --rate: Rate [Hz] of a table without header: q1..qn, dq1..dqn, tau1..taun.
     """
     from sdp_vs_penalty import formatting
-    from sdp_vs_penalty.problem.convert import convert
+    from sdp_vs_penalty.problem.load import convert
 
     names = joints.split(",") if joints else None
     run = convert(
