@@ -231,7 +231,7 @@ def with_scale(
     the scale in words, and its relative standard deviation.
 
     model : up to a factor, its strongest gain given; known : parameters by name, or constants of motors,
-    kt1 [N m/A] and ku1 [N m/V]; loads : further runs, each with the mass [kg] that the last link carried.
+    kt1 [N m/A] and ku1 [N m/V]; loads : further runs, each with the mass [kg] on the last link.
     Raises InputError for what sets no scale.
     """
     theta, factor, error, given = model.reference, 1.0, 0.0, dict(known) or dict(model.known)

@@ -233,8 +233,9 @@ def separate(
         )
     usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
     default = float(np.median([told.distance(told.motion(s, duration)) for s in usual]))
-    figures = [of(x, duration) for of in (told.right, told.needed) for x in (value, default)]
-    return Separation(trajectory, value, default, *figures, told.scale, free is not None)
+    right, seconds = ([of(x, duration) for x in (value, default)] for of in (told.right, told.needed))
+    told_of = right[0], right[1], seconds[0], seconds[1], told.scale, free is not None
+    return Separation(trajectory, value, default, *told_of)
 
 
 #: Points (W, n), slowness (W - 1,) of each move over the fastest, pauses (W,) [s].

@@ -261,7 +261,7 @@ def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[An
     carried: set[str] = set()
     for element in root.findall("joint"):
         name, ends = element.get("name"), [element.find(which) for which in ("parent", "child")]
-        parent, child = (None if end is None else end.get("link") for end in ends)
+        parent, child = ("" if end is None else str(end.get("link", "")) for end in ends)
         for link in (parent, child):
             if link not in links:
                 raise reader.fail(f"joint {name!r} names link {link!r}, which is not in the file")

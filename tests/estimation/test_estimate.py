@@ -1,7 +1,7 @@
-"""The saved estimate: the same torques to the last bit, valid JSON, spreads that are true."""
+"""The saved estimate: the same torques to the last bit, valid JSON, and who decides each parameter."""
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
@@ -9,27 +9,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_robots import link_parameters, open_problem, repeating_run, sines, tree
+from random_arms import SCARA_FRICTION, SCARA_NOISE, run_of
+from random_robots import link_parameters, open_problem, posed_task, repeating_run, sines, tree
 
-from sdp_vs_penalty import Estimate, Problem, add, compare, identify, load_estimate
+from sdp_vs_penalty import Estimate, InputError, Problem, add, compare, export, identify, load_estimate
 from sdp_vs_penalty.effects import Motion, effect_types
+from sdp_vs_penalty.estimation.identify import from_data
+from sdp_vs_penalty.estimation.uncertainty import Interval
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.regression import LeastSquares
 
 seeds = st.integers(0, 2**32 - 1)
 
-FIELDS = {
-    "name",
-    "value",
-    "unit",
-    "std",
-    "lower",
-    "upper",
-    "verdict",
-    "effect",
-    "joint",
-    "nominal",
-    "source",
-}
+FIELDS = {f.name for f in fields(Interval)} | {"effect", "joint", "nominal", "source"}
 
 
 def random_problem(rng: np.random.Generator, n: int) -> Problem:
@@ -99,16 +91,12 @@ def test_the_file_holds_what_was_promised(two_link, tmp_path):
         *("m2", "mx2", "my2", "mz2"),
         *("Ixx2", "Ixy2", "Iyy2", "Ixz2", "Iyz2", "Izz2"),
     ]
-    assert {p["joint"] for p in parameters[10:20]} == {2}
-    assert [p["unit"] for p in parameters[10:12]] == ["kg", "kg*m"]
-    assert data["method"] == "lmi-sdp"
-    assert data["provenance"]["seed"] == 12
-    assert data["provenance"]["data_hash"] == run.data_hash
-    assert {"numpy", "scipy", "pin", "python", "sdp_vs_penalty"} <= set(data["provenance"]["versions"])
-    assert data["settings"]["weighting"] == "noise"
-    assert data["settings"]["entropy"] == LmiSdp.entropy
-    assert data["robot"]["gravity"] == [0.0, 0.0, -9.81]
-    assert set(data["preprocessing"]) == {"state_cutoff", "torque_cutoff", "standstill"}
+    assert {(p["joint"], p["unit"]) for p in parameters[10:12]} == {(2, "kg"), (2, "kg*m")}
+    assert (data["method"], data["robot"]["gravity"]) == ("lmi-sdp", [0.0, 0.0, -9.81])
+    made = data["provenance"]
+    assert (made["seed"], made["data_hash"]) == (12, run.data_hash)
+    assert {"numpy", "scipy", "pin", "python", "sdp_vs_penalty"} <= set(made["versions"])
+    assert data["settings"] | {"weighting": "noise", "entropy": LmiSdp.entropy} == data["settings"]
     assert {"violations", "loss", "upper", "lower", "gap"} <= set(data["certificate"])
     names = [p["name"] for p in parameters]
     seen = data["covariance"]["parameters"]
@@ -130,3 +118,48 @@ def test_a_file_without_the_training_motion_loads_and_says_so(two_link, tmp_path
     bigger = add(estimate, "joint_spring:1", noisy_run(two_link, 2), frozen=True)
     assert compare(bigger, run)[0].new_motion_share == 0.0
     assert "the model does not record its own" in repr(judged)
+
+
+def test_what_the_data_tell_is_free_of_units(scara_arm):
+    """What no torque shows is the prior's, what is measured again and again the data's."""
+    task = posed_task(scara_arm, run_of(scara_arm, SCARA_FRICTION, SCARA_NOISE, seconds=8.0))
+    names = [p.name for p in task.model.parameters]
+    told = from_data(task, np.eye(len(names)))
+    # The first axis is vertical: neither weight nor tilting moments of link 1 make torque.
+    assert not told[[names.index(name) for name in ("m1", "mz1", "Ixx1", "Iyz1")]].any()
+    assert told[[names.index(f"f_v{j}") for j in (1, 2, 3)]].all()
+    data = task.data
+    scaled = LeastSquares(
+        1e3 * data.R, 1e3 * data.rho, 1e3 * data.residual_norm, 1e6 * data.tau_squared, data.rows
+    )
+    assert np.array_equal(from_data(replace(task, data=scaled), np.eye(len(names))), told)
+
+
+def test_a_model_says_who_decides_and_export_what_is_implausible(scara_arm, tmp_path):
+    run = run_of(scara_arm, SCARA_FRICTION, SCARA_NOISE)
+    made = identify(scara_arm, run)
+    made.save(tmp_path / "model.json")
+    names = [p.name for p in made.model.parameters]
+    sources = dict(zip(names, load_estimate(tmp_path / "model.json").sources, strict=True))
+    assert sources["m1"] == "prior"
+    assert sources["f_v1"] == "data"
+    base = made.details["base_parameters"]
+    assert sum(b["source"] == "data" for b in base) > len(base) / 2
+    entry = made.to_dict()["parameters"][0]
+    assert (entry["name"], entry["source"]) == ("m1", "prior")
+    assert entry["nominal"] == pytest.approx(8.0)
+    # One sentence names the links that are not weighed, and a mass that is far from its nominal value.
+    assert "link" in made.unweighed
+    heavy = np.where([name == "m1" for name in names], 40.0, made.theta)
+    assert "far from nominal: 40 kg for 8 (link 1)" in replace(made, theta=heavy).unweighed
+    export(made, tmp_path / "arm.urdf")
+    # A mass of a milligram with the same moments: consistent, and nowhere near the arm.
+    theta = made.theta.copy()
+    theta[:4] *= 1e-6
+    wide = replace(made, theta=theta)
+    with pytest.raises(InputError, match=r"link 1.*implausible.*--force"):
+        export(wide, tmp_path / "wide.urdf")
+    assert not (tmp_path / "wide.urdf").exists()
+    export(wide, tmp_path / "wide.urdf", force=True)
+    loose = identify(scara_arm, run, "lmi-sdp-plain")
+    assert "bounds" in loose.sources

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty import Measurements, Problem, load_problem
+from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.effects import Model, Motion
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.uncertainty import (
@@ -17,7 +17,7 @@ from sdp_vs_penalty.estimators import make_task
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot import inertia, random_trajectory
-from sdp_vs_penalty.simulation import Sensor, experiment
+from sdp_vs_penalty.simulation import Sensor
 from sdp_vs_penalty.simulation.experiments import simulate
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
@@ -78,28 +78,6 @@ def test_what_cannot_be_seen_is_said(two_link):
         assert verdicts[name].lower < verdicts[name].value < verdicts[name].upper
     assert sum(counts(known.base).values()) == len(known.base) == 8 + 6
     assert counts(known.base)[NOT_SEEN] == 0
-
-
-def test_rotors_count_with_the_inertia_that_they_cannot_be_told_from():
-    problem = load_problem("ur10e")
-    run = experiment(problem).training_run(0)
-    model = problem.model()
-    known = told(problem, model, run)
-    # Six rotors and 60 link parameters: a rank of 40 by the robot's own structure.
-    rng = np.random.default_rng(5)
-    q, dq, ddq = rng.normal(size=(3, 200, 6))
-    pair = Model(
-        problem.robot, tuple(e for e in model.effects if e.name in ("rigid_body", "rotor_inertia"))
-    )
-    columns = pair.columns(Motion(np.zeros(200), q, dq, ddq))
-    wide = np.vstack([block.wide(len(pair.parameters)) for block in columns])
-    rank = int(np.linalg.matrix_rank(wide, tol=1e-8 * np.linalg.norm(wide, 2)))
-    assert len(known.base) == rank + 18
-    assert counts(known.base)[NOT_SEEN] == 0
-    # The rotor of joint 1 turns as its link does: neither is seen alone, whatever grid columns are on.
-    alone = {i.name: i.verdict for i in known.standard}
-    assert alone["I_a1"] == alone["Izz1"] == NOT_SEEN
-    assert sum(np.isinf(i.lower) for i in known.standard) == 42
 
 
 def test_the_band_holds_torques_of_another_motion(two_link):

@@ -263,23 +263,6 @@ def test_real_arms_weigh_about_what_their_makers_say(data_folder, name, maker, k
     assert 1.0 / 1.5 < total / maker < 1.5
 
 
-@pytest.fixture(scope="module")
-def real_task(panda: Problem, panda_run: Measurements) -> Task:
-    return posed_task(panda, panda_run.window(0.0, 14.0))
-
-
-@pytest.mark.real_data
-def test_the_real_runs_rank_is_that_of_the_paper(panda, real_task):
-    """43 base parameters and 21 of friction and offset, all excited."""
-    data = real_task.data
-    assert real_task.base.shape == (64, 91)
-    norms = np.where(data.column_norms > 0.0, data.column_norms, 1.0)
-    s = np.linalg.svd(data.R / norms, compute_uv=False)
-    assert int(np.sum(s > 1e-9 * s[0])) == 64
-    assert s[63] > 1e3 * s[64]
-    assert panda.robot.n == 7
-
-
 #: Mass in kg and length in metres of one unit: SI, grams and millimetres, tons and kilometres.
 UNITS = ((1.0, 1.0), (1e-3, 1e-3), (1e3, 1e3))
 COMMON = ("viscous_friction", "coulomb_friction", "torque_offset")

@@ -64,17 +64,6 @@ def test_a_consistent_model_from_a_black_box(two_link):
     np.testing.assert_allclose(base @ estimate.theta, truth, atol=1e-4)
 
 
-def test_it_reads_back_from_files(panda, tmp_path):
-    box, file = answers(panda, 20), tmp_path / "box.npz"
-    np.savez(file, q=box.q, gravity=box.gravity, mass_matrix=box.mass_matrix)
-    again = load_answers([file], joints=7)
-    assert again.data_hash == box.data_hash
-    identify(panda, again, "reverse-engineering").save(tmp_path / "model.json")
-    estimate = load_estimate(tmp_path / "model.json")
-    assert estimate.provenance["samples"] == 20
-    assert estimate.method == "reverse-engineering"
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -1,11 +1,14 @@
-"""Kinematics and rigid-body dynamics: against Pinocchio's RNEA and against virtual work."""
+"""Rigid-body dynamics against Pinocchio's RNEA and virtual work; the exciting trajectory."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, tree, uicker_torques
 
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty import InputError, Problem, load_problem
+from sdp_vs_penalty.robot import FourierTrajectory, Robot, joint_limits, random_trajectory
+from sdp_vs_penalty.simulation import experiment
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=30, deadline=None, derandomize=True)
@@ -56,25 +59,49 @@ def test_masses_of_least_squares_may_be_negative(seed):
         np.testing.assert_allclose(by[:, :, 0], slope, atol=1e-5 * (np.abs(slope).max() + scale))
 
 
-def test_dh_conventions_place_the_same_arm():
-    """A planar 2R written in both conventions: the tip of the second link at the same place."""
-    standard = Robot.from_dh("s", [0.7, 0.4], [0.0, 0.0], [0.0, 0.0], "standard")
-    modified = Robot.from_dh("m", [0.0, 0.7], [0.0, 0.0], [0.0, 0.0], "modified")
-    for arm, origins in ((standard, [[0.7, 0, 0], [1.1, 0, 0]]), (modified, [[0, 0, 0], [0.7, 0, 0]])):
-        first, second = arm.joints
-        poses = (first.placement, first.placement @ second.placement)
-        links = [(pose @ j.link_frame)[:3, 3] for pose, j in zip(poses, arm.joints, strict=True)]
-        np.testing.assert_allclose(links, origins, atol=1e-15)
-    # A point mass at each link's tip: at the standard frame's origin, 0.4 m along x in Craig's.
-    at_origin = np.zeros((2, 10))
-    at_origin[:, 0] = 1.0
-    along_x = np.zeros((2, 10))
-    for row, x in zip(along_x, (0.7, 0.4), strict=True):
-        row[[0, 1, 6, 9]] = 1.0, x, x**2, x**2
-    state = np.random.default_rng(0).normal(size=(3, 5, 2))
-    gravity = (1.0, -9.0, 2.0)
-    torques = [
-        Robot(robot.name, robot.joints, gravity).regressor(*state) @ theta.ravel()
-        for robot, theta in ((standard, at_origin), (modified, along_x))
-    ]
-    np.testing.assert_allclose(torques[0], torques[1], atol=1e-12)
+@pytest.fixture(scope="module")
+def paper(panda: Problem) -> FourierTrajectory:
+    return experiment(panda).trajectory
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_velocity_and_acceleration_are_the_derivatives(seed):
+    trajectory = random_trajectory(load_problem("panda").robot, seed)
+    h = 1e-5
+    joins = np.array([trajectory.blend, trajectory.duration - trajectory.blend])
+    t = np.random.default_rng(seed).uniform(h, trajectory.duration - h, 200)
+    t = t[np.abs(t[:, None] - joins).min(axis=1) > h]  # ddq jumps there
+    _, dq, ddq = trajectory.states(t)
+    before, after = trajectory.states(t - h), trajectory.states(t + h)
+    np.testing.assert_allclose(dq, (after[0] - before[0]) / (2 * h), atol=1e-8)
+    np.testing.assert_allclose(ddq, (after[1] - before[1]) / (2 * h), atol=1e-7)
+
+
+def test_it_starts_and_ends_at_rest_and_stays_there(paper):
+    q, dq, ddq = paper.states([-1.0, 0.0, 21.0, 30.0])
+    assert np.all(dq == 0.0)
+    assert np.all(ddq == 0.0)
+    np.testing.assert_allclose(q[:2], np.tile(paper.start, (2, 1)), atol=1e-15)
+    np.testing.assert_array_equal(q[2], q[3])
+
+
+def test_random_trajectories_stay_inside_range_and_velocity_limits(panda):
+    lower, upper, velocity = joint_limits(panda.robot)
+    for seed in range(20):
+        q, dq, _ = random_trajectory(panda.robot, seed).states(np.linspace(0.0, 10.0, 4001))
+        assert np.all((q >= lower) & (q <= upper))
+        assert np.all(np.abs(dq) <= velocity)
+        filled = np.maximum(
+            np.ptp(q, axis=0) / (upper - lower) / 0.8, np.abs(dq).max(axis=0) / velocity / 0.6
+        )
+        np.testing.assert_allclose(filled, 1.0, rtol=1e-3)
+    assert random_trajectory(panda.robot, 0).duration == 10.0
+    first, again = (random_trajectory(panda.robot, 3).states([4.0])[0] for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    assert not np.allclose(first, random_trajectory(panda.robot, 4).states([4.0])[0])
+
+
+def test_a_duration_without_room_for_the_blends_is_refused():
+    with pytest.raises(InputError, match="above twice the blend"):
+        FourierTrajectory(np.ones((1, 1)), np.ones((1, 1)), np.zeros(1), 1.0, 0.5, 1.0)
