@@ -6,73 +6,46 @@ next. Three significant digits, units in the headings.
 
 import json
 import math
-import os
 import shlex
-import shutil
-import sys
-import textwrap
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import zip_longest
 from pathlib import Path
-from typing import TextIO
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
 from sdp_vs_penalty.files import write_text
 
-#: How a terminal is told of a style (ECMA-48).
-STYLES = {"bold": "1", "dim": "2", "italic": "3", "red": "31", "yellow": "33"}
-
-
-def width() -> int:
-    """Characters of a line: the terminal's, or 80."""
-    return shutil.get_terminal_size().columns
-
-
-def _watched(stream: TextIO | None) -> bool:
-    return stream is not None and stream.isatty() and os.environ.get("TERM") != "dumb"
-
-
-def styled(text: str, style: str | None) -> str:
-    """A text in one of STYLES, where a terminal shows it."""
-    plain = style is None or "NO_COLOR" in os.environ or not _watched(sys.stdout)
-    return text if plain else f"\x1b[{STYLES[style or 'bold']}m{text}\x1b[0m"
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
 
 
 @contextmanager
 def progress(start: str) -> Iterator[Callable[[str], None]]:
     """A line on stderr that says where a long computation stands; silent where nobody watches."""
-
-    def tell(text: str) -> None:  # what is written next takes its place
-        if _watched(sys.stderr):
-            print(f"\x1b[K{text[: width() - 1]}", end="\r", file=sys.stderr, flush=True)
-
-    tell(start)
-    try:
-        yield tell
-    finally:
-        tell("")
+    if not err.is_terminal:
+        yield lambda _: None
+        return
+    with err.status(escape(start)) as status:
+        yield lambda text: status.update(escape(text))
 
 
 def say(text: str, style: str | None = None) -> None:
-    """A line on stdout, to be copied or searched: not broken."""
-    print(styled(text, style))
+    """A line on stdout, to be copied or searched: not broken, no markup."""
+    out.print(text, style=style, markup=False, soft_wrap=True)
 
 
 def explain(text: str) -> None:
     """Sentences on stdout, broken between words at the terminal's width."""
-    for line in _broken(text, width()):
-        print(line)
+    out.print(text, markup=False)
 
 
 def warn(text: str) -> None:
     """A sentence on stderr, as it is."""
-    print(text, file=sys.stderr)
-
-
-def _broken(text: str, most: int, fold: bool = False) -> list[str]:
-    """Lines of at most ``most`` characters, broken between words; fold : and inside of longer words."""
-    wrap = textwrap.TextWrapper(most, break_long_words=fold, break_on_hyphens=False).wrap
-    return [x for line in text.split("\n") for x in (wrap(line) if len(line) > most else [line])]
+    err.print(text, markup=False, soft_wrap=True)
 
 
 def written(path: str | Path, note: str = "") -> None:
@@ -103,39 +76,31 @@ def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], wo
     """A table of figures under its title: the first ``words`` columns hold words, the others numbers."""
     if title:
         say(title, style="italic")
-    _print([headings, *rows], range(1, words), range(words, len(headings)))
+    sides = ["left" if k < words else "right" for k in range(len(headings))]
+    whole = [not 0 < k < words for k in range(len(headings))]
+    _print(map(escape, headings), rows, justify=sides, no_wrap=whole)
 
 
 def listing(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A table of words, whose first column is never wrapped: it holds the names to type."""
-    _print([headings, *rows], range(1, len(headings)))
+    _print(headings, rows, no_wrap=[k == 0 for k in range(len(headings))], overflow=["fold"] * 99)
+
+
+def _print(headings: Iterable[str], rows: Sequence[Sequence[str]], **settings: Sequence[Any]) -> None:
+    """A table; settings : of rich's columns, one each."""
+    made = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+    for k, heading in enumerate(headings):
+        made.add_column(heading, **{name: values[k] for name, values in settings.items()})
+    for row in rows:
+        made.add_row(*map(escape, row))
+    out.print(made)
 
 
 def details(headings: Sequence[str], row: Sequence[str]) -> None:
     """Names and texts, a line each; empty texts are left out."""
-    _print([pair for pair in zip(headings, row, strict=True) if pair[1]], [1], ruled=False)
-
-
-def _print(
-    rows: Sequence[Sequence[str]],
-    wrapped: Sequence[int],
-    right: Container[int] = (),
-    ruled: bool = True,
-) -> None:
-    """Rows of cells, columns side by side; wrapped : columns that are broken where lines are too long,
-    none to less than half of its even share; right : columns of figures; ruled : the first row holds
-    headings."""
-    widths, most = [max(map(len, column)) for column in zip(*rows, strict=True)], width()
-    while (whole := sum(widths) + 2 * len(widths) - 2) > most and (
-        loose := [k for k in wrapped if 2 * len(widths) * widths[k] > most]
-    ):
-        widths[max(loose, key=widths.__getitem__)] -= 1
-    utf8 = str(getattr(sys.stdout, "encoding", "utf-8")).lower().startswith("utf")
-    for number, row in enumerate(rows):
-        cells = [_broken(cell, own, fold=True) for cell, own in zip(row, widths, strict=True)]
-        for line in zip_longest(*cells, fillvalue=""):
-            placed = zip(line, widths, range(len(widths)), strict=True)
-            told = (x.rjust(own) if k in right else x.ljust(own) for x, own, k in placed)
-            print("  ".join(told).rstrip())
-        if ruled and number == 0:
-            print(("─" if utf8 else "-") * whole)
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(no_wrap=True)
+    for heading, cell in zip(headings, row, strict=True):
+        if cell:
+            grid.add_row(heading, escape(cell))
+    out.print(grid)

@@ -15,6 +15,7 @@ from commands import HOME, PROGRAM, python, run_cli
 from small_runs import write_run
 
 from sdp_vs_penalty import Problem, __version__, load_estimate
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.verbs.list import Kind, listing
 from sdp_vs_penalty.effects import effect_types
 
@@ -97,7 +98,7 @@ def test_the_programs_own_words(run):
 
 
 def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(run, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(console.out, "_width", 80)
     code, out, _ = run("list", "effects")
     assert code == 0
     names = [row[0] for row in listing("effects")[1]]

@@ -85,12 +85,15 @@ def _beside(data: Sequence[Path]) -> Path:
 
 
 def _show(report: Report, verbose: bool) -> None:
+    from rich.markup import escape
+
     colours = {"error": "red", "warning": "yellow", "note": "dim"}
     console.say(report.verdict, style="bold")
     for f in report.issues:
         if f.kind == "not visible" and not verbose:
             continue
-        console.say(f"  {console.styled(f.severity, colours[f.severity])} {f.kind} ({f.where})")
+        word = f"[{colours[f.severity]}]{f.severity}[/]"
+        console.out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
         fixed = " (--fix does it)" if f.mends else ""
         for text in (f.what, f"How sure: {f.certainty}.", f"What to do: {f.remedy}{fixed}."):
             console.say(f"    {text}")

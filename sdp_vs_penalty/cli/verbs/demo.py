@@ -33,7 +33,7 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     said = changes(before.rmse, after.rmse, after.noise_floor)
     console.explain(said or "No joint's error changed.")
     if after.noise_floor is not None:
-        largest, wide = before.rmse[j] / after.noise_floor[j], console.width() // 2
+        largest, wide = before.rmse[j] / after.noise_floor[j], console.out.width // 2
         for name, result in (("before", before), ("after", after)):
             ratio = result.rmse[j] / after.noise_floor[j]
             bar = "#" * max(1, round(wide * ratio / largest))
