@@ -63,21 +63,22 @@ def still(q: Array) -> NDArray[np.bool_]:
     at the same place would stay within the resolution of the positions."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-    out = np.zeros(q.shape, bool)
+    out = np.zeros(q.shape[::-1], bool)
     if len(q) < 16:
-        return out
-    alike, half, each = resolution(q), 1, np.arange(len(q))
-    joints = np.arange(q.shape[1])  # that were quiet for as long as was looked at
+        return out.T
+    alike, half = resolution(q), 1
+    joints, own = np.arange(q.shape[1]), np.ascontiguousarray(q.T)
     while half < _LONGEST * len(q) and len(joints):
-        width, own = 2 * half + 1, q[:, joints]
-        top, bottom = (f(own, width, axis=0) for f in (maximum_filter1d, minimum_filter1d))
-        quiet = top - bottom <= 2.0 * alike[joints]
-        aside = (own[np.clip(each + side, 0, len(q) - 1)] for side in (-3 * half, 3 * half))
-        far = np.max([np.abs(x - own) for x in aside], axis=0) > _TURNS * alike[joints]
-        stood = (quiet & far).astype(np.uint8)
-        out[:, joints] |= maximum_filter1d(stood, width, axis=0, mode="constant") > 0
-        joints, half = joints[quiet.any(axis=0)], max(half + 1, 3 * half // 2)  # else nor in longer ones
-    return out
+        width = 2 * half + 1
+        quiet = maximum_filter1d(own, width) - minimum_filter1d(own, width) <= 2.0 * alike[joints, None]
+        some = quiet.any(axis=1)  # the others are not quiet for longer either
+        joints, own, quiet = joints[some], own[some], quiet[some]
+        ends = np.pad(own, ((0, 0), (3 * half, 3 * half)), mode="edge")
+        aside = np.maximum(np.abs(ends[:, : -6 * half] - own), np.abs(ends[:, 6 * half :] - own))
+        stood = (quiet & (aside > _TURNS * alike[joints, None])).astype(np.uint8)
+        out[joints] |= maximum_filter1d(stood, width, mode="constant") > 0
+        half = max(half + 1, 3 * half // 2)
+    return out.T
 
 
 def resolution(q: Array) -> Array:
