@@ -236,7 +236,7 @@ class ConstraintSet:
 
     def filled(self, multipliers: Mapping[Constraint, Array]) -> list[Array]:
         """Of each convex one its multiplier; zero for those that were left out."""
-        return [multipliers.get(c, np.zeros_like(c.constant)) for c in self.convex]
+        return [multipliers[c] if c in multipliers else np.zeros_like(c.constant) for c in self.convex]
 
     def plus(self, more: Sequence[Constraint]) -> ConstraintSet:
         """These and further ones."""

@@ -64,10 +64,12 @@ def dual_evidence(
     """
     data, slopes = objective.least_squares, entropy_slopes
     if objective.entropy is not None:
-        inverse = np.linalg.inv(np.array([link.value(theta) for link in objective.entropy.links]))
-        slopes = inverse if slopes is None else slopes
-        definite = np.linalg.eigvalsh(slopes)[:, 0] > 0.0
-        slopes = np.where(definite[:, None, None], slopes, inverse)
+        own = np.zeros_like(objective.entropy.nominal) if slopes is None else slopes
+        definite = np.linalg.eigvalsh(own)[:, 0] > 0.0
+        slopes = own
+        if not definite.all():
+            inverse = np.linalg.inv(np.array([link.value(theta) for link in objective.entropy.links]))
+            slopes = np.where(definite[:, None, None], own, inverse)
     columns = data.R * bound
     gram = 2.0 * (columns.T @ columns)
     gram[np.diag_indices_from(gram)] += _RIDGE * np.trace(gram) + float(not columns.any())

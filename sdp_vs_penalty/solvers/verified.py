@@ -143,13 +143,14 @@ def lower_bound(
     floor = Long(data.residual_norm) ** 2
     for _ in range(CORRECTIONS if evidence.push else 0):
         assert evidence.push is not None
-        leftover = np.asarray(limit * (slope[0] + 2 * R.T @ y), float)
+        leftover = np.asarray(limit * (slope[0] + 2 * (R.T @ y)), float)
         if np.abs(leftover).sum() <= _MATTERS * float(y @ y + floor):
             break
         y = y - evidence.push(leftover)
     gamma = _gamma(operations)
-    left = slope[0] + 2 * R.T @ y
-    left_at_most = np.abs(left) + gamma * (slope[1] + 2 * np.abs(R).T @ np.abs(y)) + _TINY
+    left = slope[0] + 2 * (R.T @ y)
+    sizes = 2 * (np.abs(data.R).T @ np.abs(np.asarray(y, float)))  # whose own rounding gamma holds
+    left_at_most = np.abs(left) + gamma * (slope[1] + sizes) + _TINY
     cost = left_at_most @ limit
     size = constant[1] + floor + 2 * np.abs(y) @ np.abs(rho) + y @ y + cost
     return _down(constant[0] + floor - 2 * (y @ rho) - y @ y - cost - gamma * size - _TINY)
