@@ -1,4 +1,4 @@
-"""The verb ``challenge``: how often is the diagnosis right?
+"""How often is the diagnosis right? The classes of cases, and a case from its seed to its record.
 
 Every case is simulated by its own seed, diagnosed without sight of the truth, and then compared with
 it. Cases are kept one by one, so that an interrupted challenge goes on where it stopped.
@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from challenge.classes import CLASSES, USUAL, CaseClass
-from challenge.report import report_text
+from challenge.judge import Record, report_text
 from challenge.truth import energies, judged_curve, true_floor
-from challenge.worlds.arms import Site, draw_world, urdf_of
-from challenge.worlds.conditions import NUISANCES, draw_conditions, fair
-from challenge.worlds.runs import Logged, draw_motion, log_run
+from challenge.worlds.conditions import NUISANCES, Conditions, draw_conditions, fair
+from challenge.worlds.hidden_unknown import disturbance, nameless, unknown
+from challenge.worlds.motion import thinned
+from challenge.worlds.runs import Logged, Site, draw_motion, draw_world, log_run, urdf_of
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.errors import InputError
@@ -29,10 +29,75 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.files import alone, write_text
 from sdp_vs_penalty.parallel import ALONE, Workers, spread
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.simulation.worlds.hidden import Hidden
-from sdp_vs_penalty.simulation.worlds.world import TrueMotion
+from sdp_vs_penalty.simulation.worlds.hidden import FRICTION, FROZEN, LEVELS, MACHINE, Hidden, Maker
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
 
-Record = dict[str, Any]
+#: What every model in question has, unless that is what is hidden.
+USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
+#: What can be hidden from a model that is refitted.
+EFFECTS: Mapping[str, Maker] = {**FRICTION, **MACHINE}
+
+
+@dataclass(frozen=True)
+class CaseClass:
+    """what : none, effects, unknown, curves, disturbance or payload; level : of LEVELS; count : effects;
+    frozen : the model was identified before, without them."""
+
+    name: str
+    what: str
+    level: str = "strong"
+    count: int = 1
+    one_run: bool = False
+
+    @property
+    def frozen(self) -> bool:
+        return self.what == "payload"
+
+    def conditions(self, drawn: Conditions) -> Conditions:
+        return replace(drawn, runs=1, duration=max(drawn.duration, 20.0)) if self.one_run else drawn
+
+    def names(self, seed: int, index: int, rng: np.random.Generator) -> list[str]:
+        """Effects of the library to hide: a single one in turn, in an order of the seed's, so that each
+        is met equally often; of several none that the model usually has."""
+        if self.what != "effects":
+            return []
+        if self.count == 1:
+            every = tuple(EFFECTS)
+            order = np.random.default_rng([seed, zlib.crc32(self.name.encode())]).permutation(len(every))
+            return [every[order[index % len(every)]]]
+        others = [name for name in EFFECTS if name not in USUAL]
+        return [str(x) for x in rng.choice(others, self.count, replace=False)]
+
+    def hidden(
+        self, names: Sequence[str], world: World, motions: Sequence[TrueMotion], rng: np.random.Generator
+    ) -> list[Hidden]:
+        """The hidden effects, sized on the motions that are identified from."""
+        kinds = {"unknown": unknown, "curves": nameless, "disturbance": disturbance, **FROZEN, **EFFECTS}
+        coarse, wanted = [thinned(m, 10) for m in motions], names or {self.what} & set(kinds)
+        made = [(x, kinds[x](world, int(rng.integers(world.arm.n)), rng)) for x in wanted]
+        called = [replace(one, effect=one.effect or x) for x, one in made]
+        return [one.sized(world, coarse, LEVELS[self.level]) for one in called]
+
+
+CLASSES: Mapping[str, CaseClass] = {
+    c.name: c
+    for c in (
+        CaseClass("clean", "none"),
+        CaseClass("strong", "effects", "strong"),
+        CaseClass("medium", "effects", "medium"),
+        CaseClass("weak", "effects", "weak"),
+        CaseClass("one_run", "effects", "strong", one_run=True),
+        CaseClass("pairs", "effects", "medium", 2),
+        CaseClass("triples", "effects", "medium", 3),
+        CaseClass("unknown_strong", "unknown", "strong"),
+        CaseClass("unknown_medium", "unknown", "medium"),
+        CaseClass("unknown", "curves", "strong"),
+        CaseClass("disturbance", "disturbance", "strong"),
+        CaseClass("payload", "payload", "strong"),
+    )
+}
+
+
 _KEPT = ("effect", "joints", "size", "std", "shape", "confidence", "indistinguishable_from")
 
 

@@ -24,11 +24,16 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import joint_limits
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
-from sdp_vs_penalty.simulation.worlds.arm import Arm
-from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
-from sdp_vs_penalty.simulation.worlds.hidden_friction import FRICTION
-from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN, MACHINE, NUISANCE
-from sdp_vs_penalty.simulation.worlds.world import PAUSE, DryFriction, TrueMotion, World
+from sdp_vs_penalty.simulation.worlds.hidden import (
+    FRICTION,
+    FROZEN,
+    LEVELS,
+    MACHINE,
+    NUISANCE,
+    Hidden,
+    Maker,
+)
+from sdp_vs_penalty.simulation.worlds.world import PAUSE, Arm, DryFriction, TrueMotion, World
 
 DURATION = 20.0  # s of each run
 #: The blends into and out of the motion, which the log leaves out.

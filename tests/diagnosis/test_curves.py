@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from challenge.worlds.arms import draw_world, urdf_of
 from challenge.worlds.conditions import Conditions
-from challenge.worlds.runs import draw_motion, log_run
+from challenge.worlds.runs import draw_motion, draw_world, log_run, urdf_of
 
 from sdp_vs_penalty import Estimate, add, compare, diagnose, identify, load_problem
 from sdp_vs_penalty.data import concatenate

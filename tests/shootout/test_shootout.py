@@ -15,7 +15,7 @@ from scipy import sparse
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.robot import Constraint
-from sdp_vs_penalty.shootout import profile, standard_instances, summary
+from sdp_vs_penalty.shootout import standard_instances, summary
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.shootout.instances import catalogue, instance, selected
@@ -342,7 +342,7 @@ def test_summary_of_known_runs(tmp_path):
     assert "Take good: right on 2 of 2 problems at 1e-06, 0 times silently wrong" in first
     assert "is good: 2 of 2" in second
     assert "Check every answer of liar: silently wrong on 2 of 2" in third
-    curves = profile.profile(rows, 1e-6)
+    curves = summary.profile(rows, 1e-6)
     np.testing.assert_allclose(curves["good"][0], [1.0, 2.0])
     np.testing.assert_allclose(curves["good"][1], [0.5, 1.0])
     np.testing.assert_allclose(curves["fast"][0], [1.0])

@@ -8,8 +8,7 @@ import pytest
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty import parallel as cluster
 from sdp_vs_penalty.shootout import runner
-from sdp_vs_penalty.shootout.results import COLUMNS, Results
-from sdp_vs_penalty.shootout.runner import Shootout
+from sdp_vs_penalty.shootout.runner import COLUMNS, Results, Shootout
 
 PROBLEM = "two_link simulated one-step gyration"
 

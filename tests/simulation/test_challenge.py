@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from challenge import judge
-from challenge.cases import VERSION, Case, run_case, simulate_case, wanted
-from challenge.classes import CLASSES, EFFECTS, USUAL
-from challenge.report import report_text
+from challenge.cases import CLASSES, EFFECTS, USUAL, VERSION, Case, run_case, simulate_case, wanted
+from challenge.judge import report_text
 from challenge.worlds.conditions import NUISANCES
 
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
-from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN
+from sdp_vs_penalty.simulation.worlds.hidden import FROZEN, LEVELS
 
 RESULTS = Path(__file__).parents[2] / "results"
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from challenge import worlds as challenged
-from challenge.worlds.arms import draw_world, load_arm
 from challenge.worlds.conditions import (
     ARMS,
     NUISANCES,
@@ -17,14 +16,12 @@ from challenge.worlds.conditions import (
     draw_conditions,
     fair,
 )
-from challenge.worlds.motion import KINDS, plan
-from challenge.worlds.runs import draw_motion, log_run
-from challenge.worlds.servo import driven
+from challenge.worlds.motion import KINDS, driven, plan
+from challenge.worlds.runs import draw_motion, draw_world, load_arm, log_run
 
 from sdp_vs_penalty.simulation import worlds
-from sdp_vs_penalty.simulation.worlds.arm import inverse_dynamics
 from sdp_vs_penalty.simulation.worlds.hidden import first_order
-from sdp_vs_penalty.simulation.worlds.world import DryFriction, TrueMotion, bristles
+from sdp_vs_penalty.simulation.worlds.world import DryFriction, TrueMotion, bristles, inverse_dynamics
 
 FOLDERS = [Path(home.__file__).parent for home in (worlds, challenged)]
 #: Of the package, what a world may know: how measurements look, where Pinocchio is, how errors are said.

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.random import Generator
 from scipy.signal import lfilter
 
-from sdp_vs_penalty.simulation.worlds.arm import Array
 from sdp_vs_penalty.simulation.worlds.hidden import first_order, log_uniform
+from sdp_vs_penalty.simulation.worlds.world import Array, World
 
 ARMS = ("panda", "elbow", "desk", "scara")
 RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)
@@ -104,6 +104,13 @@ class Conditions:
     duration: float = 20.0
     servo: bool = False
     rotor: float = 0.0
+
+
+@dataclass(frozen=True)
+class Site(World):
+    """A world, and the conditions under which it is measured."""
+
+    conditions: Conditions = field(default_factory=Conditions)
 
 
 @dataclass(frozen=True)

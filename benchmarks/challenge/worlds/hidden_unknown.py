@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.random import Generator
 
-from challenge.worlds.arms import Site
+from challenge.worlds.conditions import Site
 from challenge.worlds.runs import LEAD, start_of
-from sdp_vs_penalty.simulation.worlds.arm import Array
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
-from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
+from sdp_vs_penalty.simulation.worlds.world import Array, TrueMotion, World
 
 #: The torque at size 1, and its variables as findings.json writes them.
 Law = tuple[Callable[[TrueMotion], Array], tuple[str, ...]]
