@@ -35,8 +35,8 @@ def measured(
 ) -> Measurements:
     """A run of exactly this model with white torque noise."""
     trajectory = random_trajectory(problem.robot, seed=3, duration=seconds)
-    ideal = Sensor.ideal(problem.robot.n, rate=200.0)
-    clean = simulate(trajectory, [lambda motion: model.torque(theta, motion)], ideal, seed)
+    ideal = Sensor(200.0, np.zeros(problem.robot.n))
+    clean = simulate(trajectory, lambda motion: model.torque(theta, motion), ideal, seed)
     noise = np.random.default_rng(seed).normal(size=clean.tau.shape) * 0.05 * clean.tau.std(axis=0)
     return replace(clean, tau=clean.tau + noise)
 

@@ -209,7 +209,7 @@ def x(panda: Problem) -> Experiment:
 def sampled(x: Experiment, step: float) -> tuple[Motion, np.ndarray]:
     t = np.arange(0.0, x.trajectory.duration, step)
     motion = Motion(t, *x.trajectory.states(t))
-    return motion, np.sum([source(motion) for source in x.sources], axis=0)
+    return motion, x.torque(motion)
 
 
 def test_without_noise_table_one_is_recovered(panda, x):

@@ -22,7 +22,7 @@ def known() -> tuple[Estimate, Measurements]:
     theta = np.array([sizes.get(p.effect, 0.0) for p in model.parameters])
     theta[model.rigid_indices] = problem.nominal_links.ravel()
     trajectory = random_trajectory(problem.robot, 1, 6.0)
-    run = simulate(trajectory, [lambda motion: model.torque(theta, motion)], Sensor.ideal(2, 250.0))
+    run = simulate(trajectory, lambda motion: model.torque(theta, motion), Sensor(250.0, np.zeros(2)))
     return replace(identify(problem, run, effects=EFFECTS), theta=theta), run
 
 

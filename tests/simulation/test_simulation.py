@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from scipy import linalg, signal
 
 from sdp_vs_penalty import InputError, Measurements, compare, identify, load_problem
-from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
 from sdp_vs_penalty.simulation.experiments import innovation_share, simulate
 
@@ -44,7 +43,9 @@ def step_size(values: Array) -> float:
 def test_an_ideal_sensor_shows_the_truth(panda):
     x = experiment(panda)
     model = panda.model(["rigid_body"])
-    m = simulate(x.trajectory, [lambda motion: model.torque(x.links.ravel(), motion)], Sensor.ideal(7))
+    m = simulate(
+        x.trajectory, lambda motion: model.torque(x.links.ravel(), motion), Sensor(1e3, np.zeros(7))
+    )
     q, dq, ddq = x.trajectory.states(m.t)
     np.testing.assert_array_equal(m.q, q)
     assert np.ptp(np.diff(m.t)) < 1e-12
@@ -57,12 +58,11 @@ def test_sigmoid_friction_is_the_papers_formula(panda):
     phi = experiment(panda).friction
     assert phi is not None
     dq = np.random.default_rng(0).uniform(-2.0, 2.0, (50, 7))
-    got = sigmoid_friction(phi)(Motion(np.zeros(50), dq, dq, dq))
+    got = sigmoid_friction(phi, dq)
     p1, p2, p3 = phi.T
     expected = p1 / (1 + np.exp(-p2 * (dq + p3))) - p1 / (1 + np.exp(-p2 * p3))
     np.testing.assert_allclose(got, expected, atol=1e-13)
-    rest = sigmoid_friction(phi)(Motion(np.zeros(1), *(np.zeros((1, 7)),) * 3))
-    np.testing.assert_allclose(rest, 0.0, atol=1e-15)
+    np.testing.assert_allclose(sigmoid_friction(phi, np.zeros((1, 7))), 0.0, atol=1e-15)
 
 
 def test_noise_has_the_spectrum_it_is_given(panda):
@@ -70,16 +70,16 @@ def test_noise_has_the_spectrum_it_is_given(panda):
     e = sensor.noise(200_000, np.random.default_rng(1))
     np.testing.assert_allclose(e.std(axis=0), sensor.torque_std, rtol=0.02)
     for j in range(7):
-        whitened = signal.lfilter(np.concatenate([[1.0], -sensor.torque_ar[j]]), [1.0], e[:, j])
+        whitened = signal.lfilter(sensor.poles[j], [1.0], e[:, j])
         share = whitened.var() / e[:, j].var()
-        assert share == pytest.approx(innovation_share(sensor.torque_ar[j]), rel=0.02)
+        assert share == pytest.approx(innovation_share(sensor.poles[j]), rel=0.02)
         lagged = [np.corrcoef(whitened[k:], whitened[:-k])[0, 1] for k in range(1, 9)]
         assert np.abs(lagged).max() < 0.01
 
 
 def test_an_unstable_noise_process_is_refused():
     with pytest.raises(InputError, match="no stable process"):
-        Sensor(1000.0, np.ones(1), np.array([[1.01]]), np.zeros(1), np.zeros(1))
+        Sensor(1000.0, np.ones(1), torque_ar=[[1.01]])
 
 
 def test_same_seed_same_bits_other_seed_other_noise(two_link):

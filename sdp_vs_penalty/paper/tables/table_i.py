@@ -213,8 +213,7 @@ def sigmoid_friction(study: Study) -> Table:
     assert truth is not None
     t = np.arange(0.0, x.trajectory.duration, 0.02)
     motion = Motion(t, *x.trajectory.states(t))
-    torque = np.sum([source(motion) for source in x.sources], axis=0)
-    exact = fit_sigmoid(study.problem, exact_rows(motion, torque))
+    exact = fit_sigmoid(study.problem, exact_rows(motion, x.torque(motion)))
     rows += _rows_of("simulated, without noise", exact, ends=False)
     fits, count = [], study.effort.replicates
     for k in range(count):  # with different noise: the coverage of the intervals is counted from them
