@@ -3,53 +3,274 @@
     python benchmarks/run.py [--data DATA] [--only PART ...] [--rows N ...] [--out results]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda; default:
-SDP_VS_PENALTY_DATA). Each part runs in a process of its own on one thread; figures are ratios within one
-part. Writes benchmarks.csv and benchmarks.md; parts that are not measured this time keep what the files
-there hold of them, with its date.
+SDP_VS_PENALTY_DATA). This program's way and another one, measured in one process or one run: each part
+runs in a process of its own on one thread, figures are ratios within it; memory is a command's peak
+beyond that of the same command on an input error (imports). Writes benchmarks.csv and benchmarks.md;
+parts that are not measured this time keep what the files there hold of them, with its date.
 """
 
 import argparse
-import csv
-import json
 import os
 import platform
 import subprocess
 import sys
-from dataclasses import asdict
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
-HERE = Path(__file__).parent
-PARTS = {
-    "text": "from text to an estimate, beside a decimating script",
-    "fits": "compressed data to a certified fit, beside Clarabel",
-    "renewed": "a renewed fit",
-    "processes": "commands as processes, beside bare imports",
-    "memory": "processor time and peak memory of whole commands on long recordings",
-}
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+import decimated
+import numpy as np
+import pandas
+
+from sdp_vs_penalty import Estimate, cross_validate, identify, load_measurements, load_problem
+from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.estimation.identify import build_estimate, versions
+from sdp_vs_penalty.estimation.identify import identify as estimated
+from sdp_vs_penalty.estimation.pose import pose
+from sdp_vs_penalty.estimators import make_estimator
+from sdp_vs_penalty.estimators.estimator import Fit, joint_weights, make_task, sample_variance
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.formatting import markdown_table
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.shootout import standard_instances
+from sdp_vs_penalty.signals.phases import phase_folds
+from sdp_vs_penalty.signals.preprocessing import filtered_torque
+from sdp_vs_penalty.solvers.objective import Objective
+
 #: Measured once, by scripts that left (the commit that had them): they stay in the table.
 LEFT = {"solvers": "8fe364a0", "rivals": "ffa8cd7", "growth": "204ffd3f"}
 NAMES = ["part", "what", "ours", "other", "unit", "ratio", "note", "when"]
 
 
-def measure(part: str, given: argparse.Namespace) -> list[dict[str, Any]]:
+METHOD = "lmi-sdp"
+#: One figure: what, ours, another way's beside it or None, unit, note.
+Row = tuple[str, float, float | None, str, str]
+
+
+def cpu(call: Callable[[], object], times: int = 1) -> float:
+    """Least processor time of a call [s]."""
+    best = np.inf
+    for _ in range(times):
+        start = time.process_time()
+        call()
+        best = min(best, time.process_time() - start)
+    return best
+
+
+def text(problem: Problem, folder: Path) -> list[Row]:
+    """Text files to an estimate against the decimated script, and both on motion not seen."""
+    model, basis = problem.robot._model, inertia.PSEUDO_INERTIA_BASIS
+
+    def script(triangle: bool = True) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            decimated.identify(folder, model, basis, triangle)
+
+    def ours(verb: Callable[..., Estimate] = estimated) -> Estimate:
+        return verb(problem, load_measurements(folder, joints=7), METHOD)
+
+    judged_too = partial(ours, partial(identify, check=False))
+    estimate, run = ours(), load_measurements(folder, joints=7)
+    settings = problem.preprocessing.resolve(run)
+    split = phase_folds(run, settings, 5)
+    judged = filtered_torque(run, estimate.model, settings)
+    at, cells = judged.motion, split.cell(0, judged.motion.t)
+    t, q, tau = decimated.read(folder, 7)
+    rows, torque = decimated.rows(model, q, tau)
+    own_cells = split.cell(0, t[decimated.kept(len(t))])
+    columns = decimated.columns(model, at.q, at.dq, at.ddq)
+    wrong = total = 0.0
+    for k in range(split.count):
+        train, tested = np.isin(own_cells, split.training(k)), np.isin(cells, split.tested(k))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            theta = decimated.solve(rows[train], torque[train], basis)
+        wrong += float(np.sum((columns[tested] @ theta - judged.torque[tested]) ** 2))
+        total += float(np.sum(judged.torque[tested] ** 2))
+    error = cross_validate(problem, run, METHOD).relative_error_percent
+    note = (
+        "neither checks the data; theirs: every 28th sample, Pinocchio, CVXPY; no bounds, no certificate"
+    )
+    posed, method = pose(problem, run), make_estimator(METHOD)
+    fit = method.fit(posed.task)
+
+    def certified() -> Estimate:  # without what an earlier call has left in the task's cache
+        return build_estimate(replace(posed, task=replace(posed.task)), method, fit)
+
+    def solved() -> Fit:
+        return method.fit(replace(posed.task))
+
+    spent, plain = cpu(ours, 5), "theirs: the rows as they are, not their R factor, to CVXPY"
+    return [
+        ("text files to estimate, CPU", spent, cpu(script, 5), "s", note),
+        ("the same and its verdict on these data, CPU", cpu(judged_too, 5), cpu(script, 5), "s",
+            "noise floor and error of each joint; theirs: as above, without"),
+        ("the same, rows to CVXPY, CPU", spent, cpu(lambda: script(False), 3), "s", plain),
+        ("its certificate, intervals and record of the motion, CPU", cpu(certified, 5),
+            cpu(solved, 5), "s", "other: its SDP with the lower bound"),
+        ("the same, relative error on motion not seen", error, 100.0 * np.sqrt(wrong / total), "%",
+            "five folds by phase, 4 928 torques"),
+    ]  # fmt: skip
+
+
+def fits(problem: Problem, run: Measurements) -> list[Row]:
+    """Compressed data to a certified fit, by the default and by Clarabel in the same loop."""
+    tasks = {"the measured Panda": pose(problem, run).task}
+    tasks |= {f"{n} links": standard_instances.chain_task(n) for n in (7, 20, 60)}
+    rows = []
+    for name, task in tasks.items():
+        times = 9 if len(task.bound) < 300 else 3
+        gaps, spent = [], []
+        for solver in (None, "clarabel"):
+            method = LmiSdp(solver=solver)
+            gaps.append(method.fit(task).gap)
+            spent.append(1e3 * cpu(lambda method=method, task=task: method.fit(task).gap, times))  # type: ignore[misc]
+        note = f"certified gaps {gaps[0]:.0e} and {gaps[1]:.0e} of the loss; other: Clarabel"
+        rows.append((f"certified fit, {name}, CPU", *spent, "ms", note))
+    return rows
+
+
+def renewed(problem: Problem, run: Measurements) -> list[Row]:
+    """A fit to similar data, blocks of time drawn anew, from the last one's central path."""
+    model = problem.model()
+    regression = compress(run, model, problem.preprocessing.resolve(run))
+    task = make_task(problem, model, regression)
+    weights = joint_weights(regression, make_task(problem, model, regression, "none").ols)
+    objective, constraints = LmiSdp().posed(task)
+    posed = PosedSdp.of(task, objective, constraints)
+    last, prior, rng = posed.fit(objective), sample_variance(task), np.random.default_rng(0)
+    spent: tuple[list[float], list[float]] = ([], [])
+    for _ in range(40):
+        drawn = regression.select(rng.integers(0, len(regression.blocks), len(regression.blocks)))
+        assert task.joint_scale is not None
+        data = drawn.least_squares(weights).with_prior(task.joint_scale, prior)
+        again = Objective(data, objective.entropy)
+        for own, near in zip(spent, (last, None), strict=True):
+            own.append(1e3 * cpu(lambda near=near, again=again: posed.fit(again, 1e-9, near).gap))  # type: ignore[misc]
+    note = "from the last fit; other: from the nominal robot"
+    return [("renewed certified fit, CPU", *map(float, np.median(spent, axis=1)), "ms", note)]
+
+
+PROGRAM = [sys.executable, "-m", "sdp_vs_penalty"]
+#: Run by a small process: a child's peak begins with the memory of the process that starts it.
+_WORK = """
+import resource, subprocess, sys
+quiet = subprocess.DEVNULL
+subprocess.run(sys.argv[1:], stdout=quiet, stderr=quiet)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+"""
+
+
+def measured(command: list[str]) -> tuple[float, float]:
+    """Processor time [s] and peak memory [MB] of a process on one thread, its bytecode in place."""
+    env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    env |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    around = [sys.executable, "-c", _WORK, *command]
+    done = subprocess.run(around, env=env, check=True, capture_output=True, text=True)
+    seconds, peak = map(float, done.stdout.split())
+    return seconds, peak
+
+
+def processes(problem: Problem, run: Measurements) -> list[Row]:
+    """Commands as processes against importing NumPy and SciPy."""
+    with tempfile.TemporaryDirectory() as name:
+        log, model, out = (str(Path(name, x)) for x in ("run.csv", "model.json", "report.html"))
+        save(run, Path(log))
+        identified = [*PROGRAM, "identify", problem.name, "--data", log, "--out", model]
+        commands = {
+            "bare": [sys.executable, "-c", "import numpy, scipy.linalg, scipy.signal"],
+            "imports of the script": [sys.executable, "-c",
+                                      "import numpy, scipy.signal, pinocchio, cvxpy"],
+            "identify without the check": [*identified, "--no-check"],
+            "identify": identified,
+            "report": [*PROGRAM, "report", model, "--data", log, "--out", out],
+        }  # fmt: skip
+        for command in commands.values():
+            measured(command)  # bytecode
+        used: dict[str, list[float]] = {key: [] for key in commands}
+        for _ in range(3):  # in turn
+            for key, command in commands.items():
+                used[key].append(measured(command)[0])
+    bare, note = min(used.pop("bare")), "other: a process that imports numpy, scipy.linalg, scipy.signal"
+    return [(f"{key} as a process, CPU", min(x), bare, "s", note) for key, x in used.items()]
+
+
+def recorded(path: Path, rows: int, model: Estimate) -> None:
+    """A recording as CSV, a part at a time: a Panda at 1 kHz on sums of sines that never come back; its
+    torque is a model's, with a Stribeck friction that this lacks and white noise."""
+    rng, n, part = np.random.default_rng(5), 7, 50_000
+    noise = np.array([0.15, 0.2, 0.15, 0.15, 0.08, 0.08, 0.06])  # N m
+    centre = np.array([0.0, -0.3, 0.0, -1.8, 0.0, 1.9, 0.3])  # rad
+    omega = 2.0 * np.pi * rng.uniform(0.05, 0.6, (n, 6))
+    size = 0.14 * rng.uniform(0.6, 1.4, omega.shape) / (1.0 + omega / 4.0)
+    phase = rng.uniform(0.0, 2.0 * np.pi, omega.shape)
+    with path.open("w") as file:
+        file.write(",".join(["t", *(f"{x}{j + 1}" for x in ("q", "tau") for j in range(n))]) + "\n")
+        for start in range(0, rows, part):
+            t = np.arange(start, min(rows, start + part)) / 1000.0
+            at = t[:, None, None] * omega + phase
+            q = centre + (size * np.sin(at)).sum(axis=2)
+            dq = (size * omega * np.cos(at)).sum(axis=2)
+            tau = model.predict(q, dq, (-size * omega**2 * np.sin(at)).sum(axis=2))
+            tau[:, 3] += 0.8 * np.exp(-((dq[:, 3] / 0.05) ** 2)) * np.tanh(dq[:, 3] / 0.005)
+            q, tau = q + rng.normal(0.0, 2e-5, q.shape), tau + rng.normal(size=q.shape) * noise
+            np.savetxt(file, np.column_stack([t, q, tau]), ["%.3f"] + ["%.6f"] * n + ["%.4f"] * n, ",")
+
+
+def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[Row]:
+    """Processor seconds and peak memory of whole commands on recordings of so many rows at 1 kHz."""
+    rows = []
+    with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
+        true = identify(problem, run, check=False)
+        true.save(Path(folder, "model.json"))
+        log, model, out = (str(Path(folder, x)) for x in ("run.csv", "model.json", "out.json"))
+        commands = {
+            "identify": ["identify", "panda", "--data", log, "--out", out],
+            "check": ["check", log, "--problem", "panda"],
+            "compare": ["compare", model, "--data", log],
+            "convert": ["convert", log, "--out", out.replace(".json", ".npz")],
+            "diagnose": ["diagnose", model, "--data", log],
+        }
+        imports = {verb: measured([*PROGRAM, *words])[1] for verb, words in commands.items()}
+        for count in counts:
+            recorded(Path(log), count, true)
+            for verb, words in commands.items():
+                seconds, most = measured([*PROGRAM, *words])
+                note = f"peak memory {most - imports[verb]:.0f} MB beyond imports"
+                rows.append((f"{verb}, {count} rows", seconds, None, "s", note))
+                print("  ", rows[-1][0], f"{seconds:.1f} s", note, file=sys.stderr, flush=True)
+    return rows
+
+
+PARTS = {part.__name__: part for part in (text, fits, renewed, processes, memory)}
+
+
+def measure(part: str, data: Path, counts: Sequence[int]) -> pandas.DataFrame:
     """Rows of the table."""
-    import speed
-
-    from sdp_vs_penalty import load_measurements, load_problem
-    from sdp_vs_penalty.estimation.identify import versions
-
-    problem, folder = load_problem("panda"), given.data / "panda"
+    problem, folder = load_problem("panda"), data / "panda"
     run = load_measurements(folder, joints=7)
-    more = {"text": (folder,), "memory": (run, given.rows)}.get(part, (run,))
-    rows = getattr(speed, part)(problem, *more)
+    more = {"text": (folder,), "memory": (run, counts)}.get(part, (run,))
+    found = pandas.DataFrame(
+        PARTS[part](problem, *more), columns=["what", "ours", "other", "unit", "note"]
+    )
     used = " ".join(f"{name} {version}" for name, version in versions().items())
     when = f"{datetime.now(UTC):%Y-%m-%d %H:%M}, load {os.getloadavg()[0]:.0f}, {used}"
-    ratios = ["" if r.other is None else r.other / r.ours for r in rows]
-    return [
-        asdict(r) | {"part": part, "ratio": x, "when": when} for r, x in zip(rows, ratios, strict=True)
-    ]
+    return found.assign(part=part, ratio=found["other"].astype(float) / found["ours"], when=when)[NAMES]
 
 
 def main() -> None:
@@ -61,51 +282,38 @@ def main() -> None:
                         help=", ".join(PARTS))  # fmt: skip
     parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000],
                         help="lengths of the memory part")  # fmt: skip
-    parser.add_argument("--out", type=Path, default=HERE.parent / "results")
-    parser.add_argument("--measure", help=argparse.SUPPRESS)
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "results")
     given = parser.parse_args()
     if given.data is None:
         parser.error("name the folder of the measurements: --data, or SDP_VS_PENALTY_DATA")
-    given.data = Path(given.data)
-    if given.measure:
-        print(json.dumps(measure(given.measure, given)))
-        return
-    words = ["--data", str(given.data), "--rows", *map(str, given.rows)]
-    threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
-    rows: list[dict[str, Any]] = []
+    tables = []
     for number, part in enumerate(given.only, 1):
-        print(f"{number}/{len(given.only)} {part}: {PARTS[part]}", flush=True)
-        command = [sys.executable, __file__, "--measure", part, *words]
-        done = subprocess.run(command, env=os.environ | threads, stdout=subprocess.PIPE, text=True)
-        if done.returncode:
-            print(f"  {part} failed; the others go on", flush=True)
-        else:
-            rows += json.loads(done.stdout.splitlines()[-1])
-    write(given.out, rows)
+        print(f"{number}/{len(given.only)} {part}: {PARTS[part].__doc__}", flush=True)
+        with ProcessPoolExecutor(1, get_context("spawn")) as alone:
+            try:
+                tables.append(alone.submit(measure, part, Path(given.data), given.rows).result())
+            except Exception as error:
+                print(f"  {part} failed ({error}); the others go on", flush=True)
+    write(given.out, tables)
 
 
-def write(out: Path, rows: list[dict[str, Any]]) -> None:
+def write(out: Path, tables: list[pandas.DataFrame]) -> None:
     """Both files, of what was measured now and of what they hold of other parts."""
-    from sdp_vs_penalty.files import as_csv, write_text
-    from sdp_vs_penalty.formatting import markdown_table
-
-    table, new = out / "benchmarks.csv", {row["part"] for row in rows}
-    if table.exists():
-        with table.open(newline="") as file:
-            rows = [*rows, *(row for row in csv.DictReader(file) if row["part"] not in new)]
-    order = [*PARTS, *LEFT]
-    cells = [
-        [f"{x:.3g}" if isinstance(x, float) else str(x or "") for x in map(row.get, NAMES)]
-        for row in sorted(rows, key=lambda row: order.index(row["part"]))
-    ]
-    write_text(table, as_csv(NAMES, cells))
+    new = [t.map(lambda x: f"{x:.3g}" if isinstance(x, float) else x) for t in tables]
+    if (table := out / "benchmarks.csv").exists():
+        old = pandas.read_csv(table, dtype=str, keep_default_na=False)
+        new.append(old[~old["part"].isin([part for t in tables for part in t["part"]])])
+    order = {part: k for k, part in enumerate([*PARTS, *LEFT])}
+    cells = pandas.concat(new).replace("nan", "")
+    cells = cells.sort_values("part", key=lambda x: x.map(order), kind="stable")
+    write_text(table, cells.to_csv(index=False, lineterminator="\n"))
     left = ", ".join(f"{part} by one of commit {commit}" for part, commit in LEFT.items())
     about = (
         "Panda, the authors' run of 20 544 samples; ratios are within one process or in turn, by "
         f"`python benchmarks/run.py` ({platform.machine()}, one thread). By scripts that are no longer "
         f"here: {left}."
     )
-    text = ["# Speed and memory", "", about, "", *markdown_table(NAMES, cells), ""]
+    text = ["# Speed and memory", "", about, "", *markdown_table(NAMES, cells.to_numpy().tolist()), ""]
     write_text(out / "benchmarks.md", "\n".join(text))
     print("\n".join(text))
 
