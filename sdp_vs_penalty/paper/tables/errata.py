@@ -1,5 +1,7 @@
 """Errata: where the paper contradicts itself, with the numbers that show it."""
 
+import csv
+
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study
@@ -18,11 +20,12 @@ def errata_table(study: Study) -> Table:
     """Errata: where the paper contradicts itself, with the numbers that show it."""
     del study  # of the paper as a whole: both of its robots
     rows = []
-    for name in _PROBLEMS:
+    for name, shown in zip(_PROBLEMS, (_panda, _two_link), strict=True):
         problem = load_problem(name)
+        evidence = shown(problem)
         for erratum in errata(problem):
             said = {name: getattr(erratum, name) for name in ("number", "where", "printed", "corrected")}
-            rows.append(said | {"what_shows_it": _EVIDENCE[erratum.number - 1](problem)})
+            rows.append(said | {"what_shows_it": evidence[erratum.number]})
     return Table.of(
         "errata",
         "Errata: where the paper contradicts itself",
@@ -41,76 +44,47 @@ def pi_p_hat(problem: Problem, corrected: bool) -> np.ndarray:
     return np.asarray(base @ published_links(problem, "p_hat", corrected).ravel())
 
 
-def _c6z(problem: Problem) -> str:
+def _panda(problem: Problem) -> dict[int, str]:
+    """What shows each of the Panda's errata, by number."""
     printed, corrected = pi_p_hat(problem, False), pi_p_hat(problem, True)
-    table = problem.published["table_III"]
-    parts = [
+    table, values = problem.published["table_III"], published_values(problem, "p_hat")
+    c6z = "; ".join(
         f"row {row} is {table[row - 1]['pi_p_hat']} in Table III, {printed[row - 1]:.4f} from the "
         f"printed value, {corrected[row - 1]:.4f} from the corrected one"
         for row in (21, 25, 39)
-    ]
-    return "; ".join(parts)
-
-
-def _row_17(problem: Problem) -> str:
-    row = problem.published["table_III"][16]
-    value = pi_p_hat(problem, True)[16]
-    difference = round(value, 4) - float(row["pi_RE"])
-    return f"{value:.4f} from Tables VIII and IX; {value:.4f} - {row['pi_RE']} = {difference:.4f}"
-
-
-def _row_2(problem: Problem) -> str:
-    value = pi_p_hat(problem, True)[1]
-    extra = 0.1067 * published_values(problem, "p_hat")["m3"]
-    return (
-        f"the printed value 0.9896 follows without m3 in the bracket ({value:.4f}); with it, "
-        f"{value + extra:.4f}"
     )
-
-
-def _delta(problem: Problem) -> str:
+    row_17, published = corrected[16], table[16]["pi_RE"]
     links = published_links(problem, "delta")
     moments = inertia.inertia_matrix(inertia.barycentric_from_standard(links)[:, 4:])
     eigenvalues = np.linalg.eigvalsh(moments)
     second = 0.5 * eigenvalues.sum(axis=1) - eigenvalues[:, 2]
     worst = int(np.argmin(second))
     c7z = published_values(problem, "delta")["c7z"]
-    return (
-        f"link {worst + 1}: smallest eigenvalue of the inertia about the centre of mass "
+    authors = "the authors' file is not at hand: not checked in this run"
+    if (file := real_file("panda", "bounds_gM.csv")) is not None:
+        rows = {row[0].strip(): row[1:3] for row in csv.reader(file.read_text().splitlines()) if row}
+        authors = f"the authors' file reads c5z,{','.join(x.strip() for x in rows['c5z'])}"
+    return {
+        1: c6z,
+        2: f"{row_17:.4f} from Tables VIII and IX; {row_17:.4f} - {published} = "
+        f"{round(row_17, 4) - float(published):.4f}",
+        5: f"the printed value 0.9896 follows without m3 in the bracket ({corrected[1]:.4f}); with it, "
+        f"{corrected[1] + 0.1067 * values['m3']:.4f}",
+        6: f"link {worst + 1}: smallest eigenvalue of the inertia about the centre of mass "
         f"{eigenvalues[worst, 0]:.1e} kg m^2, of its second moment (the triangle inequality) "
-        f"{second[worst]:.1e} kg m^2; c7z = {c7z} lies below its bound {problem.box[6, 3, 0]}"
-    )
+        f"{second[worst]:.1e} kg m^2; c7z = {c7z} lies below its bound {problem.box[6, 3, 0]}",
+        7: authors,
+        8: " and ".join(f"row {row}: {corrected[row - 1]:.4f}" for row in (8, 24)),
+    }
 
 
-def _authors_bound(problem: Problem) -> str:
-    file = real_file("panda", "bounds_gM.csv")
-    if file is None:
-        return "the authors' file is not at hand: not checked in this run"
-    for line in file.read_text().splitlines():
-        cells = line.split(",")
-        if cells[0].strip() == "c5z":
-            return f"the authors' file reads c5z,{cells[1].strip()},{cells[2].strip()}"
-    return "the authors' file has no row c5z"
-
-
-def _empty_rows(problem: Problem) -> str:
-    pi = pi_p_hat(problem, True)
-    return " and ".join(f"row {row}: {pi[row - 1]:.4f}" for row in (8, 24))
-
-
-def _square(problem: Problem) -> str:
-    symbol = list(base_parameter_symbols(problem).values())[5]
-    return f"the kinematics give {symbol}; J2zz - 0.8 m2 adds kg m^2 to kg m and no torque determines it"
-
-
-def _cylinder(problem: Problem) -> str:
-    c = published_values(problem, "p_real")
+def _two_link(problem: Problem) -> dict[int, str]:
+    """What shows each of the 2R's errata, by number."""
+    symbol, c = list(base_parameter_symbols(problem).values())[5], published_values(problem, "p_real")
     printed, corrected = np.hypot(c["c1y"], c["c1z"]), np.hypot(c["c1x"], c["c1z"])
-    return (
-        f"the paper's own p_real has |(c1y, c1z)| = {printed:.3f} m > r1 = 0.15 m and "
-        f"|(c1x, c1z)| = {corrected:.3f} m"
-    )
-
-
-#: In the order of the errata's numbers, from 1.
-_EVIDENCE = (_c6z, _row_17, _square, _cylinder, _row_2, _delta, _authors_bound, _empty_rows)
+    return {
+        3: f"the kinematics give {symbol}; J2zz - 0.8 m2 adds kg m^2 to kg m and no torque "
+        "determines it",
+        4: f"the paper's own p_real has |(c1y, c1z)| = {printed:.3f} m > r1 = 0.15 m and "
+        f"|(c1x, c1z)| = {corrected:.3f} m",
+    }

@@ -1,6 +1,6 @@
 """Tables VI to IX: the 2R's kinematics; links' parameters about their centres of mass, row by row."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
@@ -10,7 +10,6 @@ from sdp_vs_penalty.estimation.identify import DATA, from_data
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table import Cell, Maker, Row, Table, makes, text
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import barycentric_names, box_tables, errata
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
@@ -40,8 +39,14 @@ def denavit_hartenberg(study: Study) -> Table:
 def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool]) -> Table:
     """Bounds and published values as printed, the nominal robot and whether the data or a prior towards
     it decide, then the simulation's truth, then every method."""
+    units = "kg", "m", "m", "m", *("kg*m^2",) * 6
+    bounds = [
+        {"parameter": key, "lower": float(lower), "upper": float(upper), "unit": unit}
+        for link, box in enumerate(study.problem.box, start=1)
+        for key, (lower, upper), unit in zip(barycentric_names(link), box, units, strict=True)
+    ]
     printed = [row for table in box_tables(study.problem) for row in study.problem.published[table]]
-    rows = {str(row["parameter"]): dict(row) for row in printed or _bounds(study.problem)}
+    rows = {str(row["parameter"]): dict(row) for row in printed or bounds}
     rows = {key: row for key, row in rows.items() if chosen(key)}
 
     def add(column: str, values: Mapping[str, Cell]) -> None:
@@ -126,14 +131,6 @@ def by_name(links: Array) -> dict[str, float]:
         for link, row in enumerate(barycentric, start=1)
         for name, value in zip(barycentric_names(link), row, strict=True)
     }
-
-
-def _bounds(problem: Problem) -> Iterator[Row]:
-    """Rows for robots without published parameters."""
-    units = "kg", "m", "m", "m", *("kg*m^2",) * 6
-    for link, box in enumerate(problem.box, start=1):
-        for name, (lower, upper), unit in zip(barycentric_names(link), box, units, strict=True):
-            yield {"parameter": name, "lower": float(lower), "upper": float(upper), "unit": unit}
 
 
 def _maker(name: str, title: str, letters: str, *problems: str) -> Maker:

@@ -88,7 +88,9 @@ class Table:
 
     def csv(self) -> str:
         """With all digits that it takes to read the same numbers back."""
-        exact = self.frame.map(lambda x: repr(float(x)) if _finite(x) else text(x, self.digits))
+        exact = self.frame.map(
+            lambda x: repr(float(x)) if isinstance(x, float) and math.isfinite(x) else text(x)
+        )
         return str(exact.to_csv(index=False, lineterminator="\n"))
 
     @property
@@ -167,10 +169,6 @@ def text(cell: Cell, digits: int = 4) -> str:
     if math.isinf(cell):
         return "inf" if cell > 0 else "-inf"
     return "0" if abs(cell) < ROUNDING else f"{cell:.{digits}g}"
-
-
-def _finite(cell: Cell) -> bool:
-    return isinstance(cell, float) and math.isfinite(cell)
 
 
 def is_measured(frame: pandas.DataFrame) -> bool:

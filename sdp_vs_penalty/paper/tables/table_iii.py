@@ -23,12 +23,19 @@ def base_parameter_table(study: Study) -> Table:
     Rows: base parameters, all other parameters, then condition number and relative error.
     """
     base = tuple(base_parameter_symbols(study.problem))
-    keys = [*base, *_other_names(study), _CONDITION, _ERROR]
+    others = (
+        p.name
+        for data in study.whole
+        for k, p in enumerate(data.model.parameters)
+        if k not in data.model.rigid_indices
+    )
+    keys = [*base, *dict.fromkeys(others), _CONDITION, _ERROR]
     rows = _published(study, keys) or _own_rows(study, keys)
-    truth = study.base @ study.experiment.links.ravel()
+    truth, box = study.base @ study.experiment.links.ravel(), study.reverse_engineered
     ours = {
         "true_simulated": dict(zip(base, truth, strict=True)),
-        "re_simulated": _reverse_engineered(study, base),
+        "re_simulated": dict(zip(base, study.base @ box.theta, strict=True))
+        | {_CONDITION: box.details["condition_number"], _ERROR: box.details["relative_error_percent"]},
     }
     study.estimate(study.methods.values(), study.whole)
     for data in study.whole:
@@ -36,21 +43,17 @@ def base_parameter_table(study: Study) -> Table:
     for name, values in ours.items():
         for row, key in zip(rows, keys, strict=True):
             row[name] = values.get(key)
+    shown = [f"{method}_{d.label}" for d in study.whole for method in ("ols", DEFAULT_METHOD)]
+    names = (name.replace("-", "_") for name in shown)
+    errors = [f"{name} {ours[name][_ERROR]:.3g} %" for name in names]
     return Table.of(
         "III",
         f"Table III: base parameters of {study.problem.title}",
         study.sentence,
         rows,
         _notes(study),
-        f"Relative error on the training data: {_errors(study, ours)}.",
+        f"Relative error on the training data: {', '.join(errors)}.",
     )
-
-
-def _errors(study: Study, ours: dict[str, dict[str, float]]) -> str:
-    """Of least squares and of the default method."""
-    methods = "ols", DEFAULT_METHOD.replace("-", "_")
-    names = [f"{method}_{data.label}" for data in study.whole for method in methods]
-    return ", ".join(f"{name} {ours[name][_ERROR]:.3g} %" for name in names)
 
 
 def _notes(study: Study) -> tuple[str, ...]:
@@ -68,13 +71,6 @@ def _notes(study: Study) -> tuple[str, ...]:
         "true_simulated is the truth of the simulation; its friction is not linear and has no entries.",
         *study.about_priors,
     )
-
-
-def _other_names(study: Study) -> list[str]:
-    models = [data.model for data in study.whole]
-    others = (np.delete(np.arange(len(m.parameters)), m.rigid_indices) for m in models)
-    pairs = zip(models, others, strict=True)
-    return list(dict.fromkeys(m.parameters[k].name for m, own in pairs for k in own))
 
 
 def _published(study: Study, keys: list[str]) -> list[Row]:
@@ -108,15 +104,6 @@ def _own_rows(study: Study, keys: list[str]) -> list[Row]:
             for k, row in enumerate(rows):
                 row[f"pi_{column}"] = float(pi[k]) if k < len(pi) else None
     return rows
-
-
-def _reverse_engineered(study: Study, base: tuple[str, ...]) -> dict[str, float]:
-    result = study.reverse_engineered
-    return {
-        **dict(zip(base, study.base @ result.theta, strict=True)),
-        _CONDITION: result.details["condition_number"],
-        _ERROR: result.details["relative_error_percent"],
-    }
 
 
 def _estimates(study: Study, data: Data, base: tuple[str, ...]) -> dict[str, dict[str, float]]:

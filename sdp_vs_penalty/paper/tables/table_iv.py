@@ -36,13 +36,16 @@ def unseen_torque(study: Study) -> Table:
             mse, relative = own.errors(study.theta(method, own))
             rows.append(_row(f"{name}_{ending}", mse.tolist(), relative, None, label))
     units = " and ".join(sorted({f"({unit.replace('*', ' ')})^2" for unit in robot.torque_units}))
+    where = "simulated" if study.repeated is None else "measured"
+    errors = {row["estimate"]: row["relative_error_percent"] for row in rows}
+    said = [f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods]
     return Table.of(
         "IV",
         f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other motion",
         f"{study.sentence} {_judgement(study)}",
         rows,
         _notes(study, rows),
-        _gist(study, rows),
+        f"On unseen motion ({where}): {', '.join(said)}.",
     )
 
 
@@ -50,14 +53,6 @@ def _row(name: str, joints: Iterable[Cell], relative: Cell, worst: Cell, data: s
     errors = {f"joint_{j}": x for j, x in enumerate(joints, start=1)}
     more = {"relative_error_percent": relative, "worst_fold_percent": worst, "data": data}
     return {"estimate": name, **errors, **more}
-
-
-def _gist(study: Study, rows: Sequence[Row]) -> str:
-    """Our methods' relative errors on unseen motion."""
-    where = "simulated" if study.repeated is None else "measured"
-    errors = {row["estimate"]: row["relative_error_percent"] for row in rows}
-    said = [f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods]
-    return f"On unseen motion ({where}): {', '.join(said)}."
 
 
 def _estimates(study: Study) -> dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]]:

@@ -61,6 +61,8 @@ def data_needed(study: Study) -> Table:
                     "method": method,
                 }
                 rows.append({**about, **_errors(study, data, windows, method)})
+    last = [row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))]
+    said = [f"{row['method']} {row['error_percent_median']:.3g} %" for row in last]
     return Table.of(
         "data",
         f"How much data each method needs: {study.problem.title}",
@@ -86,16 +88,9 @@ def data_needed(study: Study) -> Table:
             "on windows like these; its weight and scale are that definition, not the best found on "
             "them.",
         ),
-        _gist(rows),
+        f"After {last[0]['seconds']} s ({last[0]['data']}), on other motion: {', '.join(said)}.",
         digits=3,
     )
-
-
-def _gist(rows: list[Row]) -> str:
-    """The medians of the last data after the longest windows."""
-    last = [row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))]
-    said = [f"{row['method']} {row['error_percent_median']:.3g} %" for row in last]
-    return f"After {last[0]['seconds']} s ({last[0]['data']}), on other motion: {', '.join(said)}."
 
 
 def _sources(study: Study) -> list[tuple[Data, Callable[[int], list[_Window]]]]:
