@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.published import real_data_folder
-from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.shootout import standard_instances as standard
@@ -25,7 +25,8 @@ from sdp_vs_penalty.solvers.objective import Objective
 Change = Callable[[Instance], Instance]
 
 
-def _with_data(instance: Instance, data: LeastSquares) -> Instance:
+def _with_data(instance: Instance, **changes: Any) -> Instance:
+    data = replace(instance.data, **changes)
     return replace(instance, task=replace(instance.task, data=data), objective=Objective(data))
 
 
@@ -50,19 +51,6 @@ def unidentifiable(made: Instance) -> Instance:
     return replace(wide, task=replace(wide.task, bound=1e3 * made.task.bound))
 
 
-def rank_deficient(made: Instance) -> Instance:
-    """Some twenty rows of the factor: far fewer directions than parameters are seen."""
-    data, step = made.data, max(1, len(made.data.R) // 20)
-    few = replace(data, R=data.R[::step], rho=data.rho[::step])
-    return _with_data(made, few)
-
-
-def noise_free(made: Instance) -> Instance:
-    """Torque of the nominal robot, exactly: the optimum is zero."""
-    rho = made.data.R @ made.task.nominal
-    return _with_data(made, LeastSquares(made.data.R, rho, 0.0, float(rho @ rho), made.data.rows))
-
-
 def total_mass_at_least(shift: float) -> Change:
     """The lower bound on the total mass ``shift`` (relative) above what the links may weigh together."""
 
@@ -78,17 +66,28 @@ def total_mass_at_least(shift: float) -> Change:
     return change
 
 
-def thick_beyond_bounds(made: Instance) -> Instance:
+def rounded(made: Instance) -> Instance:
+    """The factor in single precision; what is solved and certified is the problem that this leaves."""
+    R, rho = (x.astype(np.float32).astype(float) for x in (made.data.R, made.data.rho))
+    return _with_data(made, R=R, rho=rho)
+
+
+def too_thick(made: Instance) -> Instance:
     """Radii of gyration that the bounds on the moments exclude."""
     kept = [c for c in made.constraints.convex if c.family != "minimum thickness"]
     return _with_constraints(made, (*kept, *made.task.minimum_thickness(3.0)))
 
 
-def float32_data(made: Instance) -> Instance:
-    """The factor in single precision; what is solved and certified is the problem that this leaves."""
-    data = made.data
-    R, rho = (x.astype(np.float32).astype(float) for x in (data.R, data.rho))
-    return _with_data(made, replace(data, R=R, rho=rho))
+def rank_deficient(made: Instance) -> Instance:
+    """Some twenty rows of the factor: far fewer directions than parameters are seen."""
+    step = max(1, len(made.data.R) // 20)
+    return _with_data(made, R=made.data.R[::step], rho=made.data.rho[::step])
+
+
+def noise_free(made: Instance) -> Instance:
+    """Torque of the nominal robot, exactly: the optimum is zero."""
+    rho = made.data.R @ made.task.nominal
+    return _with_data(made, rho=rho, residual_norm=0.0, tau_squared=float(rho @ rho))
 
 
 #: One thing that users do, or data do to them, and how it is told in the library; the last one is not in
@@ -113,8 +112,8 @@ CHANGES: dict[str, tuple[Change, str]] = {
     ),
     "infeasible 1e-3": (total_mass_at_least(1e-3), "with 0.1 % more mass than the bounds allow"),
     "infeasible 1e-6": (total_mass_at_least(1e-6), "with a millionth more mass than the bounds allow"),
-    "infeasible thickness": (thick_beyond_bounds, "with links thicker than their bounds allow"),
-    "float32 data": (float32_data, "from data rounded to single precision"),
+    "infeasible thickness": (too_thick, "with links thicker than their bounds allow"),
+    "float32 data": (rounded, "from data rounded to single precision"),
     "float32 gram": (posed_as("gram in float32"), ""),
 }
 
