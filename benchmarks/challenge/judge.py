@@ -87,10 +87,6 @@ def all_named(record: Record) -> bool:
     return all(any(same(f, t) for f in record["found"]) for t in record["truth"])
 
 
-def nothing_else_confident(record: Record) -> bool:
-    return not any(f["confidence"] == "confident" for f in extras(record))
-
-
 def abstained(record: Record) -> bool:
     return bool(record["verdict"] == "unknown_effect")
 
@@ -108,24 +104,6 @@ def found_in_time(record: Record) -> bool:
         e["t_start"] < truth["t_end"] + 1.0 and e["t_end"] > truth["t_start"] - 1.0
         for e in record["events"]
     )
-
-
-def has_curves(record: Record) -> bool:
-    return bool(record.get("curves"))
-
-
-def right_variables(record: Record) -> bool:
-    """Of the first curve of the joint that misses a torque."""
-    return bool(record.get("curve", {}).get("variables"))
-
-
-def mostly_removed(record: Record) -> bool:
-    """Most of the missing energy, on a motion that nothing was fitted to."""
-    return bool(record.get("curve", {}).get("removed", 0.0) >= 0.8)
-
-
-def false_claim(record: Record) -> bool:
-    return outcome(record) == "false"
 
 
 def outcome(record: Record) -> str:
@@ -159,18 +137,37 @@ def sizes(record: Record) -> list[tuple[str, float, float]]:
 SINGLE = ("strong", "medium", "weak")
 HEADINGS = ("class", "counted", "cases", "share", "interval", "to reach")
 
+
+def curve(record: Record) -> Mapping[str, Any]:
+    """What became of a torque without a name."""
+    return record.get("curve", {"variables": False, "removed": 0.0})
+
+
+def nothing_else_confident(record: Record) -> bool:
+    """Nothing that is not hidden is named with confidence."""
+    return not any(f["confidence"] == "confident" for f in extras(record))
+
+
 #: What is counted in which class: (class, what is counted, how, figure to reach).
 MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
-    ("clean", "false claims, all nuisances", false_claim, "<= 1 %"),
+    ("clean", "false claims, all nuisances", lambda r: outcome(r) == "false", "<= 1 %"),
     ("clean", "false events", lambda record: bool(record["events"]), ""),
-    ("clean", "false curves", has_curves, "<= 1 %"),
+    ("clean", "false curves", lambda r: bool(r.get("curves")), "<= 1 %"),
     ("strong", "first named effect right", first_right, ">= 99 %"),
     ("medium", "first named effect right", first_right, ">= 99 %"),
     ("weak", "first named effect right", first_right, ">= 95 %"),
     *((name, "truth in the equivalence set", in_set, ">= 99 %") for name in SINGLE),
     *((name, "nothing named besides", lambda r: not extras(r), "") for name in SINGLE),
-    *((name, "nothing confident besides", nothing_else_confident, ">= 98 %") for name in SINGLE),
-    *((name, "no curve", lambda r: not has_curves(r), ">= 98 %") for name in SINGLE),
+    *(
+        (
+            name,
+            "nothing confident besides",
+            nothing_else_confident,
+            ">= 98 %",
+        )
+        for name in SINGLE
+    ),
+    *((name, "no curve", lambda r: not r.get("curves"), ">= 98 %") for name in SINGLE),
     ("one_run", "first named effect right", first_right, ">= 95 %"),
     ("pairs", "both named", all_named, ">= 95 %"),
     ("triples", "all three named", all_named, ">= 90 %"),
@@ -179,14 +176,14 @@ MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
     ("disturbance", "flagged as event or unknown", flagged, ""),
     ("disturbance", "an event at the right time", found_in_time, ">= 90 %"),
     ("payload", "payload named first", first_right, ""),
-    ("unknown", "right variables", right_variables, ">= 90 %"),
-    ("unknown", ">= 80 % of the missing energy removed", mostly_removed, ""),
+    ("unknown", "right variables", lambda r: curve(r)["variables"], ">= 90 %"),
+    (
+        "unknown",
+        ">= 80 % of the missing energy removed",
+        lambda r: curve(r)["removed"] >= 0.8,
+        "",
+    ),
 )
-
-
-def _label(item: Item) -> str:
-    joints = "+".join(str(j) for j in item["joints"])
-    return f"{item['effect']}:{joints}" if joints else str(item["effect"])
 
 
 def share(hits: int, count: int) -> list[str]:
@@ -202,7 +199,7 @@ def shares(records: Sequence[Record]) -> list[list[str]]:
         mine = [r for r in records if r["class"] == name and counted(r)]
         if mine:
             rows.append([name, what, *share(sum(map(test, mine)), len(mine)), goal])
-        if mine and test is false_claim:
+        if mine and name == "clean" and "false claims" in what:
             met = [x for x in NUISANCES if any(r["nuisance"] == x for r in mine)]
             by = {x: [test(r) for r in mine if r["nuisance"] == x] for x in met}
             worst = max(by, key=lambda x: float(np.mean(by[x])))
@@ -317,7 +314,8 @@ def _false_claims(records: Mapping[str, Record]) -> list[str]:
     lines = ["## False claims about clean robots", ""]
     for key, r in records.items():
         if r["class"] == "clean" and outcome(r) == "false":
-            what = ", ".join(f"{_label(f)} ({f['confidence']})" for f in extras(r))
+            of = [(f["effect"], "+".join(map(str, f["joints"])), f["confidence"]) for f in extras(r)]
+            what = ", ".join(f"{name}{joints and ':'}{joints} ({sure})" for name, joints, sure in of)
             said = what or r.get("error", "")
             lines.append(f"- {key} on {r['conditions']['arm']}: {r['verdict']}; {said}")
     return lines if len(lines) > 2 else []

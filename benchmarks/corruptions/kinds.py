@@ -56,7 +56,9 @@ def corruptions(n: int) -> list[Corruption]:
         for j in chosen:
             add(kind, (j,), size, causes, partial(_on, name, j, change))
     for j in chosen:
-        add("joint sign", (j,), "q and tau", "joint sign", partial(_signs, j))
+        signs = np.where(np.arange(n) == j, -1.0, 1.0)
+        mirrored = lambda r, s=signs: replace(r, q=r.q * s, tau=r.tau * s, dq=None)  # noqa: E731
+        add("joint sign", (j,), "q and tau", "joint sign", mirrored)
     for kind, size, cause, names in _ORDERS:
         for pair in combinations(chosen, 2):
             add(kind, pair, size, cause, partial(_swapped, names, *pair))
@@ -121,7 +123,7 @@ def _channels() -> Iterator[tuple[str, str, str, str, Change]]:
         late_step = partial(ramp, lambda n: (n - 1.0) * (np.arange(n) > 0.6 * n))
         yield "torque step", f"{share:g} std", "torque step", "tau", late_step
     for limit in (0.4, 0.7):
-        clip = partial(_clipped, limit)
+        clip = lambda x, r, s=limit: np.clip(x, *(s * np.abs(x).max() * np.array([-1.0, 1.0])))  # noqa: E731
         yield "saturation", f"at {limit:g} of the peak", "saturation", "tau", clip
         soft = lambda x, r, s=limit: s * np.abs(x).max() * np.tanh(x / (s * np.abs(x).max()))  # noqa: E731
         causes = "saturation|unexplained torque|torque gain"
@@ -211,11 +213,6 @@ def _each_torque(change: Change, run: Measurements) -> Measurements:
     return replace(run, tau=np.column_stack([change(x, run) for x in run.tau.T]))
 
 
-def _signs(j: int, run: Measurements) -> Measurements:
-    sign = np.where(np.arange(run.n) == j, -1.0, 1.0)
-    return replace(run, q=run.q * sign, tau=run.tau * sign, dq=None)
-
-
 def _swapped(names: Sequence[str], a: int, b: int, run: Measurements) -> Measurements:
     order = np.arange(run.n)
     order[[a, b]] = [b, a]
@@ -224,11 +221,6 @@ def _swapped(names: Sequence[str], a: int, b: int, run: Measurements) -> Measure
 
 def _drift(share: float, shape: Callable[[int], Array], x: Array, run: Measurements) -> Array:
     return x + share * x.std() * shape(len(x)) / (len(x) - 1.0)
-
-
-def _clipped(share: float, x: Array, run: Measurements) -> Array:
-    limit = share * np.abs(x).max()
-    return np.clip(x, -limit, limit)
 
 
 def _wrapped(x: Array, run: Measurements) -> Array:
