@@ -193,15 +193,16 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
             frequency=np.pi * float(motion["frequency_over_pi"]),
             blend=float(motion["blend"]),
         )
-    friction, sensor = truth.get("friction"), {k: np.array(x, float) for k, x in data["sensor"].items()}
-    for name in ("rate", "torque_std", "position_step"):
-        sensor[name]  # a KeyError says which is missing
+    friction, sensor = truth.get("friction"), dict[str, Any]()
+    for name, value in data["sensor"].items():
+        sensor[name] = np.array(value, float) if isinstance(value, list) else float(value)
+    needed = (sensor.pop(name) for name in ("rate", "torque_std", "position_step"))
     return Experiment(
         problem,
         published_links(problem, truth["column"]),
         None if friction is None else published_friction(problem, friction),
         trajectory,
-        Sensor(**sensor),
+        Sensor(*needed, **sensor),
         (int(limits["count"]), float(limits["duration"])),
         tuple(data.get("identification", {}).get("effects", problem.default_effects)),
     )
