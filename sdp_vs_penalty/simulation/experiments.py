@@ -196,7 +196,7 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
     friction, sensor = truth.get("friction"), dict[str, Any]()
     for name, value in data["sensor"].items():
         sensor[name] = np.array(value, float) if isinstance(value, list) else float(value)
-    needed = (sensor.pop(name) for name in ("rate", "torque_std", "position_step"))
+    needed = [sensor.pop(name) for name in ("rate", "torque_std", "position_step")]
     return Experiment(
         problem,
         published_links(problem, truth["column"]),
