@@ -17,8 +17,7 @@ from typing import Any
 
 from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.errors import InputError, Remark, unknown
-from sdp_vs_penalty.files import protecting
-from sdp_vs_penalty.files.inputs import opened
+from sdp_vs_penalty.files import opened, protecting
 from sdp_vs_penalty.version import __version__
 
 #: Every file of verbs/, by what it is for; its first line is that of the program's --help.

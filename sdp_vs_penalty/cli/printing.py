@@ -1,27 +1,22 @@
 """What `identify`, `compare`, `diagnose` and `add` print."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli.console import aligned, details, explain, say, table
+from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.sentences import event_lines
-from sdp_vs_penalty.estimation.verdict import changes
+from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure, dependences, sentences
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.exporters.links import LINK_HEADS, link_rows
 from sdp_vs_penalty.formatting import number, plain_unit
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.diagnosis.comparison import Comparison
-    from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
-    from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
-    from sdp_vs_penalty.estimation.estimate import Estimate
-    from sdp_vs_penalty.estimation.verdict import Verdict
 
 #: What an error is called that no other run was kept for.
 TRAINING = "the training data"
@@ -52,11 +47,8 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         shares = ", ".join(f"{100.0 * x:.3g} %" for x in loop["share"])
         late = f"{1e3 * loop['delay']:.2g} ms late"
         say(f"the servos' law, {late}, makes {shares} of the joints' logged torque")
-        gains = loop["gains"].items()
-        rows = [
-            [k, f"{g['value']:.4g}", f"{1.96 * g['std']:.2g}", plain_unit(g["unit"])] for k, g in gains
-        ]
-        table("Gains, of the logged torque", ["gain", "value", "+-", "unit"], rows)
+        gains = [(k, g["value"], f"{1.96 * g['std']:.2g}", g["unit"]) for k, g in loop["gains"].items()]
+        _gains("Gains, of the logged torque", gains)
     if links := link_rows(result):
         heads, *lines = ([*row[:4], *row[5:]] for row in (LINK_HEADS, *links))  # no centres: too wide
         table("Links, identified and nominal", heads, lines)
@@ -83,18 +75,19 @@ def servo(result: Estimate, told: dict[str, Any]) -> None:
         error * x if p.name in model.known else s
         for p, x, s in zip(model.parameters, result.theta, result.standard_deviations, strict=True)
     ]
-    rows = [
-        [p.name, f"{x:.4g}", _spread(p.name in model.known and not error, x, s), plain_unit(p.unit)]
-        for p, x, s, drive in zip(model.parameters, result.theta, std, model.drives, strict=True)
-        if drive
-    ]
-    table("Gains; kd holds viscous friction too", ["gain", "value", "+-", "unit"], rows)
+    gains = []
+    for p, x, s, drive in zip(model.parameters, result.theta, std, model.drives, strict=True):
+        # Where half its interval holds zero, no motion of this log tells a gain.
+        spread = f"{1.96 * s:.2g}" if 1.96 * s < abs(x) else "not determined"
+        gains += [
+            (p.name, x, "given" if p.name in model.known and not error else spread, p.unit)
+        ] * drive
+    _gains("Gains; kd holds viscous friction too", gains)
 
 
-def _spread(given: bool, value: float, std: float) -> str:
-    """Half a gain's interval; where that holds zero, no motion of this log tells it."""
-    told = 1.96 * std < abs(value)
-    return "given" if given else f"{1.96 * std:.2g}" if told else "not determined"
+def _gains(title: str, gains: Sequence[tuple[str, float, str, str]]) -> None:
+    rows = [(name, f"{x:.4g}", spread, plain_unit(unit)) for name, x, spread, unit in gains]
+    table(title, ["gain", "value", "+-", "unit"], rows)
 
 
 def verdict(said: Verdict, name: str = "") -> None:
@@ -173,8 +166,6 @@ def comparison(
 
 def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model: str) -> None:
     """Where a model's error is large, in words: a line for each joint of which something can be said."""
-    from sdp_vs_penalty.diagnosis.where_it_fails import dependences, sentences
-
     say(f"Where {model} fails (held-out shares of the error's variance)", style="italic")
     told = [f for f in failures if dependences(f) or f.orders]
     for f in told:

@@ -18,8 +18,7 @@ from sdp_vs_penalty.data.formats.columns import Choice, Header
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate, without_traces
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError, given, other_robot, unreadable
-from sdp_vs_penalty.files import reading
-from sdp_vs_penalty.files.inputs import nameable
+from sdp_vs_penalty.files import nameable, reading
 
 #: One run as Measurements, a file's path, a mapping or table of columns; or a sequence of runs.
 Source: TypeAlias = Any

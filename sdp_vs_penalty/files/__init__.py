@@ -1,39 +1,396 @@
-"""Inputs are bounded; outputs are written whole or not at all, never over what the command has read."""
+"""Every file that a user names: inputs are bounded; outputs are whole or not there at all, and never
+replace what the same command has read.
 
+An input is a regular file, no device and no pipe; at most so many bytes by its kind; and while a library
+unpacks it, at most so much memory. Whatever a file holds, it costs a bounded amount and ends in one
+sentence.
+"""
+
+import csv
+import errno
+import glob
+import io
+import json
+import os
+import re
+import stat
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
+from typing import Any, BinaryIO, TypeVar
 
-from sdp_vs_penalty.files.inputs import (
-    LARGEST_MESH,
-    LARGEST_RUN,
-    LARGEST_TEXT,
-    protecting,
-    read_bytes,
-    read_json,
-    read_table,
-    read_text,
-    read_toml,
-    reading,
-)
-from sdp_vs_penalty.files.outputs import alone, as_csv, write_bytes, write_text, writing
+from sdp_vs_penalty.errors import InputError, unreadable
 
-__all__ = [
-    "LARGEST_MESH",
-    "LARGEST_RUN",
-    "LARGEST_TEXT",
-    "alone",
-    "as_csv",
-    "problems_folder",
-    "protecting",
-    "read_bytes",
-    "read_json",
-    "read_table",
-    "read_text",
-    "read_toml",
-    "reading",
-    "write_bytes",
-    "write_text",
-    "writing",
-]
+T = TypeVar("T")
+
+#: Bytes of one file: of a recording (CSV text of 4 GiB of numbers), of a mesh, of text that is parsed
+#: whole (URDF, JSON, bounds, proofs: the largest of ours, a proof of 60 links, has 12 MB), and of TOML,
+#: whose parser takes time with the square of a dotted key's length (ours have 2 kB).
+LARGEST_RUN, LARGEST_MESH, LARGEST_TEXT, LARGEST_TOML = 2**34, 2**28, 2**26, 2**16
+#: Memory that unpacking a file may take: bytes, and bytes a byte of it. Measured channels unpack to 3 to
+#: 20 times their size.
+_ROOM, _PER_BYTE = 384 * 2**20, 25
+#: Device and inode of every file that the running command was given or has read. None outside of one:
+#: in a notebook a model may be written over the file that it came from.
+_inputs = ContextVar[set[tuple[int, int]] | None]("inputs", default=None)
+
+
+@contextmanager
+def protecting() -> Iterator[None]:
+    """While this runs, no output may replace a file that :func:`opened` has heard of."""
+    before = _inputs.set(set())
+    try:
+        yield
+    finally:
+        _inputs.reset(before)
+
+
+def is_input(found: os.stat_result) -> bool:
+    """Whether the running command has read this file, by inode, so that no link hides it."""
+    return (found.st_dev, found.st_ino) in (_inputs.get() or ())
+
+
+def opened(path: str | Path) -> None:
+    """An argument of the running command is an input; of a folder all files in it."""
+    inputs, path = _inputs.get(), Path(path)
+    if inputs is None:
+        return
+    try:
+        for file in path.iterdir() if path.is_dir() else [path]:
+            found = file.stat()
+            if stat.S_ISREG(found.st_mode):
+                inputs.add((found.st_dev, found.st_ino))
+    except (OSError, ValueError):  # no such file, or no name of one: whoever reads it says so
+        return
+
+
+def nameable(path: Path) -> bool:
+    """Whether the system takes this for a name: none too long, no zero byte."""
+    try:
+        path.stat()
+    except (OSError, ValueError) as error:
+        return getattr(error, "errno", None) in (errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.ELOOP)
+    return True
+
+
+def _regular(path: Path, found: os.stat_result, largest: int) -> None:
+    """InputError unless it is a file that may be read whole."""
+    if stat.S_ISDIR(found.st_mode):
+        raise InputError("is a folder", "name a file", path)
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError("is no regular file (a device, a pipe or a socket)", "save it to a file", path)
+    if found.st_size > largest:
+        raise too_large(path, largest)
+
+
+def too_large(path: Path, largest: int) -> InputError:
+    """The error of a file of more bytes than its kind has."""
+    size = f"{largest // 2**20} MiB" if largest >= 2**20 else f"{largest // 2**10} KiB"
+    return InputError(f"larger than {size}", "name a smaller file, or cut it", path)
+
+
+@contextmanager
+def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
+    """The path, for a library that opens it; while it reads, memory is limited (on Linux).
+
+    path : a regular file of at most ``largest`` bytes, or a folder of such.
+    Raises InputError for anything else, and where the file unpacks to more than its size allows.
+    """
+    path = Path(path)
+    try:
+        files = [f for f in path.iterdir() if not f.is_dir()] if path.is_dir() else [path]
+        states = [file.stat() for file in files]
+    except (OSError, ValueError) as error:
+        raise unreadable(error, path) from error
+    for file, found in zip(files, states, strict=True):
+        _regular(file, found, largest)
+    opened(path)
+    room = _ROOM + _PER_BYTE * sum(found.st_size for found in states)
+    try:
+        with _memory(room):
+            yield path
+    except (MemoryError, OSError) as error:
+        if isinstance(error, OSError) and error.errno != errno.EFBIG:
+            raise unreadable(error, path) from error
+        raise InputError(
+            f"unpacks to more than {room // 2**20} MiB, unlike a file of its size",
+            "split it, or save it without compression",
+            path,
+        ) from error
+
+
+@contextmanager
+def _memory(room: int) -> Iterator[None]:
+    """While this runs, this process may take so many bytes of memory more (files that are mapped do not
+    count), and write no file that is larger. Nothing where the system has no such limits."""
+    used = _data_segment()
+    if used is None:
+        yield
+        return
+    import resource
+
+    before = {}
+    for kind, most in ((resource.RLIMIT_DATA, used + room), (resource.RLIMIT_FSIZE, room)):
+        soft, hard = before[kind] = resource.getrlimit(kind)
+        limits = [x for x in (most, soft, hard) if x != resource.RLIM_INFINITY]
+        resource.setrlimit(kind, (min(limits), hard))
+    try:
+        yield
+    finally:
+        for kind, limits_before in before.items():
+            resource.setrlimit(kind, limits_before)
+
+
+def _data_segment() -> int | None:
+    """Bytes of private memory of this process, as Linux counts them for RLIMIT_DATA; None elsewhere."""
+    try:
+        with open("/proc/self/status", encoding="ascii") as file:
+            found = re.search(r"VmData:\s+(\d+) kB", file.read())
+    except OSError:
+        return None
+    return None if found is None else 1024 * int(found[1])
+
+
+def read_bytes(path: str | Path, largest: int = LARGEST_TEXT, own: bool = False) -> bytes:
+    """A whole file. own : one that this command keeps, and may write again. Raises InputError for what
+    is no regular file, too large, or cannot be read."""
+    path = Path(path)
+    try:
+        # Opened before it is looked at, so that it cannot change in between; a pipe does not wait.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        try:
+            _regular(path, os.fstat(handle), largest)
+            with open(handle, "rb", closefd=False) as file:
+                content = file.read(largest + 1)  # some files of the system state no size
+        finally:
+            os.close(handle)
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise unreadable(error, path) from error
+    if len(content) > largest:
+        raise too_large(path, largest)
+    if not own:
+        opened(path)
+    return content
+
+
+def read_text(path: str | Path, largest: int = LARGEST_TEXT, own: bool = False) -> str:
+    """A whole file of UTF-8 text; arguments and errors as of :func:`read_bytes`."""
+    try:
+        return read_bytes(path, largest, own).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"not UTF-8 text ({error})", "save it as UTF-8", Path(path)) from error
+
+
+def read_table(path: str | Path) -> list[dict[str, str]]:
+    """The rows of a CSV table, as text by heading."""
+    try:
+        return [dict(row) for row in csv.DictReader(io.StringIO(read_text(path), newline=""))]
+    except csv.Error as error:
+        raise InputError(f"not a CSV table ({error})", "write it anew as UTF-8 text", path) from error
+
+
+def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str, Any]], T]) -> T:
+    """What ``build`` makes of the JSON object at ``path``; every ``kind`` of file has a field ``mark``.
+
+    Raises InputError naming the file and what is wrong with it, whatever build raises on bad content.
+    """
+
+    def checked(data: Any) -> T:
+        if not isinstance(data, dict) or mark not in data:
+            raise InputError(f"not a {kind} of this program (no field {mark!r})", f"name a {kind}")
+        return build(data)
+
+    return _built(Path(path), read_text(path), json.loads, checked, "write the file anew")
+
+
+def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
+    """What ``build`` makes of the TOML file at ``path``; errors as of :func:`read_json`."""
+    remedy = "compare the file with a built-in one"
+    return _built(path, read_text(path, LARGEST_TOML), tomllib.loads, build, remedy)
+
+
+def _built(
+    path: Path, text: str, parse: Callable[[str], Any], build: Callable[[Any], T], else_: str
+) -> T:
+    try:
+        data = parse(text)
+    except (ValueError, RecursionError) as error:
+        what = "nested too deeply" if isinstance(error, RecursionError) else error
+        kind = "JSON" if parse is json.loads else "TOML"
+        raise InputError(f"not a {kind} file ({what})", "correct it, or name another", path) from error
+    try:
+        return build(data)
+    except InputError as error:
+        # One that names a file of its own, which this one mentions, stays as it is.
+        raise error if isinstance(error.where, Path) else error.within(path) from error
+    except KeyError as error:
+        raise InputError(f"the field {error.args[0]!r} is missing", else_, path) from error
+    except (
+        AttributeError,
+        ArithmeticError,
+        LookupError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ) as error:
+        raise InputError(f"a field has the wrong content ({error})", else_, path) from error
+
+
+@contextmanager
+def writing(path: str | Path) -> Iterator[BinaryIO]:
+    """A temporary file beside the target, to be renamed: an interruption keeps the old file.
+
+    A writer that is killed leaves at most that one file, which the next writer of the target removes.
+
+    A link stays, its target is replaced. A device or a pipe is written to as it is. Raises InputError
+    where the file is an input of this command, or cannot be written.
+    """
+    path = Path(path)
+    try:
+        there = _there(path)
+        if there is not None and stat.S_ISDIR(there.st_mode):
+            raise InputError("cannot be written (it is a folder)", "name a file", path)
+        if there is not None and is_input(there):
+            raise InputError("is also an input of this command", "name another file to write", path)
+        if there is None or stat.S_ISREG(there.st_mode):
+            with _replacing(Path(os.path.realpath(path))) as file:
+                yield file
+            return
+        content = io.BytesIO()  # which can be told where it is, as some formats need
+        yield content
+        with path.open("wb") as device:
+            device.write(content.getbuffer())
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise _unwritable(error, path) from error
+
+
+def _unwritable(error: Exception, path: Path) -> InputError:
+    what = error.strerror if isinstance(error, OSError) else error
+    return InputError(f"cannot be written ({what})", "choose another place, or free this one", path)
+
+
+def write_bytes(path: str | Path, content: bytes) -> None:
+    """Write a file, whole or not at all; errors as of :func:`writing`."""
+    with writing(path) as file:
+        file.write(content)
+
+
+def _there(path: Path) -> os.stat_result | None:
+    """What the path leads to, links followed; None for nothing yet."""
+    try:
+        return path.stat()
+    except FileNotFoundError:
+        return None
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[BinaryIO]:
+    """The new file whole under a name of its own, on the disk, and only then under the old name."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _remove_leftovers(path)
+    umask = os.umask(0)
+    os.umask(umask)
+    handle, temporary = tempfile.mkstemp(_PART, f"{_prefix(path)}{os.getpid()}.", path.parent)
+    try:
+        try:
+            with open(handle, "wb", closefd=False) as file:
+                yield file
+            os.fchmod(handle, 0o666 & ~umask)
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+        os.replace(temporary, path)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(temporary)
+        raise
+    _sync_folder(path.parent)
+
+
+#: End of the names of files that are being written.
+_PART = ".part"
+
+
+def _prefix(path: Path) -> str:
+    return f".{path.name[:100]}."
+
+
+def _remove_leftovers(path: Path) -> None:
+    """What a writer that was killed has left: its name tells its process, which is no more."""
+    for file in path.parent.glob(f"{glob.escape(_prefix(path))}*{_PART}"):
+        number = file.name.removeprefix(_prefix(path)).split(".")[0]
+        if number.isdigit() and not lives(int(number)):
+            with suppress(OSError):
+                file.unlink()
+
+
+def lives(process: int) -> bool:
+    """Whether there is a process of this number."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True  # somebody else's
+    return True
+
+
+def _sync_folder(folder: Path) -> None:
+    """The new name on the disk as well; not every file system can."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """While this runs, no other command adds its results to this folder; the lock ends with the process.
+
+    Raises InputError where another command does so already, and where the folder cannot be made.
+    """
+    try:
+        import fcntl
+    except ImportError:  # no such locks on this system
+        yield
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise _unwritable(error, folder) from error
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                "another command is writing its results there",
+                "wait until it ends, or name another folder",
+                folder,
+            ) from None
+        yield
+    finally:
+        os.close(handle)
+
+
+def write_text(path: str | Path, content: str) -> None:
+    write_bytes(path, content.encode())
+
+
+def as_csv(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A CSV table with a row of headings."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows([headings, *rows])
+    return out.getvalue()
 
 
 def problems_folder() -> Path:

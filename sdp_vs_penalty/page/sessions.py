@@ -1,18 +1,82 @@
-"""All tabs of a server: sessions by their secret names, kept a while after a tab is closed."""
+"""All tabs of a server: sessions by their secret names, kept a while after a tab is closed; and what
+people drop there, kept under names of our own in a session's private folder."""
 
+import asyncio
 import contextlib
 import os
 import secrets
 import shutil
 import tempfile
 import time
-from pathlib import Path
+from collections.abc import AsyncIterator
+from pathlib import Path, PureWindowsPath
 
+from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files.outputs import lives
+from sdp_vs_penalty.files import lives
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.uploads import SILENCE
 from sdp_vs_penalty.page.worker import WorkerPool
+
+#: Bytes of all files of a session.
+LARGEST = 2**30
+#: How long a browser may be silent, sleep or wait for a busy computer [s]: a file that it sends is then
+#: refused, the work of a tab that was closed ends, and a tab that was asked for is not waited for.
+SILENCE = 30.0
+
+#: Suffixes that the readers know.
+RUN_SUFFIXES = suffixes()
+ROBOT_SUFFIXES = (".urdf", ".xml")
+#: By what is dropped.
+SUFFIXES = {"runs": RUN_SUFFIXES, "robot": ROBOT_SUFFIXES, "model": (".json",), "proof": (".json",)}
+
+
+def shown_name(given: str) -> str:
+    """What to call a file: the last part of its name without what cannot be printed; never a path.
+
+    >>> shown_name("../../etc/run 1.csv"), shown_name("C:\\\\temp\\\\run.csv"), shown_name("..")
+    ('run 1.csv', 'run.csv', 'file')
+    """
+    last = PureWindowsPath(given.replace("\0", "")).name  # takes / and \ and drives for separators
+    name = "".join(c for c in last if c.isprintable()).strip()
+    if name in ("", ".", ".."):
+        return "file"
+    return name if len(name) <= 80 else f"{name[:40]}...{name[-36:]}"
+
+
+async def receive(folder: Path, name: str, length: int, chunks: AsyncIterator[bytes], kind: str) -> Path:
+    """Write a file that arrives in pieces; never more than announced, whole or not at all.
+
+    name : as :func:`shown_name` made it; length : in bytes, as announced; kind : of SUFFIXES.
+    Raises InputError for a suffix that nobody reads and for too many bytes.
+    """
+    suffix, allowed = Path(name).suffix.lower(), SUFFIXES.get(kind, ())
+    if suffix not in allowed:
+        raise InputError(
+            "files of this kind cannot be read", f"choose one of {', '.join(allowed)}", name
+        )
+    if length > LARGEST:
+        what = f"{min(length, 10**15) // 2**20} MB; the page takes files up to {LARGEST // 2**20} MB"
+        raise InputError(what, "use the command line, or cut the run into pieces", name)
+    if length > LARGEST - sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()):
+        raise InputError("this page has reached its limit of files", "start over", name)
+    path, clock = folder / f"file-{secrets.token_hex(8)}{suffix}", asyncio.get_running_loop().time
+    try:
+        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+            file.truncate(length)  # for whatever else arrives meanwhile; takes no disk
+            async with asyncio.timeout(SILENCE) as patience:
+                async for chunk in chunks:
+                    file.write(chunk)
+                    if file.tell() > length:
+                        raise InputError("holds more than was announced", "send it again", name)
+                    patience.reschedule(clock() + SILENCE)
+            file.truncate()
+    except BaseException as error:
+        path.unlink(missing_ok=True)
+        if isinstance(error, TimeoutError):
+            raise InputError(f"nothing came for {SILENCE:g} s", "send it again", name) from error
+        raise
+    return path
+
 
 #: Tabs that can be open at once, and closed ones that can be opened again.
 MOST = 20
@@ -69,6 +133,8 @@ class Sessions:
             session.rest()
 
     def close(self) -> None:
+        """End the workers, and remove all files."""
+        self.pool.close()
         shutil.rmtree(self.root, ignore_errors=True)
 
     def _forget_old(self) -> None:

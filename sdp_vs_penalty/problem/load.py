@@ -18,8 +18,7 @@ from sdp_vs_penalty.data.formats.csv import read_headerless
 from sdp_vs_penalty.data.formats.recognition import scaled
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, given
-from sdp_vs_penalty.files import problems_folder, read_table, read_toml
-from sdp_vs_penalty.files.inputs import nameable
+from sdp_vs_penalty.files import nameable, problems_folder, read_table, read_toml
 from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
 from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS
 from sdp_vs_penalty.problem.fields import check_fields, entries

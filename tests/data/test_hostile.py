@@ -17,11 +17,10 @@ from peak_memory import peak_memory
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty import InputError, Measurements, check, identify, load_problem
+from sdp_vs_penalty import InputError, Measurements, check, files, identify, load_problem
 from sdp_vs_penalty.data import read_run, save
 from sdp_vs_penalty.data.files import as_measurements, load_measurements
-from sdp_vs_penalty.files import inputs
-from sdp_vs_penalty.page.uploads import receive
+from sdp_vs_penalty.page.sessions import receive
 from sdp_vs_penalty.signals.runs import sample_rate, stretches
 
 
@@ -79,7 +78,7 @@ def ros1_chunk(compression: bytes, packed: bytes, claimed: int) -> bytes:
 @pytest.mark.parametrize("kind", ["npz", "mat", "parquet", "bz2", "lz4", "zstd"])
 def test_no_bomb_takes_more_than_its_size_allows(kind, tmp_path, monkeypatch):
     """128 MB of zeros, where reading may take 32: whatever sizes its headers claim."""
-    monkeypatch.setattr(inputs, "_ROOM", 32 * 2**20)
+    monkeypatch.setattr(files, "_ROOM", 32 * 2**20)
     path = tmp_path / f"bomb.{kind}"
     zeros = np.zeros(2**24)
     if kind == "npz":
