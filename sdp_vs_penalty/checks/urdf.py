@@ -10,8 +10,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters.content import ROUNDING, Inertial
-from sdp_vs_penalty.exporters.splice import Document
-from sdp_vs_penalty.exporters.urdf import write_inertial
+from sdp_vs_penalty.exporters.urdf import Document, write_inertial
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia

@@ -9,12 +9,6 @@ from sdp_vs_penalty.robot import inertia
 
 ENDING, FILE, ABOUT = ".json", "effects.json", "every effect as plain JSON, with its equation"
 
-#: Which effects the other formats hold, for whoever reads a sidecar beside one of them.
-HELD_BY = {
-    "urdf": ("rigid_body", "viscous_friction", "coulomb_friction"),
-    "mjcf": ("rigid_body", "viscous_friction", "coulomb_friction", "rotor_inertia"),
-}
-
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
     """Links in readable form, every effect with equation, reference, shape constants and values."""
@@ -40,9 +34,6 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         "robot": robot.to_dict(),
         "links": links,
         "effects": effects,
-        "held_by": {
-            form: [e.name for e in model.effects if e.name in names] for form, names in HELD_BY.items()
-        },
         "method": estimate.method,
         "verdict": verdict_line(estimate),
         "provenance": estimate.provenance,

@@ -1,7 +1,17 @@
-"""A URDF made from a model, or the user's own URDF with its inertials and friction replaced."""
+"""A URDF made from a model, or the user's own URDF with its inertials and friction replaced.
 
+lxml parses and answers questions; expat, on the same bytes, says where each element's tags begin;
+changes are spliced into the bytes, of which every other one stays: quotes, spaces in tags, line ends.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Self
+from xml.parsers import expat
+from xml.sax.saxutils import escape
 
 import numpy as np
 from lxml import etree
@@ -20,11 +30,136 @@ from sdp_vs_penalty.exporters.content import (
     require_consistent,
     xml_text,
 )
-from sdp_vs_penalty.exporters.splice import Document
+from sdp_vs_penalty.files import read_bytes
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.urdf import load_urdf
+
+#: A whole tag; a > inside quotes does not end it.
+_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
+_ATTRIBUTE = re.compile(rb"""(\s([^\s=<>"']+)\s*=\s*)("[^"]*"|'[^']*')""")
+_END = re.compile(rb"\s*/?>$")
+
+Attributes = Mapping[str, str]
+Children = Mapping[str, Attributes]
+
+
+@dataclass
+class Document:
+    """An XML file, its parsed tree, and where each of its elements sits in the bytes."""
+
+    source: bytes
+    root: Any
+    #: element -> (start of the start tag, its end, start of the end tag or None for <a/>).
+    spans: dict[Any, tuple[int, int, int | None]]
+    _changes: list[tuple[int, int, bytes]] = field(default_factory=list)
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """Raises InputError for a file that is no XML, has a document type, or is not ASCII-like."""
+        path = Path(path)
+        source = read_bytes(path)
+        if b"<!DOCTYPE" in source:
+            raise InputError("files with a <!DOCTYPE> are not edited", "remove it", path)
+        parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False)
+        try:
+            root = etree.fromstring(source, parser)
+        except (etree.XMLSyntaxError, ValueError) as error:
+            raise InputError(
+                f"not an XML file ({error})", "repair it, or name another file", path
+            ) from error
+        encoding = (root.getroottree().docinfo.encoding or "UTF-8").upper()
+        if encoding not in ("UTF-8", "ASCII", "US-ASCII", "ISO-8859-1", "LATIN-1"):
+            raise InputError(f"the encoding {encoding} is not edited", "save the file as UTF-8", path)
+        elements = [e for e in root.iter() if isinstance(e.tag, str)]
+        return cls(source, root, dict(zip(elements, _spans(source), strict=True)))
+
+    def put(
+        self, parent: Any, tag: str, attributes: Attributes, children: Children = MappingProxyType({})
+    ) -> None:
+        """Give a child these attributes, and children of its own theirs; what is missing is added at the
+        end of its parent, on a line of its own; values that read as the same numbers stay as written."""
+        found = parent.find(tag)
+        if found is None:
+            self._append(parent, _text(tag, attributes, children))
+            return
+        for name, own in children.items():
+            self.put(found, name, own)
+        start, end, _ = self.spans[found]
+        left = {k: v for k, v in attributes.items() if not _same_numbers(found.get(k), v)}
+
+        def renewed(there: re.Match[bytes]) -> bytes:
+            value = left.pop(there[2].decode(), None)
+            return there[0] if value is None else there[1] + f'"{escape(value)}"'.encode()
+
+        made = _ATTRIBUTE.sub(renewed, self.source[start:end])
+        more = "".join(f' {name}="{escape(value)}"' for name, value in left.items()).encode()
+        self._changes.append((start, end, _END.sub(lambda last: more + last[0], made)))
+
+    def _append(self, element: Any, text: str) -> None:
+        start, end, closing = self.spans[element]
+        newline = b"\r\n" if b"\r\n" in self.source else b"\n"
+        before = self.source[self.source.rfind(b"\n", 0, start) + 1 : start]
+        indent = newline + (b"" if before.strip() else before)
+        line = indent + b"  " + text.encode()
+        if closing is None:
+            name = element.tag.encode()
+            self._changes.append((end - 2, end, b">" + line + indent + b"</" + name + b">"))
+            return
+        place = max(len(self.source[:closing].rstrip(b" \t\r\n")), end)
+        self._changes.append((place, place, line + (b"" if place < closing else indent)))
+
+    def edited(self) -> bytes:
+        """The file with all changes."""
+        out: list[bytes] = []
+        last = 0
+        # Insertions at one place stay in the order in which they were asked for.
+        for start, end, text in sorted(self._changes, key=lambda change: change[:2]):
+            out += [self.source[last:start], text]
+            last = end
+        return b"".join([*out, self.source[last:]])
+
+
+def _text(tag: str, attributes: Attributes, children: Children) -> str:
+    """An element as it is written anew."""
+    head = tag + "".join(f' {name}="{escape(value)}"' for name, value in attributes.items())
+    inner = "".join(_text(name, own, {}) for name, own in children.items())
+    return f"<{head}>{inner}</{tag}>" if inner else f"<{head}/>"
+
+
+def _spans(source: bytes) -> list[tuple[int, int, int | None]]:
+    """Of every element in document order."""
+    starts: list[int] = []
+    closings: dict[int, int] = {}
+    stack: list[int] = []
+    parser = expat.ParserCreate()
+
+    def opened(_name: str, _attributes: Any) -> None:
+        stack.append(len(starts))
+        starts.append(parser.CurrentByteIndex)
+
+    def closed(_name: str) -> None:
+        closings[stack.pop()] = parser.CurrentByteIndex
+
+    parser.StartElementHandler = opened
+    parser.EndElementHandler = closed
+    parser.Parse(source, True)
+    out: list[tuple[int, int, int | None]] = []
+    for k, start in enumerate(starts):
+        found = _TAG.match(source, start)
+        assert found is not None  # the parser has accepted the file
+        end = found.end()
+        out.append((start, end, None if source[end - 2 : end] == b"/>" else closings[k]))
+    return out
+
+
+def _same_numbers(old: str | None, new: str) -> bool:
+    try:
+        return old is not None and [float(x) for x in old.split()] == [float(x) for x in new.split()]
+    except ValueError:
+        return False
+
 
 #: How far the joint axes of a model and of a URDF may be apart: what rounded DH tables leave [m, -].
 _SAME_AXIS = 1e-4
@@ -117,78 +252,52 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     Raises InputError where the file's joints are not those of the model.
     """
     theirs, _ = load_urdf(path)
-    links = _in_frames_of(path, theirs, robot, content.links)
+    order = _order(path, theirs, robot)
+    links = _in_frames_of(path, theirs, robot, content.links, order)
     document = Document.read(path)
     owner = _moving_links(document.root, theirs)
-    order = _order(path, theirs, robot)
     for link in document.root.findall("link"):
         name = link.get("name")
-        body = owner.get(name)
-        if body is None:  # the base and what is fixed to it
+        if name not in owner:  # the base and what is fixed to it
             continue
-        index, carries = body
+        index, carries = owner[name]
         if carries:
             require_consistent(links[index], f"{path}: link {name!r}")
             write_inertial(document, link, Inertial.of(links[index]))
         elif link.find("inertial") is not None:
-            zero = Inertial.of(np.zeros(10))
-            _write(document, link, {"mass": {"value": "0"}, "inertia": zero.urdf_attributes})
+            zero = Inertial.of(np.zeros(10)).urdf_attributes
+            document.put(link, "inertial", {}, {"mass": {"value": "0"}, "inertia": zero})
     joints = {joint.get("name"): joint for joint in document.root.findall("joint")}
-    tree = [joint.name for joint in theirs.tree]
+    names = [joint.name for joint in theirs.tree]
     for joint in theirs.joints:
-        mine = robot.joint_names.index(robot.tree[order[tree.index(joint.name)]].name)
+        mine = robot.joint_names.index(robot.tree[order[names.index(joint.name)]].name)
         values = {"damping": content.damping[mine], "friction": content.friction[mine]}
-        dynamics = joints[joint.name].find("dynamics")
-        attributes = {key: number(value) for key, value in values.items()}
-        if dynamics is not None:
-            document.set(dynamics, attributes)
-        elif any(values.values()):
-            text = "".join(f' {key}="{value}"' for key, value in attributes.items())
-            document.append(joints[joint.name], f"<dynamics{text}/>")
+        if joints[joint.name].find("dynamics") is not None or any(values.values()):
+            written = {key: number(value) for key, value in values.items()}
+            document.put(joints[joint.name], "dynamics", written)
     return document.edited()
 
 
 def write_inertial(document: Document, link: Any, body: Inertial) -> None:
     """Replace the numbers of a link's inertial; add whatever of it is missing."""
-    _write(document, link, inertial_tags(body))
-
-
-def _write(document: Document, link: Any, wanted: dict[str, dict[str, str]]) -> None:
-    own = link.find("inertial")
-    texts = {
-        tag: f"<{tag}" + "".join(f' {k}="{v}"' for k, v in attributes.items()) + "/>"
-        for tag, attributes in wanted.items()
-        if own is None or own.find(tag) is None
-    }
-    if own is None:
-        document.append(link, "<inertial>" + "".join(texts.values()) + "</inertial>")
-        return
-    for tag, attributes in wanted.items():
-        if tag in texts:
-            document.append(own, texts[tag])
-        else:
-            document.set(own.find(tag), attributes)
+    document.put(link, "inertial", {}, inertial_tags(body))
 
 
 def _moving_links(root: Any, robot: Robot) -> dict[str, tuple[int, bool]]:
     """Of every link that moves: the joint that moves it, and whether it hangs on that joint itself."""
-    link_of = {carrier: k for k, carrier in enumerate(robot.link_joints)}
-    index = {joint.name: link_of.get(k) for k, joint in enumerate(robot.tree)}
+    link_of = {robot.tree[carrier].name: k for k, carrier in enumerate(robot.link_joints)}
+    massless = {joint.name for joint in robot.tree} - set(link_of)  # declared so, and stay so
     above: dict[str, tuple[str, str]] = {}
     for joint in root.findall("joint"):
         child = joint.find("child").get("link")
         above[child] = joint.get("name"), joint.find("parent").get("link")
     out: dict[str, tuple[int, bool]] = {}
     for name in above:
-        link, own = name, True
-        while link in above:
-            joint_name, parent = above[link]
-            if joint_name in index:
-                place = index[joint_name]
-                if place is not None:  # else it is declared massless, and stays so
-                    out[name] = place, own
-                break
-            link, own = parent, False
+        link = name
+        while link in above and above[link][0] not in (*link_of, *massless):
+            link = above[link][1]
+        if link in above and above[link][0] in link_of:
+            out[name] = link_of[above[link][0]], link == name
     return out
 
 
@@ -203,13 +312,12 @@ def _order(path: str | Path, theirs: Robot, mine: Robot) -> list[int]:
     return list(range(len(mine.tree)))
 
 
-def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) -> Array:
+def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array, order: list[int]) -> Array:
     """Standard parameters about the file's link frames; the joint axes must coincide at q = 0.
 
     A model's frames may sit elsewhere on the same axes (a DH table beside a URDF): with T the poses
     of corresponding joint frames in the base, parameters move by T_file^-1 T_model.
     """
-    order = _order(path, theirs, mine)
     from_file, from_model = (r.poses(np.zeros((1, len(r.tree))))[0] for r in (theirs, mine))
     out = np.empty_like(links)
     place, mine_place = ({joint: k for k, joint in enumerate(r.link_joints)} for r in (theirs, mine))
@@ -220,16 +328,11 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) ->
         across = float(np.linalg.norm(offset - joint.axis * (joint.axis @ offset)))
         apart = across if joint.kind == "revolute" else 0.0
         wrong_parent = (-1 if joint.parent < 0 else order[joint.parent]) != other.parent
+        what = f"joint {joint.name!r} is not joint {other.name!r} of the model"
         if joint.kind != other.kind or wrong_parent or np.linalg.norm(turned - joint.axis) > _SAME_AXIS:
-            what = (
-                f"joint {joint.name!r} is not joint {other.name!r} of the model (another kind, parent "
-            )
-            raise InputError(what + "or direction of its axis)", _REMEDY, path)
+            raise InputError(f"{what} (another kind, parent or direction of its axis)", _REMEDY, path)
         if apart > _SAME_AXIS:
-            what = (
-                f"the axis of joint {joint.name!r} lies {1000.0 * apart:.3g} mm away from that of joint "
-            )
-            raise InputError(f"{what}{other.name!r} of the model", _REMEDY, path)
+            raise InputError(f"{what}: its axis lies {1e3 * apart:.3g} mm away", _REMEDY, path)
         if index in place:
             own = links[mine_place[order[index]]]
             same = np.array_equal(relation, np.eye(4))
