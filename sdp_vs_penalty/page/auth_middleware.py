@@ -6,29 +6,26 @@ from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 from urllib.parse import urlencode
 
+from starlette.datastructures import MutableHeaders
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.websockets import WebSocketClose
 
 Scope = MutableMapping[str, Any]
 App = Callable[[Scope, Any, Any], Awaitable[None]]
 
-_HEADERS = [
-    (b"x-content-type-options", b"nosniff"),
-    (b"x-frame-options", b"DENY"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"cross-origin-opener-policy", b"same-origin"),
+_HEADERS = {
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
     # Nothing is asked of anybody else, whatever the data say.
-    (
-        b"content-security-policy",
-        b"default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
-        b"style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
-        b"connect-src 'self' SOCKETS data:; worker-src 'self' blob:; "
-        b"object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-    ),
-]
-
-
+    "content-security-policy": "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
+    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
+    "connect-src 'self' SOCKETS data:; worker-src 'self' blob:; "
+    "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+}
 #: Where only this computer's own programs can ask.
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 #: Name of the key in the printed address.
@@ -58,34 +55,32 @@ class AuthMiddleware:
         asked = {host, "127.0.0.1", "localhost"} if host in LOOPBACK else {host}
         self.names = sorted(f"[{name}]" if ":" in name else name for name in asked)
         self.origins = {f"http{'s' * tls}://{name}:{port}" for name in self.names}
-        sockets = " ".join(f"ws{'s' * tls}://{name}:{port}" for name in self.names).encode()
-        self.headers = [(name, value.replace(b"SOCKETS", sockets)) for name, value in _HEADERS]
+        sockets = " ".join(f"ws{'s' * tls}://{name}:{port}" for name in self.names)
+        self.headers = {name: value.replace("SOCKETS", sockets) for name, value in _HEADERS.items()}
 
     async def __call__(self, scope: Scope, receive: Any, send: Any) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
         asked, socket = HTTPConnection(scope), scope["type"] == "websocket"
+        known = self._same(asked.cookies.get(self.cookie, ""))
+        arrives = not socket and scope["method"] == "GET"
+        arrives = arrives and self._same(asked.query_params.get(KEY, ""))
         origin, mode = asked.headers.get("origin"), asked.headers.get("sec-fetch-mode")
         # Not every request of another site names its origin; browsers say where it comes from.
         elsewhere = asked.headers.get("sec-fetch-site") in ("cross-site", "same-site")
         # A link from there opens nothing, unless it is the printed address itself.
-        elsewhere = elsewhere and not (mode == "navigate" and self._has_key(asked))
+        elsewhere = elsewhere and not (mode == "navigate" and arrives)
         foreign = origin not in self.origins if origin else socket
-        known = self._same(asked.cookies.get(self.cookie, ""))
-        refused = foreign or elsewhere
-        arrives = not socket and scope["method"] == "GET" and self._has_key(asked)
-        if refused or not (known or arrives):
-            if socket:
-                await send({"type": "websocket.close", "code": 1008})
-            else:
-                said = "Only the page itself may ask: open the address that was printed, key included.\n"
-                await PlainTextResponse(said, 403, {"connection": "close"})(scope, receive, send)
+        if foreign or elsewhere or not (known or arrives):
+            said = "Only the page itself may ask: open the address that was printed, key included.\n"
+            refusal = PlainTextResponse(said, 403, {"connection": "close"})
+            await (WebSocketClose(1008) if socket else refusal)(scope, receive, send)
             return
 
         async def with_headers(message: MutableMapping[str, Any]) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", ()), *self.headers]
+                MutableHeaders(scope=message).update(self.headers)
             await send(message)
 
         try:
@@ -96,9 +91,6 @@ class AuthMiddleware:
 
     def _same(self, given: str) -> bool:
         return hmac.compare_digest(given.encode(), self.key.encode())
-
-    def _has_key(self, asked: HTTPConnection) -> bool:
-        return self._same(asked.query_params.get(KEY, ""))
 
     def _welcome(self, asked: HTTPConnection) -> Response:
         """The same address without the key, which stays in a cookie that no script and no site sees."""

@@ -12,9 +12,9 @@ from typing import Any
 from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from sdp_vs_penalty.page.summary import ModelStep
-from sdp_vs_penalty.page.uploads import SUFFIXES
-from sdp_vs_penalty.reports import section
+from sdp_vs_penalty.page.session import ModelStep
+from sdp_vs_penalty.page.sessions import SUFFIXES
+from sdp_vs_penalty.reports import markup
 from sdp_vs_penalty.reports.sections import JUDGED_HEADS
 
 Handler = Callable[..., Any]
@@ -154,7 +154,7 @@ def table(
 ) -> None:
     """The report's table, as one element however many cells: a browser looks at every element when any
     one changes."""
-    ui.html(section.table(headings, rows, caption=caption, style=style, mark=mark), sanitize=False)
+    ui.html(markup.table(headings, rows, caption=caption, style=style, mark=mark), sanitize=False)
 
 
 def judged(models: Sequence[ModelStep]) -> None:

@@ -1,5 +1,6 @@
 """What a job is asked, plain JSON, as problem, runs and model; jobs about runs: read, made, repaired."""
 
+import io
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,12 +17,13 @@ from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.page.summary import placed, save_arrays
+from sdp_vs_penalty.files import write_bytes, write_text
 from sdp_vs_penalty.problem.load import convert, load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import real_data_folder
 from sdp_vs_penalty.reports.plots import POINTS
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.phases import filter_reach, motion_clocks, phase_windows, tracks_of
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, hidden_runs
 
@@ -98,14 +100,16 @@ class Asked(dict[str, Any]):
 SPLIT = 0.7
 
 
-def real_files(name: str) -> list[Path]:
-    """Runs of a data set that `fetch` has left in the cache, or in the folder that is named."""
-    for root in filter(None, (real_data_folder(), cache_folder())):
+def real_files(problem: str) -> tuple[str, list[Path]]:
+    """The data set of a problem, "" where there is none, and its runs: those that `fetch` has left in
+    the cache, or in the folder that is named."""
+    name = next((d.name for d in DATASETS.values() if d.problem == problem), "")
+    for root in filter(None, (real_data_folder(), cache_folder())) if name else ():
         if runs := sorted((root / name / "runs").glob("*.csv")):
-            return runs
+            return name, runs
         if (root / name / "exciting_traj_time.txt").is_file():
-            return [root / name]
-    return []
+            return name, [root / name]
+    return name, []
 
 
 def read(asked: Asked) -> Answer:
@@ -161,13 +165,6 @@ def look_again(asked: Asked) -> Answer:
     return {"runs": kept}
 
 
-def real(asked: Asked) -> Answer:
-    """The real runs of a robot that are on this computer."""
-    (name,) = [d.name for d in DATASETS.values() if d.problem == asked["robot"]["source"]]
-    files = [{"path": str(p), "name": p.stem, "given": str(p)} for p in real_files(name)]
-    return read(Asked({**asked, "files": files, "options": {}}, asked.progress))
-
-
 def simulate(asked: Asked) -> Answer:
     """Three runs and one for testing, with an effect hidden in them; the truth is not shown."""
     problem = asked.problem
@@ -176,8 +173,7 @@ def simulate(asked: Asked) -> Answer:
     hidden = [] if asked["effect"] == "none" else [(asked["effect"], joints)]
     made = hidden_runs(problem, hidden, asked["level"], asked.seed)
     named = zip(RUN_FILES, made.runs, strict=True)
-    uses = {RUN_FILES[-1]: "test"}
-    runs = [keep(asked, problem, part, name, use=uses.get(name, "train")) for name, part in named]
+    runs = [keep(asked, problem, part, name) for name, part in named]
     return {"runs": runs, "refused": [], "effects": made.truth["model_effects"]}
 
 
@@ -260,3 +256,17 @@ def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, 
         return None
     train, test = ([(round(a, 3), round(b, 3)) for a, b in side] for side in windows)
     return {"train": train, "test": test}
+
+
+def placed(robot: Robot, t: Array, q: Array, frames: int = 160) -> tuple[Array, Array]:
+    """(F,) some instants of a motion q (N, n) at t (N,), and (F, joints, 4, 4) the poses there, between
+    which the page interpolates."""
+    keep = np.unique(np.linspace(0, len(t) - 1, frames).astype(int))
+    return t[keep], robot.poses(robot.tree_state(q[keep])[0]).astype(np.float32)
+
+
+def save_arrays(file: Path, arrays: dict[str, Any]) -> None:
+    """As .npz, whole or not at all."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    write_bytes(file, buffer.getvalue())

@@ -23,33 +23,22 @@ from nicegui import ui
 from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.auth_middleware import KEY, LOOPBACK, guarded
-from sdp_vs_penalty.page.session import Session, internal_error
-from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.sessions import SILENCE, Sessions, receive, shown_name
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
-from sdp_vs_penalty.page.worker import WorkerPool
-from sdp_vs_penalty.reports.pictures import LOOK as PICTURES
+from sdp_vs_penalty.page.worker import WorkerPool, internal_error
+from sdp_vs_penalty.reports.markup import LOOK as PICTURES
 
 #: Tried first, so that the page can be bookmarked.
 PORT = 8137
 _COOKIE = "sdp-vs-penalty-page"
 _HERE = Path(__file__).parent
-
-
-class Page:
-    """One server: its sessions and its workers."""
-
-    def __init__(self, folder: Path | None, forms: Forms) -> None:
-        self.folder, self.forms = folder, forms
-        self.pool = WorkerPool()
-        self.sessions = Sessions(self.pool)
-
-    def close(self) -> None:
-        self.pool.close()
-        self.sessions.close()
+_SHOWN = ", ".join(f"[data-at={s.anchor}] [data-stage={s.anchor}]" for s in STAGES)
+_STYLE = f"{(_HERE / 'look.css').read_text()}\n{PICTURES}\n:is({_SHOWN}) {{ display: block; }}"
+_LOOK = f"<style>{_STYLE}</style><script>{(_HERE / 'workbench.js').read_text()}</script>"
 
 
 @dataclass(frozen=True)
@@ -95,12 +84,12 @@ def serve(folder: Path | None, port: int | None, browser: bool, at: Address, for
         raise InputError("not a folder", "name the folder with your runs, or leave it out", folder)
     listener = _listen(at.host, port)
     chosen = listener.getsockname()[1]
-    page = Page(folder, forms)
+    sessions = Sessions(WorkerPool())
     key = secrets.token_urlsafe(24)
     name = f"[{at.host}]" if ":" in at.host else at.host
     address = f"http{'s' * at.tls}://{name}:{chosen}/?{KEY}={key}"
     print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
-    nicegui_app.on_startup(page.pool.prepare)
+    nicegui_app.on_startup(sessions.pool.prepare)
     # The server ends in order and then raises the signal again: leave by exit, so that what Python
     # itself keeps for processes is taken away too.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
@@ -110,7 +99,7 @@ def serve(folder: Path | None, port: int | None, browser: bool, at: Address, for
         nicegui_app.on_startup(lambda: asyncio.to_thread(webbrowser.open, address))
     logging.getLogger("engineio").setLevel(logging.CRITICAL)  # that a tab has lost its connection
     config = uvicorn.Config(
-        guarded(make_app(page), chosen, key, at.host, at.tls),
+        guarded(make_app(sessions, folder, forms), chosen, key, at.host, at.tls),
         ssl_certfile=at.certificate,
         ssl_keyfile=at.key,
         log_level="error",
@@ -125,7 +114,7 @@ def serve(folder: Path | None, port: int | None, browser: bool, at: Address, for
         with contextlib.suppress(KeyboardInterrupt):
             uvicorn.Server(config).run(sockets=[listener])
     finally:
-        page.close()
+        sessions.close()
         gc.freeze()  # going through all objects once more takes Python a second
 
 
@@ -148,7 +137,7 @@ def _listen(host: str, port: int | None) -> socket.socket:
 
 
 async def _session_of(token: str, request: Request) -> Session:
-    session: Session | None = request.app.state.page.sessions.get(token)
+    session: Session | None = request.app.state.sessions.get(token)
     if session is None:
         raise HTTPException(404, "This page has ended: open a new one.")
     return session
@@ -158,19 +147,19 @@ async def _session_of(token: str, request: Request) -> Session:
 Named = Annotated[Session, Depends(_session_of)]
 
 
-def make_app(page: Page) -> FastAPI:
+def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
     """The addresses: / finds or makes a session, /s/<its secret name> shows it."""
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
-    app.state.page = page
+    app.state.sessions = sessions
 
     @app.get("/")
     async def _enter(request: Request) -> Response:
-        closed = page.sessions.closed(request.cookies.get(_COOKIE))
-        return _to(closed) if closed is not None else _new_session(page)
+        closed = sessions.closed(request.cookies.get(_COOKIE))
+        return _to(closed) if closed is not None else _new_session(sessions)
 
     @app.get("/new")
     async def _new() -> Response:
-        return _new_session(page)
+        return _new_session(sessions)
 
     @app.put("/s/{token}/files")
     async def _receive(session: Named, request: Request, name: str, kind: str) -> Response:
@@ -188,10 +177,20 @@ def make_app(page: Page) -> FastAPI:
 
     @ui.page("/s/{token}", title="sdp-vs-penalty workbench")
     async def _show(token: str) -> Response | None:
-        session = page.sessions.get(token)
+        session = sessions.get(token)
         if session is None:
             return RedirectResponse("/")
-        _build(page, session)
+        client = ui.context.client
+        ui.add_head_html(_LOOK)
+        bench = Workbench(View(session, folder, client, forms))
+        bench.build()
+
+        def leave() -> None:
+            bench.close()
+            sessions.leave(session)
+
+        client.on_delete(leave)
+        client.on_exception(lambda error: session.say(internal_error(error)))
         return None
 
     ui.run_with(
@@ -200,31 +199,14 @@ def make_app(page: Page) -> FastAPI:
         dark=None,
         tailwind=False,
         language="en-US",
-        reconnect_timeout=uploads.SILENCE,
+        reconnect_timeout=SILENCE,
         show_welcome_message=False,
     )
     return app
 
 
-def _build(page: Page, session: Session) -> None:
-    client = ui.context.client
-    shown = ", ".join(f"[data-at={s.anchor}] [data-stage={s.anchor}]" for s in STAGES)
-    look = f"{(_HERE / 'look.css').read_text()}\n{PICTURES}\n:is({shown}) {{ display: block; }}"
-    ui.add_head_html(f"<style>{look}</style>")
-    ui.add_head_html(f"<script>{(_HERE / 'workbench.js').read_text()}</script>")
-    bench = Workbench(View(session, page.folder, client, page.forms))
-    bench.build()
-
-    def leave() -> None:
-        bench.close()
-        page.sessions.leave(session)
-
-    client.on_delete(leave)
-    client.on_exception(lambda error: session.say(internal_error(error)))
-
-
 async def _keep(session: Session, request: Request, given: str, kind: str) -> Response:
-    name, length = uploads.shown_name(given), request.headers.get("content-length", "")
+    name, length = shown_name(given), request.headers.get("content-length", "")
     try:
         if kind != "runs" and session.busy:
             raise InputError(
@@ -232,7 +214,7 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
             )
         if not length.isdigit():
             raise InputError("its size is not announced", "send a Content-Length", name)
-        path = await uploads.receive(session.folder, name, int(length), request.stream(), kind)
+        path = await receive(session.folder, name, int(length), request.stream(), kind)
     except ClientDisconnect:  # whoever sent it is gone, and what came of it too
         return JSONResponse({}, 400)
     except InputError as error:
@@ -261,8 +243,8 @@ def _to(session: Session) -> Response:
     return response
 
 
-def _new_session(page: Page) -> Response:
+def _new_session(sessions: Sessions) -> Response:
     try:
-        return _to(page.sessions.new())
+        return _to(sessions.new())
     except InputError as error:
         return PlainTextResponse(f"{error}\n", 503)

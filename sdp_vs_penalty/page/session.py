@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import shlex
 import time
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
@@ -18,16 +18,9 @@ from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
-from sdp_vs_penalty.page import uploads
-from sdp_vs_penalty.page.summary import ModelStep
-from sdp_vs_penalty.page.worker import WorkerPool, Working
+from sdp_vs_penalty.page.run_jobs import real_files
+from sdp_vs_penalty.page.worker import WorkerPool, Working, internal_error
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL
-
-
-def internal_error(error: BaseException) -> str:
-    """What is said of an error that is ours."""
-    name = type(error).__name__
-    return f"Internal error ({name}): nothing was changed; try again, and report it."
 
 
 @dataclass(frozen=True)
@@ -52,6 +45,38 @@ def background(title: str) -> Callable[[Callable[..., Coroutine[Any, Any, None]]
         return start
 
     return verb
+
+
+@dataclass(frozen=True)
+class ModelStep:
+    """One model of a session's history, judged: what ``summary`` of jobs.py says.
+
+    file : its model.json, beside it the .npz of each run's torques; runs : names of those, training runs
+    first, a part of a run by its seconds; judged_on : the runs behind comparison and failures (as
+    `compare --json` writes them); judged, about : what ``judged_row`` and :func:`about` say; label,
+    added : what it is called and the effects added to the step below, with the others held where frozen;
+    opened : the file that a person brought, if any; servo : whether it knows the servos of a log
+    without torque; findings : what it lacks, if it was diagnosed, and what `add` calls its curves.
+    """
+
+    file: str
+    runs: list[str]
+    judged_on: list[str]
+    method: str
+    effects: list[str]
+    comparison: dict[str, Any]
+    failures: list[dict[str, Any]]
+    judged: list[str]
+    about: dict[str, Any]
+    on_bounds: list[str]
+    seconds: float
+    label: str = ""
+    added: tuple[str, ...] = ()
+    frozen: bool = False
+    opened: str = ""
+    servo: bool = False
+    findings: Diagnosis | None = None
+    curve_texts: Sequence[str] = ()
 
 
 _OTHER_RUNS = "The runs have changed: identify again."
@@ -151,7 +176,7 @@ class Session:
         return found if found and self.model and found["model"] == self.model.file else None
 
     def recording(self, model: ModelStep, run: str) -> dict[str, Any]:
-        """t, torque, modelled, q, dq, ddq, tf and poses of a run (summary.py)."""
+        """t, torque, modelled, q, dq, ddq, tf and poses of a run (jobs.py)."""
         return self.arrays(f"{Path(model.file).stem}-{model.runs.index(run)}.npz")
 
     def arrays(self, name: str) -> dict[str, Any]:
@@ -239,22 +264,15 @@ class Session:
         self.read_arrived()
 
     async def _job(self, job: str, **details: Any) -> dict[str, Any]:
-        request = {
-            "job": job,
-            "folder": str(self.folder),
-            "robot": self.robot,
-            "runs": self.runs,
-            "seed": self.seed,
-            "options": self.options,
-            "model": self.model and self.model.file,
-            **details,
-        }
-        return await self.pool.run(request, self._progress)
+        def progress(text: str) -> None:
+            if self.working is not None:
+                self.working.status = text
+                self.changed()
 
-    def _progress(self, text: str) -> None:
-        if self.working is not None:
-            self.working.status = text
-            self.changed()
+        model, folder = self.model and self.model.file, str(self.folder)
+        own = {name: getattr(self, name) for name in ("robot", "runs", "seed", "options")}
+        request = {"job": job, "folder": folder, "model": model, **own, **details}
+        return await self.pool.run(request, progress)
 
     def _refuse_meaningless(self) -> None:
         if self.meaningless and not self.anyway:
@@ -284,14 +302,16 @@ class Session:
         self.names |= {str(path): name for name, path in files.items()}
         try:
             listed = [{"path": str(path), "name": name} for name, path in files.items()]
-            await self._take_runs("read", files=listed, options=self.reading)
+            await self._take_runs("read", self.runs, files=listed, options=self.reading)
         finally:
-            uploads.forget(self.folder, files.values())
+            for path in files.values():  # copies of ours: their runs are kept
+                if path.parent == self.folder:
+                    path.unlink(missing_ok=True)
 
     @background("Simulating")
     async def simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:
         """The built-in data with an effect hidden in them, instead of the runs that are there."""
-        await self._take_runs("simulate", effect=effect, joints=joints, level=level, seed=seed)
+        await self._take_runs("simulate", [], effect=effect, joints=joints, level=level, seed=seed)
         at = ":" + "+".join(map(str, joints)) if joints else ""
         hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
         self.made_by = [*hide, "--level", level, "--seed", str(seed), "--out", "."]
@@ -299,7 +319,9 @@ class Session:
     @background("Reading measurements")
     async def real(self) -> None:
         """The real runs of this robot that are on the computer, instead of those that are there."""
-        await self._take_runs("real")
+        _, files = real_files(self.robot["source"])
+        listed = [{"path": str(p), "name": p.stem, "given": str(p)} for p in files]
+        await self._take_runs("read", [], files=listed, options={})
 
     def use(self, file: str, use: str) -> None:
         """Use a run for training, for testing, or not at all ("")."""
@@ -436,15 +458,14 @@ class Session:
         }
         self.ask("take", f"Making {name}", ready, name=name, **content, **(options or {}))
 
-    async def _take_runs(self, job: str, **details: Any) -> None:
+    async def _take_runs(self, job: str, before: list[dict[str, Any]], **details: Any) -> None:
+        """The runs of a job's answer, after those ``before``; a name says what a run is for."""
         if not self.robot:
             raise InputError("No robot is chosen", "choose it first, so that its joints are known")
-        before = self.runs if job == "read" else []
-        answer = await self._job(job, **{"runs": before, **details})
+        answer = await self._job(job, runs=before, **details)
         new = answer["runs"]
-        for run in new:  # a name says what a run is for
-            if job == "read" and for_testing(run["name"]):
-                run["use"] = "test"
+        for run in new:
+            run["use"] = "test" if for_testing(run["name"]) else run["use"]
         self.runs, self.made_by = [*before, *new], None
         self.names |= {str(self.folder / run["file"]): run["name"] for run in new}
         if len(self.runs) == 1:  # one run alone is tested on its own end

@@ -145,13 +145,20 @@ class Stage:
     verdict: Callable[[Session], Verdict | None] = _nothing
 
 
+def part(
+    anchor: str, title: str, ready: Callable[[Session], bool], depends: Callable[[Session], Any]
+) -> Callable[[Callable[[View], None]], Part]:
+    """What a function draws, as a part."""
+    return lambda draw: Part(anchor, title, ready, depends, draw)
+
+
 def after_model(
     anchor: str, title: str, also: Callable[[Session], Any] = _nothing
 ) -> Callable[[Callable[[View], None]], Part]:
-    """What a function draws as a part that is shown once there is a model; it depends on the models and
-    on ``also``."""
-
-    def depends(session: Session) -> Any:
-        return [model.file for model in session.history], also(session)
-
-    return lambda draw: Part(anchor, title, lambda s: s.model is not None, depends, draw)
+    """A part that is shown once there is a model; it depends on the models and on ``also``."""
+    return part(
+        anchor,
+        title,
+        lambda session: session.model is not None,
+        lambda session: ([model.file for model in session.history], also(session)),
+    )

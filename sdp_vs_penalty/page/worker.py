@@ -147,11 +147,16 @@ def do(job: Callable[[Any], dict[str, Any]], asked: Any) -> dict[str, Any]:
     except MemoryError:
         return {"error": "Not enough memory: use fewer or shorter runs."}
     except Exception as error:
-        what = (str(error).splitlines() or [""])[0]
-        return {
-            "error": f"Internal error ({type(error).__name__}: {what[:200]}): nothing was changed; "
-            "try other data or settings, and report it."
-        }
+        return {"error": internal_error(error)}
+
+
+def internal_error(error: BaseException) -> str:
+    """What is said of an error that is ours."""
+    what = (str(error).splitlines() or [""])[0][:200]
+    return (
+        f"Internal error ({type(error).__name__}: {what}): nothing was changed; try other data or "
+        "settings, and report it."
+    )
 
 
 def limit_memory(at_once: int) -> None:

@@ -17,7 +17,7 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.reports import parameters, sections
-from sdp_vs_penalty.reports.section import Material, page
+from sdp_vs_penalty.reports.markup import Material, page
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
 

@@ -11,9 +11,8 @@ from sdp_vs_penalty.estimation.uncertainty import Interval, counts
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.exporters.links import LINK_HEADS, link_rows, seen
 from sdp_vs_penalty.formatting import number
-from sdp_vs_penalty.reports.figure import Figure, trace
-from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, friction_figure
-from sdp_vs_penalty.reports.section import Material, figure, table, text
+from sdp_vs_penalty.reports.markup import Material, figure, table, text
+from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, Figure, friction_figure, trace
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot

@@ -1,5 +1,9 @@
 """Figures that the report and the workbench page share."""
 
+from __future__ import annotations
+
+import base64
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +15,6 @@ from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.formatting import plain_unit
-from sdp_vs_penalty.reports.figure import Figure, trace
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Okabe, Ito, "Color universal design" (2008), a violet for its yellow; readable on white and black.
@@ -22,9 +25,85 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8
 POINTS = 800
 
 
+def trace(kind: str, **properties: Any) -> dict[str, Any]:
+    """A trace of a kind, such as "scatter"; None leaves a property out."""
+    return {"type": kind, **{k: v for k, v in properties.items() if v is not None}}
+
+
+class Figure:
+    """A figure as plain data for plotly's script, by the names that plotly.py has for its parts, which
+    checks every property against the whole of its schema: a tenth of a second a figure.
+
+    data : traces; layout : everything else; a ``title`` may be a text. Panels stand beside each other in
+    ``columns``, or below each other in ``rows``, ``gap`` apart; rows share one time axis.
+    """
+
+    def __init__(
+        self, data: Sequence[dict[str, Any]] = (), columns: int = 1, rows: int = 1, gap: float = 0.12
+    ) -> None:
+        self.data, panels = list(data), rows * columns
+        axes = [f"{letter}axis{_number(k)}" for k in range(panels) for letter in "xy"]
+        self.layout: dict[str, Any] = {axis: {} for axis in axes}
+        if panels > 1:
+            self.layout["grid"] = {"rows": rows, "columns": columns, "pattern": "independent"}
+            self.layout["grid"] |= {"xgap": gap, "ygap": gap}
+        for k in range(rows - 1):
+            self.layout[f"xaxis{_number(k)}"] = {"matches": f"x{_number(rows - 1)}"}
+            self.layout[f"xaxis{_number(k)}"]["showticklabels"] = False
+
+    def add(self, made: dict[str, Any], panel: int = 0) -> Figure:
+        """Another trace, in a panel (from 0)."""
+        axes = {"xaxis": f"x{_number(panel)}", "yaxis": f"y{_number(panel)}"} if panel else {}
+        self.data.append({**made, **axes})
+        return self
+
+    def update_layout(self, **changes: Any) -> Figure:
+        """Change the layout; what is nested is merged."""
+        self.layout = _merged(self.layout, changes)
+        return self
+
+    def update_axes(self, letter: str, panel: int | None = None, **changes: Any) -> Figure:
+        """Change all axes "x" or "y", or that of one panel."""
+        wanted = f"{letter}axis" if panel is None else f"{letter}axis{_number(panel)}"
+        for name in self.layout:
+            if name.startswith(wanted) if panel is None else name == wanted:
+                self.layout[name] = _merged(self.layout[name], changes)
+        return self
+
+    def to_json(self) -> str:
+        """For plotly's script; numbers of arrays in single precision, which is finer than any screen."""
+        every = {"data": self.data, "layout": self.layout}
+        return json.dumps(every, default=_packed, separators=(",", ":"))
+
+
+def _number(panel: int) -> str:
+    return "" if panel == 0 else str(panel + 1)
+
+
+def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    out = dict(old)
+    for name, value in new.items():
+        if name == "title" and isinstance(value, str):
+            value = {"text": value}
+        if isinstance(value, Mapping):
+            value = _merged(out.get(name) or {}, value)
+        out[name] = value
+    return out
+
+
+def _packed(array: Any) -> Any:
+    """An array as plotly's script reads it."""
+    values = np.asarray(array)
+    if values.dtype.kind not in "fiu" or values.ndim != 1:
+        return values.tolist()
+    raw = np.ascontiguousarray(values, "<f4").tobytes()
+    return {"dtype": "f4", "bdata": base64.b64encode(raw).decode()}
+
+
 @dataclass(frozen=True)
 class Curves:
-    """One run behind the filters: t (M,) [s]; torque (M, n) measured; modelled : (M, n) by model."""
+    """One run behind the filters: t (M,) [s] as it is drawn; torque (M, n) measured; modelled : (M, n)
+    by model."""
 
     t: Array
     torque: Array
@@ -53,31 +132,29 @@ def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, A
     return x[keep], y[keep]
 
 
-def torque_figure(
-    runs: Sequence[Curves], joint: int, unit: str, beside: bool = True, start: float = 0.0
-) -> Figure:
-    """Measured and modelled torque of a joint (from 0) and what is left, run after run.
+def shifts(times: Sequence[Array]) -> list[float]:
+    """What is added to each run's clock [s] where runs follow each other on one axis, a second apart."""
+    lengths = [float(t[-1] - t[0]) + 1.0 for t in times]
+    return [sum(lengths[:k]) - float(t[0]) for k, t in enumerate(times)]
 
-    beside : what is left stands at the right of the torques, else below them; start [s] : of
-    the first run on the figure.
-    """
-    plot = Figure(columns=(0.62, 0.38)) if beside else Figure(rows=2, gap=0.12)
 
-    def curve(
-        t: Array, values: Array, name: str, colour: str, width: float, shown: bool
-    ) -> dict[str, Any]:
+def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = True) -> Figure:
+    """Measured and modelled torque of a joint (from 0) and what is left, run after run; ``beside`` : at
+    the right of the torques, else below them."""
+    plot = Figure(columns=2, gap=0.16) if beside else Figure(rows=2)
+
+    def curve(t: Array, values: Array, name: str, colour: str, shown: bool) -> dict[str, Any]:
         x, y = envelope(t, values)
-        line = {"color": colour, "width": width}
+        line = {"color": colour, "width": 2.0 if colour == MEASURED else 1.2}
         return trace("scatter", x=x, y=y, name=name, legendgroup=name, showlegend=shown, line=line)
 
     for index, run in enumerate(runs):
-        t, measured = run.t - run.t[0] + start, run.torque[:, joint]
-        start = float(t[-1]) + 1.0
-        plot.add(curve(t, measured, "measured", MEASURED, 2.0, index == 0))
+        measured = run.torque[:, joint]
+        plot.add(curve(run.t, measured, "measured", MEASURED, index == 0))
         for m, (name, modelled) in enumerate(run.modelled.items()):
             colour, y = COLOURS[m % len(COLOURS)], modelled[:, joint]
-            plot.add(curve(t, y, name, colour, 1.2, index == 0))
-            plot.add(curve(t, measured - y, name, colour, 1.2, False), 1)
+            plot.add(curve(run.t, y, name, colour, index == 0))
+            plot.add(curve(run.t, measured - y, name, colour, False), 1)
     plot.update_axes("y", 0, title=f"joint {joint + 1} [{plain_unit(unit)}]")
     plot.update_axes("x", 1, title="time [s]")
     if beside:
@@ -158,7 +235,7 @@ def missing_figure(curve: Curve, units: Sequence[str], motions: Sequence[Motion]
     half = 0.5 * (curve.upper - curve.lower)
     told = [f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)]
     marker = {"color": curve.torque, "colorscale": "RdBu", "symbol": "square", "size": 11}
-    marker["colorbar"] = {"title": unit}
+    marker["colorbar"] = {"title": {"text": unit}}
     places: list[Any] = [(curve.points.T, marker, told, "missing torque and its band")]
     places += [(rows, {"size": 2, "color": MEASURED}, None, "rows")] if rows else []
     plot = Figure()

@@ -16,18 +16,21 @@ from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
-from sdp_vs_penalty.reports.figure import trace
-from sdp_vs_penalty.reports.pictures import (
+from sdp_vs_penalty.reports.markup import (
     SHADES,
+    Material,
     bars,
+    figure,
     found_shares,
     heat_map,
     heat_rows,
     legend,
+    marked,
     shades,
+    table,
+    text,
 )
-from sdp_vs_penalty.reports.plots import POINTS, Curves, missing_figure, torque_figure
-from sdp_vs_penalty.reports.section import Material, figure, marked, table, text
+from sdp_vs_penalty.reports.plots import POINTS, Curves, missing_figure, shifts, torque_figure, trace
 from sdp_vs_penalty.robot.arrays import Array
 
 #: What :func:`judged_row` says after the model's name; possible : its links can exist, within bounds.
@@ -74,15 +77,15 @@ def torques(material: Material) -> str:
     """Measured and modelled torque of each joint, and what is left."""
     shade: dict[str, Any] = {"line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
     units, first = material.last.robot.torque_units, material.judged[material.first_name]
+    moved = shifts([run.motion.t for run, _ in first])
     runs = [
-        Curves(run.motion.t, run.torque, {name: each[k][1] for name, each in material.judged.items()})
-        for k, (run, _) in enumerate(first)
+        Curves(
+            run.motion.t + shift,
+            run.torque,
+            {name: each[k][1] for name, each in material.judged.items()},
+        )
+        for k, ((run, _), shift) in enumerate(zip(first, moved, strict=True))
     ]
-    # Of each run what is added to its clock on the figures, where runs follow each other.
-    shifts, start = [], 0.0
-    for run, _ in first:
-        shifts.append(start - float(run.motion.t[0]))
-        start += float(run.motion.t[-1] - run.motion.t[0]) + 1.0
     failing = material.failures[material.first_name]
     causes = [c for c in SHADES if any(s.cause == c for f in failing for s in f.stretches)]
     body = text(
@@ -91,7 +94,7 @@ def torques(material: Material) -> str:
         "should lie, given its parameters' uncertainty and what it left of its own training runs."
     )
     body += legend(causes)
-    bands = _bands(material, shifts)
+    bands = _bands(material, moved)
     for j, unit in enumerate(units):
         plot = torque_figure(runs, j, unit)
         for t, half in bands:  # around a zero error, beside the errors
@@ -101,7 +104,7 @@ def torques(material: Material) -> str:
         placed = [
             (s.start + shift, s.stop + shift, s.cause)
             for s in failing[j].stretches
-            for run, shift in zip(material.measurements.runs(), shifts, strict=True)
+            for run, shift in zip(material.measurements.runs(), moved, strict=True)
             if s.run.startswith(run.names[0]) and run.t[0] <= s.start <= run.t[-1]
         ]
         plot.update_layout(shapes=shades(placed, ("x", "x2")))
@@ -110,11 +113,11 @@ def torques(material: Material) -> str:
     return body
 
 
-def _bands(material: Material, shifts: Sequence[float]) -> list[tuple[Array, Array]]:
+def _bands(material: Material, moved: Sequence[float]) -> list[tuple[Array, Array]]:
     """Of each run instants (m,) on the figures' axis and half the last model's band (m, n) there."""
     theta, known = material.plant.theta, material.plant.uncertainty
     bands = []
-    for (rows, _), shift in zip(material.judged[material.last_name], shifts, strict=True):
+    for (rows, _), shift in zip(material.judged[material.last_name], moved, strict=True):
         t = rows.motion.t + shift
         keep = np.unique(np.linspace(0, len(t) - 1, min(len(t), POINTS)).astype(int))
         few = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
@@ -160,7 +163,10 @@ def forward(material: Material) -> str:
     if any(f.cut for f in made.free):
         return body + text("`report --forward` goes on to the run's end, and shows the positions.")
     body += text("Left: measured and simulated position of the free run. Right: its error.")
-    runs = [Curves(f.simulated.t, f.measured, {material.last_name: f.simulated.q}) for f in made.free]
+    runs = [
+        Curves(f.simulated.t + shift, f.measured, {material.last_name: f.simulated.q})
+        for f, shift in zip(made.free, shifts([f.simulated.t for f in made.free]), strict=True)
+    ]
     for j, unit in enumerate(made.units):
         body += figure(torque_figure(runs, j, unit), group="forward")
     return body

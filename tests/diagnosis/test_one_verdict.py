@@ -13,7 +13,7 @@ from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation.verdict import Verdict
-from sdp_vs_penalty.page.summary import summary
+from sdp_vs_penalty.page.jobs import summary
 
 pytestmark = pytest.mark.long
 
@@ -68,7 +68,7 @@ def test_one_grade_everywhere(folder, method, effects, judged, tmp_path, capsys)
     beside = compare({"model": estimate, "first": load_estimate(model)}, run)
     assert [c.verdict for c in beside] == [found, found]
     page = summary(estimate, Runs(run, None, run), tmp_path / "page.json", 0.0, lambda text: None)
-    assert page.comparison["verdict"]["headline"] == found.headline
+    assert page["comparison"]["verdict"]["headline"] == found.headline
     report({"model": estimate}, run, tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert f'<p class="verdict {found.grade.replace(" ", "-")}">' in text

@@ -29,7 +29,7 @@ from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimators.estimator import no_progress
-from sdp_vs_penalty.page.summary import summary
+from sdp_vs_penalty.page.jobs import summary
 from sdp_vs_penalty.signals import Preprocessing
 
 URDF = """<robot name="slide"><link name="base"/><link name="cart"><inertial><mass value="2"/>
@@ -291,14 +291,14 @@ def test_report_and_page_show_the_torque_that_the_servos_make(arm, tmp_path):
     test, truth = log(seed=3), log(seed=3, torque=True)
     given = Runs(log(), test, concatenate([log(), test]))
     shown = summary(found, given, tmp_path / "model.json", 0.0, no_progress)
-    assert shown.servo
+    assert shown["servo"]
     with np.load(tmp_path / "model-1.npz") as read:  # the second of its runs
         t, torque, modelled = read["t"], read["torque"][:, 0], read["modelled"][:, 0]
     plant = truth.tau[:, 0] - VISCOUS * np.gradient(truth.q[:, 0], truth.t)  # kd holds both
     tau = np.interp(t, truth.t, plant)
     assert np.std(torque - tau) < 0.1 * np.std(tau)
     assert np.sqrt(np.mean((torque - modelled) ** 2)) == pytest.approx(
-        shown.comparison["rmse"][0], rel=1e-3
+        shown["comparison"]["rmse"][0], rel=1e-3
     )
     report(found, test, tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()

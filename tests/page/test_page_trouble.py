@@ -14,7 +14,7 @@ import pytest
 from commands import PROGRAM, python
 from page_driver import ARM, a_context, alert, busy, go, idle, key, open_page, pick, psutil, serving
 
-from sdp_vs_penalty.page.uploads import SILENCE
+from sdp_vs_penalty.page.sessions import SILENCE
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import missing_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import Stage, Verdict, View, after_model, plain_name
-from sdp_vs_penalty.reports.pictures import bars, change_of
+from sdp_vs_penalty.reports.markup import bars, change_of
 
 
 @after_model("history", "The model so far", lambda s: len(s.undone))

@@ -13,40 +13,42 @@ from sdp_vs_penalty.diagnosis.sentences import new_motion
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.arm import chart_and_arm, torque_errors
-from sdp_vs_penalty.page.charts import asked_span, ready, residual_chart, torque_chart
-from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.summary import ModelStep
+from sdp_vs_penalty.page.charts import (
+    asked_span,
+    chart_and_arm,
+    ready,
+    residual_chart,
+    torque_chart,
+    torque_errors,
+)
+from sdp_vs_penalty.page.session import ModelStep, Session
 from sdp_vs_penalty.page.view import (
-    Part,
     Stage,
     View,
     after_model,
     identified,
     method_names,
+    part,
     plain_name,
     spoken,
 )
+from sdp_vs_penalty.reports.markup import SHADES, bars, found_shares, framed, heat_map, heat_rows, legend
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS
-from sdp_vs_penalty.reports.pictures import SHADES, bars, found_shares, heat_map, heat_rows, legend
 from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
-from sdp_vs_penalty.reports.section import framed
 
 _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 
 
-def _model_depends(session: Session) -> Any:
+def _model_now(session: Session) -> Any:
     chosen = session.robot["source"], session.method, session.seed, session.effects, session.anyway
     return *chosen, session.meaningless, session.model is None
 
 
-def _draw_model(view: View) -> None:
-    again = view.session.model is not None
-    with (
-        draw.details("Effects, method, options: identify again", "model-form")
-        if again
-        else nullcontext()
-    ):
+@part("model", "", lambda s: any(run["use"] != "test" for run in s.runs), _model_now)
+def model(view: View) -> None:
+    """What is identified, and how; folded away once there is a model."""
+    again = "Effects, method, options: identify again"
+    with nullcontext() if view.session.model is None else draw.details(again, "model-form"):
         _form(view)
 
 
@@ -111,13 +113,6 @@ def _options(view: View) -> None:
 def _name(effect: str) -> str:
     """coulomb_friction of coulomb_friction:7@v_s=0.01."""
     return effect.partition("@")[0].partition(":")[0]
-
-
-def _trainable(session: Session) -> bool:
-    return any(run["use"] != "test" for run in session.runs)
-
-
-MODEL = Part("model", "", _trainable, _model_depends, _draw_model)
 
 
 @after_model("fit", "Measured against modelled", lambda s: s.findings and s.findings.to_dict())
@@ -304,4 +299,4 @@ def _tables(view: View) -> None:
     draw.button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
 
 
-IDENTIFY = Stage("identify", "Identify", "Add measurements first.", (MODEL, fit, parameters), identified)
+IDENTIFY = Stage("identify", "Identify", "Add measurements first.", (model, fit, parameters), identified)

@@ -1,4 +1,4 @@
-"""Measure: which robot, and which measurements."""
+"""Measure: which robot, and which measurements. Check: what they look like, and what the check says."""
 
 import tomllib
 from functools import partial
@@ -10,20 +10,23 @@ from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
+from sdp_vs_penalty.page.charts import chart_and_arm, data_chart
 from sdp_vs_penalty.page.run_jobs import real_files
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES, RUN_SUFFIXES
-from sdp_vs_penalty.page.view import Part, Stage, Verdict, View, plain_name
+from sdp_vs_penalty.page.sessions import ROBOT_SUFFIXES, RUN_SUFFIXES
+from sdp_vs_penalty.page.view import Stage, Verdict, View, part, plain_name
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 
-def _robot_depends(session: Session) -> Any:
+def _robot_now(session: Session) -> Any:
     own = [session.robot.get(name) for name in ("source", "title", "gravity")]
     return own, session.answers.get("check_urdf"), bool(session.runs)
 
 
-def _draw_robot(view: View) -> None:
+@part("robot", "Robot", lambda session: True, _robot_now)
+def robot(view: View) -> None:
+    """The robot that is chosen, its gravity and its inertials; or those to choose from."""
     session, robot = view.session, view.session.robot
     if not robot:
         _choose(view)
@@ -92,9 +95,6 @@ def _joints(robot: dict[str, Any]) -> str:
     return f"Joints in order: {', '.join(f'{name} [{unit}]' for name, unit in both)}."
 
 
-ROBOT = Part("robot", "Robot", lambda session: True, _robot_depends, _draw_robot)
-
-
 _USES = (
     ("train", "identify from it"),
     ("test", "test on it"),
@@ -104,11 +104,9 @@ _USES = (
 )
 
 
-def _runs_depends(session: Session) -> Any:
-    return session.robot["source"], session.runs, session.refusals
-
-
-def _draw_runs(view: View) -> None:
+@part("runs", "Measurements", lambda s: bool(s.robot), lambda s: (s.robot["source"], s.runs, s.refusals))
+def runs(view: View) -> None:
+    """The ways to get measurements, and the runs that are there."""
     with draw.tag("div", style="ways"):
         with draw.tag("section", style="way"):
             draw.tag("h4", "Your runs")
@@ -174,14 +172,13 @@ def _simulated(view: View) -> None:
 
 
 def _real(view: View) -> None:
-    robot = view.session.robot
-    sets = [d for d in DATASETS.values() if d.problem == robot["source"]]
-    if sets and real_files(sets[0].name):
-        draw.note(sets[0].title)
+    name, files = real_files(view.session.robot["source"])
+    if files:
+        draw.note(DATASETS[name].title)
         draw.button("Use the real runs", view.session.real, "real")
-    elif sets:
+    elif name:
         draw.note("Not downloaded. Run:")
-        draw.tag("code", f"sdp-vs-penalty fetch {sets[0].name}")
+        draw.tag("code", f"sdp-vs-penalty fetch {name}")
     else:
         draw.note(f"Public measurements exist for {formatting.words(list(DATASETS))}.")
 
@@ -209,9 +206,6 @@ def _list(view: View) -> None:
         )
 
 
-RUNS = Part("runs", "Measurements", lambda s: bool(s.robot), _runs_depends, _draw_runs)
-
-
 def _measured(session: Session) -> Verdict | None:
     robot = session.robot
     if not robot:
@@ -224,4 +218,64 @@ def _measured(session: Session) -> Verdict | None:
     return Verdict("", f"{said}.")
 
 
-MEASURE = Stage("measure", "Measure", "", (ROBOT, RUNS), _measured)
+MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
+
+
+@part("check", "", lambda s: bool(s.runs), lambda s: (s.robot["source"], s.runs))
+def check(view: View) -> None:
+    """What the check says, and the runs as they were measured."""
+    session, units = view.session, view.session.robot["units"]
+    _findings(session)
+    views = {run["name"]: run["view"] for run in session.runs}
+    first = next((run["name"] for run in session.runs if run["findings"]), next(iter(views)))
+
+    def look(run: str) -> None:
+        read = session.arrays(views[run])
+        drawn.update_figure(data_chart(read, units))
+        move(run, read)
+
+    if len(views) > 1:
+        with draw.tag("div", style="pick"):
+            draw.choice("Run", [(n, n) for n in views], first, look, "checked-run")
+    said = "Positions, velocities and torques of all joints over time"
+    options = data_chart(session.arrays(views[first]), units)
+    drawn, move = chart_and_arm(view, options, said, session.robot["drawn"], "nominal links")
+    crosses = "Crosses: what the check would put there. "
+    mended = any(found["can_fix"] for run in session.runs for found in run["findings"])
+    draw.note(f"{crosses * mended}Drag to look closer; Play moves the arm.")
+    look(first)
+
+
+def _findings(session: Session) -> None:
+    """What the check says, each with its repair; a tick where it says nothing."""
+    with draw.tag("p", style="row"):
+        for run in session.runs:
+            if not run["findings"]:
+                draw.tag("span", f"✓ {run['name']}", "tick")
+    for run in session.runs:
+        for found in run["findings"]:
+            with draw.tag("p", style=f"finding {found['severity']}"):
+                draw.tag("strong", f"{run['name']}: {found['kind']}. ")
+                what = found["what"]
+                draw.tag("span", f"{what[0].upper()}{what[1:]} What to do: {found['remedy']}.")
+            if found["gravity"]:
+                vector = ",".join(f"{g:g}" for g in found["gravity"])
+                apply, key = partial(session.mount, vector), f"apply-{run['file']}"
+                draw.button(f"Apply: gravity {vector}", apply, key, "primary")
+        if any(found["can_fix"] for found in run["findings"]):
+            apply = partial(session.mend, run["file"])
+            draw.button(f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary")
+
+
+def _checked(session: Session) -> Verdict | None:
+    if not session.runs:
+        return None
+    if session.meaningless:
+        return Verdict("bad", f"{session.meaningless[0]}.", "Check failed")
+    warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
+    if warned:
+        return Verdict("usable", f"It found {formatting.words(warned)}.", "Check")
+    return Verdict("good", f"Nothing wrong in {formatting.count(len(session.runs), 'run')}.", "Check")
+
+
+CHECK = Stage("check", "Check", "Add measurements first.", (check,), _checked)
