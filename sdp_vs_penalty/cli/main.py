@@ -20,7 +20,7 @@ from sdp_vs_penalty.errors import InputError, Remark, unknown
 from sdp_vs_penalty.files import opened, protecting
 from sdp_vs_penalty.version import __version__
 
-#: Every file of verbs/, by what it is for; its first line is that of the program's --help.
+#: Every file of verbs/, by what it is for; the first sentence of its verb is in the program's --help.
 VERBS = {
     "Start here": ["demo"],
     "Measurements": ["fetch", "convert", "check", "excite", "simulate"],
@@ -77,8 +77,8 @@ def _help() -> str:
     for purpose, verbs in VERBS.items():
         said.append(f"{purpose}:")
         for name in verbs:
-            _, text, _ = _file(name).read_text().split('"""', 2)
-            line = f"{name:15} {text}"
+            told = _file(name).read_text().partition("def verb(")[2].split('"""')[1]
+            line = f"{name:15} {' '.join(told.partition(chr(10) * 2)[0].split())}"
             said.append(textwrap.fill(line, 80, initial_indent="  ", subsequent_indent=18 * " "))
     return "\n".join(said)
 

@@ -1,5 +1,3 @@
-"""Add an effect to a model and identify it again."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence

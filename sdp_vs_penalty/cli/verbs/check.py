@@ -1,8 +1,5 @@
-"""Check runs: units, signs, order, gravity, clock, excitation."""
-
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -69,19 +66,13 @@ def verb(
     if fix is not None:
         console.next_step(["check", *copies, "--problem", problem, *mounting])
     elif any(f.mends for report in reports for f in report.problems):
-        to = _beside(data)
-        console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", to])
+        beside = data[0].with_name(f"{data[0].stem}_fixed.csv" if len(data) == 1 else "fixed")
+        console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", beside])
     elif not meaningless:
         train = [path for path in data if not for_testing(path)] or data
         console.next_step(["identify", problem, "--data", *train, *mounting, "--out", "model.json"])
     if meaningless:
         raise SystemExit(1)
-
-
-def _beside(data: Sequence[Path]) -> Path:
-    """Where repaired copies go by default: beside the one run, or into a folder beside the first."""
-    first = data[0]
-    return first.with_name(f"{first.stem}_fixed.csv" if len(data) == 1 else "fixed")
 
 
 def _show(report: Report, verbose: bool) -> None:

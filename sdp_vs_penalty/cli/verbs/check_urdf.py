@@ -1,5 +1,3 @@
-"""Check a URDF's inertials for physical consistency."""
-
 from pathlib import Path
 
 

@@ -1,5 +1,3 @@
-"""Compare models with runs: error and noise of each joint."""
-
 from pathlib import Path
 
 

@@ -1,15 +1,7 @@
-"""Convert MATLAB, Parquet, ROS bags and MCAP files to RUN.csv."""
-
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.cli_parsing import pairs
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.data.measurements import Measurements
 
 
 def verb(
@@ -43,6 +35,7 @@ def verb(
     --rate: Rate [Hz] of a table without header: q1..qn, dq1..dqn, tau1..taun.
     """
     from sdp_vs_penalty import formatting
+    from sdp_vs_penalty.data.formats.columns import columns_of
     from sdp_vs_penalty.problem.load import convert
 
     names = joints.split(",") if joints else None
@@ -58,13 +51,7 @@ def verb(
         scale=pairs("--scale", scale),
     )
     velocity = "" if run.dq is None else ", velocities"
-    _first_rows(run)
-    console.written(out, f"{len(run.t)} samples of {formatting.count(run.n, 'joint')}{velocity}")
-
-
-def _first_rows(run: Measurements) -> None:
-    """The first five rows as they are written, so that a wrong column or unit is seen."""
-    from sdp_vs_penalty.data.formats.columns import columns_of
-
+    # As they are written, so that a wrong column or unit is seen.
     for name, column in columns_of(run.rows(slice(0, 5))).items():
         console.say(f"  {name:<6} " + " ".join(f"{x:>11.5g}" for x in column))
+    console.written(out, f"{len(run.t)} samples of {formatting.count(run.n, 'joint')}{velocity}")

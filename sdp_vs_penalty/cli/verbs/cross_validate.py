@@ -1,12 +1,5 @@
-"""Judge a method on motion that its models have not seen."""
-
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.estimation.cross_validation import CrossValidation, Fold
+from typing import Any
 
 
 def verb(
@@ -44,11 +37,12 @@ def verb(
         result = cross_validate(robot, runs, method, progress=progress, **how)
     console.say(result.verdict, style="bold")
     console.explain(result.how)
-    judged: list[tuple[str, Fold | CrossValidation]] = [
-        (f"{k}: {f.start:.3g}-{f.stop:.3g} s", f) for k, f in enumerate(result.folds, start=1)
+    names = [f"{k}: {f.start:.3g}-{f.stop:.3g} s" for k, f in enumerate(result.folds, start=1)]
+    judged: list[Any] = [*result.folds, result]
+    rows = [
+        [name, number(f.relative_error_percent), *map(number, f.rmse)]
+        for name, f in zip([*names, "all"], judged, strict=True)
     ]
-    judged.append(("all", result))
-    rows = [[name, number(f.relative_error_percent), *map(number, f.rmse)] for name, f in judged]
     units = ", ".join(dict.fromkeys(map(plain_unit, robot.robot.torque_units)))
     title = f"Relative error, and RMSE [{units}] of each joint below {number(result.band_hz)} Hz"
     heads = ("judged on", "error [%]", *(str(j + 1) for j in range(robot.robot.n)))

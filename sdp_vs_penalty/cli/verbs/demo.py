@@ -1,5 +1,3 @@
-"""The main job in small: a simulated arm, from its log to a better model."""
-
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console

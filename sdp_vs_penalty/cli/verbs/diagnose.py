@@ -1,5 +1,3 @@
-"""Name the physical effects that a model is missing."""
-
 from pathlib import Path
 from typing import Any
 

@@ -1,5 +1,3 @@
-"""Design an exciting trajectory within the robot's limits."""
-
 from pathlib import Path
 from typing import Any
 

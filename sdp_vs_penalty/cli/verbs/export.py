@@ -1,5 +1,3 @@
-"""Export a model: URDF, MJCF, SDF, JSON, C header, friction, payload."""
-
 from pathlib import Path
 
 

@@ -1,5 +1,3 @@
-"""Write the identification SDP for another solver."""
-
 from pathlib import Path
 
 

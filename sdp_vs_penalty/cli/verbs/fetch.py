@@ -1,5 +1,3 @@
-"""Download public measurements as RUN.csv files."""
-
 import shlex
 import sys
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Regenerate the paper's figures."""
-
 from pathlib import Path
 
 from sdp_vs_penalty.cli.options import Budget

@@ -1,5 +1,3 @@
-"""Identify dynamic parameters from runs, with a certificate."""
-
 import time
 from pathlib import Path
 from typing import Any

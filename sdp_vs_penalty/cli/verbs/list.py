@@ -1,11 +1,8 @@
-"""List problems, effects, methods, solvers, tables and more."""
-
 from enum import StrEnum
 
 from sdp_vs_penalty.errors import unknown
 
 Rows = list[tuple[str, ...]]
-Listing = tuple[tuple[str, ...], Rows]
 #: What can be listed.
 Kind = StrEnum("Kind", "problems effects methods solvers tables datasets engines exports")
 
@@ -39,11 +36,6 @@ _SHORT = {
 }
 
 
-def listing(kind: str) -> Listing:
-    """Headings and rows of one kind of thing that can be chosen; names come first."""
-    return _KINDS[kind]()
-
-
 def details(kind: str, name: str) -> tuple[str, ...]:
     """The whole row of one name; InputError where there is none."""
     rows = {row[0]: row for row in listing(kind)[1]}
@@ -52,76 +44,59 @@ def details(kind: str, name: str) -> tuple[str, ...]:
     return rows[name]
 
 
-def problems() -> Listing:
-    from sdp_vs_penalty.problem.load import load_problem, problem_names
+def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
+    """Headings and rows of one kind of thing that can be chosen; names come first."""
+    rows: Rows
+    match kind:
+        case "problems":
+            from sdp_vs_penalty.problem.load import load_problem, problem_names
 
-    found = map(load_problem, problem_names())
-    rows: Rows = [(p.name, str(p.robot.n), p.torque_side, p.title) for p in found]
-    return ("name", "joints", "torque side", "what it is"), rows
+            found = map(load_problem, problem_names())
+            rows = [(p.name, str(p.robot.n), p.torque_side, p.title) for p in found]
+            return ("name", "joints", "torque side", "what it is"), rows
+        case "effects":
+            from sdp_vs_penalty.effects import effect_types
 
+            rows = []
+            for name, effect in effect_types().items():
+                shape = ", ".join(f"{key}={s.default:g}" for key, s in effect.shapes.items())
+                acts = "whole robot" if effect.whole_robot else "joint by joint"
+                acts += "; seen with --frozen only" * effect.frozen_only
+                about = effect.explanation, effect.reference
+                rows.append((name, effect.equation, shape, acts, *about))
+            return ("name", "torque", "shape constants", "acts on", "what it is", "reference"), rows
+        case "methods":
+            from sdp_vs_penalty.estimation.output_error import DESCRIPTION, OUTPUT_ERROR
+            from sdp_vs_penalty.estimators import estimator_types
 
-def effects() -> Listing:
-    from sdp_vs_penalty.effects import effect_types
+            rows = [(name, method.description) for name, method in estimator_types().items()]
+            return ("name", "what it is"), sorted([*rows, (OUTPUT_ERROR, DESCRIPTION)])
+        case "solvers":
+            from sdp_vs_penalty.solvers import solver_types
 
-    rows: Rows = []
-    for name, kind in effect_types().items():
-        shape = ", ".join(f"{key}={s.default:g}" for key, s in kind.shapes.items())
-        acts = "whole robot" if kind.whole_robot else "joint by joint"
-        if kind.frozen_only:
-            acts += "; seen with --frozen only"
-        rows.append((name, kind.equation, shape, acts, kind.explanation, kind.reference))
-    return ("name", "torque", "shape constants", "acts on", "what it is", "reference"), rows
+            made = ((name, solver()) for name, solver in solver_types().items())
+            rows = [(n, "absent" if s.absent else "yes", s.source, s.description) for n, s in made]
+            return ("name", "here", "installed by", "what it is"), rows
+        case "tables":
+            from sdp_vs_penalty.paper.tables import makers
 
+            rows = [(name, ", ".join(maker.problems), maker.about) for name, maker in makers().items()]
+            return ("name", "only for", "what it is"), rows
+        case "datasets":
+            from sdp_vs_penalty.data.datasets import DATASETS
 
-def methods() -> Listing:
-    from sdp_vs_penalty.estimation.output_error import DESCRIPTION, OUTPUT_ERROR
-    from sdp_vs_penalty.estimators import estimator_types
+            rows = [(d.name, d.problem, d.licence, d.title) for d in DATASETS.values()]
+            return ("name", "problem", "licence", "what it is"), rows
+        case "engines":
+            from sdp_vs_penalty.simulation.engines import engine_types
 
-    rows: Rows = [(name, kind.description) for name, kind in estimator_types().items()]
-    return ("name", "what it is"), sorted([*rows, (OUTPUT_ERROR, DESCRIPTION)])
+            rows = [
+                (name, engine.version() or "absent", engine.install, engine.formulation)
+                for name, engine in engine_types().items()
+            ]
+            return ("name", "version here", "installed by", "formulation"), rows
+        case _:
+            from sdp_vs_penalty.exporters.export import formats
 
-
-def solvers() -> Listing:
-    from sdp_vs_penalty.solvers import solver_types
-
-    rows: Rows = []
-    for name, kind in solver_types().items():
-        found = kind()
-        rows.append((name, "absent" if found.absent else "yes", found.source, found.description))
-    return ("name", "here", "installed by", "what it is"), rows
-
-
-def tables() -> Listing:
-    from sdp_vs_penalty.paper.tables import makers
-
-    rows: Rows = [(name, ", ".join(x.problems), x.about) for name, x in makers().items()]
-    return ("name", "only for", "what it is"), rows
-
-
-def datasets() -> Listing:
-    from sdp_vs_penalty.data.datasets import DATASETS
-
-    rows: Rows = [(d.name, d.problem, d.licence, d.title) for d in DATASETS.values()]
-    return ("name", "problem", "licence", "what it is"), rows
-
-
-def engines() -> Listing:
-    from sdp_vs_penalty.simulation.engines import engine_types
-
-    rows: Rows = [
-        (name, kind.version() or "absent", kind.install, kind.formulation)
-        for name, kind in engine_types().items()
-    ]
-    return ("name", "version here", "installed by", "formulation"), rows
-
-
-def exports() -> Listing:
-    from sdp_vs_penalty.exporters.export import formats
-
-    return ("file ends in", "what it is"), [(ending, home.ABOUT) for ending, home in formats().items()]
-
-
-_KINDS = {
-    made.__name__: made
-    for made in (problems, effects, methods, solvers, tables, datasets, engines, exports)
-}
+            rows = [(ending, home.ABOUT) for ending, home in formats().items()]
+            return ("file ends in", "what it is"), rows

@@ -1,6 +1,5 @@
-"""Open the workbench in a browser."""
-
 from pathlib import Path
+from typing import Any
 
 from sdp_vs_penalty.errors import missing_extra
 
@@ -32,14 +31,14 @@ def verb(
     from sdp_vs_penalty.cli.options import Parser
     from sdp_vs_penalty.cli.verbs import convert, excite, identify
 
-    offered = {
+    offered: dict[str, tuple[Any, str]] = {
         "identify": (identify, "window filters bounds solver gain_uncertainty known_load jobs"),
         "robot": (identify, "gravity"),
         "read": (convert, "rename motors motor_side rate topic joints"),
         "separate": (excite, "duration level iterations"),
     }
-    forms = {}
-    for step, (home, names) in offered.items():
-        options = Parser("", home.verb).options
-        forms[step] = [options[name] for name in names.split()]
+    forms = {
+        step: [Parser("", home.verb).options[name] for name in names.split()]
+        for step, (home, names) in offered.items()
+    }
     serve(folder, port, browser, Address(host, certificate, key), forms)

@@ -1,5 +1,3 @@
-"""Write a self-contained HTML report."""
-
 import shlex
 import sys
 from pathlib import Path

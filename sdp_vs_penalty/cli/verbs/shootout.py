@@ -1,5 +1,3 @@
-"""Run SDP solvers and judge their answers by proved bounds."""
-
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console

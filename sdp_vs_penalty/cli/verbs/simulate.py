@@ -1,5 +1,3 @@
-"""Simulate runs with a hidden effect, or run a model forward."""
-
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console

@@ -1,5 +1,3 @@
-"""Check proofs of optimality in exact arithmetic."""
-
 from pathlib import Path
 
 from sdp_vs_penalty.errors import InputError
