@@ -96,9 +96,9 @@ def _newton(
 
 def _resolvent(x: Array, c: Array, w: Array | float) -> Array:
     """y with y + c tanh(y / w) = x. Concave for x > 0, so that Newton from below arrives from below."""
-    size = np.abs(x)
-    y = np.maximum(size - c, size / (1.0 + c / w))
+    size, steepest = np.abs(x), c / w
+    y = np.maximum(size - c, size / (1.0 + steepest))
     for _ in range(_INNER):
         th = np.tanh(y / w)
-        y = y + (size - y - c * th) / (1.0 + c / w * (1.0 - th * th))
+        y = y + (size - y - c * th) / (1.0 + steepest * (1.0 - th * th))
     return np.copysign(y, x)

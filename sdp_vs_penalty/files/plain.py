@@ -4,6 +4,7 @@ import collections.abc
 import types
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
+from functools import cache
 from typing import Any, Literal, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -20,10 +21,16 @@ class Plain:
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What :meth:`to_dict` wrote; null stands for the field's default, where it has one. Raises
         KeyError, TypeError or ValueError for a field that is missing or of another kind."""
-        kinds = get_type_hints(cls)
+        kinds = _kinds(cls)
         required = [f for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING]  # type: ignore[arg-type]
         there = {f.name for f in required} | {k for k in kinds if data.get(k) is not None}
         return cls(**{name: _restored(kinds[name], data[name]) for name in there})
+
+
+@cache
+def _kinds(cls: type) -> dict[str, Any]:
+    """The types of a class's fields, which cost more to look up than a field to read."""
+    return get_type_hints(cls)
 
 
 def _plain(value: Any) -> Any:
