@@ -3,6 +3,7 @@
 The files that a verb is given are protected before it runs.
 """
 
+import atexit
 import errno
 import gc
 import os
@@ -120,6 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # and where cores are busy they wait for each other (a check of 0.5 s took 20 s).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(20_000)  # imports make many objects, none of them garbage
+    atexit.register(gc.freeze)  # nor is what lives to the end: looking through it took a tenth of all
     shown = warnings.showwarning
 
     def remark(message: Any, category: Any, *place: Any, **more: Any) -> None:
