@@ -21,7 +21,7 @@ class Plain:
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What :meth:`to_dict` wrote; null stands for the field's default, where it has one. Raises
         KeyError, TypeError or ValueError for a field that is missing or of another kind."""
-        kinds = _kinds(cls)
+        kinds = _kinds(cls)  # type: ignore[arg-type]
         required = [f for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING]  # type: ignore[arg-type]
         there = {f.name for f in required} | {k for k in kinds if data.get(k) is not None}
         return cls(**{name: _restored(kinds[name], data[name]) for name in there})
