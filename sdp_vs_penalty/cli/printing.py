@@ -79,9 +79,8 @@ def servo(result: Estimate, told: dict[str, Any]) -> None:
     for p, x, s, drive in zip(model.parameters, result.theta, std, model.drives, strict=True):
         # Where half its interval holds zero, no motion of this log tells a gain.
         spread = f"{1.96 * s:.2g}" if 1.96 * s < abs(x) else "not determined"
-        gains += [
-            (p.name, x, "given" if p.name in model.known and not error else spread, p.unit)
-        ] * drive
+        if drive:
+            gains.append((p.name, x, "given" if p.name in model.known and not error else spread, p.unit))
     _gains("Gains; kd holds viscous friction too", gains)
 
 
