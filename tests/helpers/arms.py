@@ -50,9 +50,6 @@ state_cutoff = 6.0
 """
 
 
-MOMENTS = ("xx", "xy", "yy", "xz", "yz", "zz")
-
-
 def _words(numbers: str | Sequence[float]) -> str:
     return numbers if isinstance(numbers, str) else " ".join(f"{x:.17g}" for x in numbers)
 
