@@ -14,14 +14,13 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import residual, rules
-from sdp_vs_penalty.checks.constants import LOUDEST, PARTS
-from sdp_vs_penalty.checks.issue import Issue, joints_text
+from sdp_vs_penalty.checks.constants import PARTS
+from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.rules import Glance, mended
 from sdp_vs_penalty.checks.search import Search
-from sdp_vs_penalty.checks.several import compare
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque
@@ -35,35 +34,20 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 __all__ = ["Issue", "Report", "check"]
 
 
-@dataclass(frozen=True)
-class Fit:
-    """log and net ``repair``; ``certain`` the part of it without doubt; unexplained : share of the
-    torques' energy that is left; settled : whether there were samples to spare for the parameters."""
-
-    log: Likelihood
-    repair: Repair
-    certain: Repair
-    unexplained: float
-    settled: bool
-
-
 @dataclass(frozen=True, repr=False)
 class Report(Shown):
     """issues : of one run, the gravest first; mended : the run with every repair made, those that are
-    only likely included; fixed : with the certain ones only; fit : of the arm, None where there is
-    nothing to fit.
+    only likely included; fixed : with the certain ones only; unexplained : share of the torques' energy
+    that the arm's dynamics leave over, after mending, None where there is nothing to fit; arm : the rows
+    and their net repair, where these had samples to spare for its parameters.
     """
 
     run: str
     issues: tuple[Issue, ...]
     mended: Measurements
     fixed: Measurements
-    fit: Fit | None = field(default=None, compare=False)
-
-    @property
-    def unexplained(self) -> float | None:
-        """Share of the torques' energy that the arm's dynamics leave over, after mending."""
-        return self.fit.unexplained if self.fit else None
+    unexplained: float | None = None
+    arm: tuple[Likelihood, Repair] | None = field(default=None, compare=False, repr=False)
 
     @property
     def meaningless(self) -> bool:
@@ -158,14 +142,11 @@ def check(
 def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     """Runs of one arm share its mounting, its zeros, its gains and its load: where one run's differ,
     it is named."""
-    out = list(reports)
-    whole = [(k, r.fit) for k, r in enumerate(out) if r.fit and r.fit.settled]
-    logs = [(fit.log, fit.repair, out[k].run) for k, fit in whole]
-    for number, issue in compare(logs):
-        k = whole[number][0]
-        if (issue.kind, issue.where) in [(f.kind, f.where) for f in out[k].issues]:
-            continue  # each number is told once
-        out[k] = replace(out[k], issues=gravest_first((*out[k].issues, issue)))
+    out, whole = list(reports), [k for k, r in enumerate(reports) if r.arm]
+    for number, issue in residual.compare([(*r.arm, r.run) for r in reports if r.arm]):
+        report = out[k := whole[number]]
+        if (issue.kind, issue.where) not in [(f.kind, f.where) for f in report.issues]:
+            out[k] = replace(report, issues=gravest_first((*report.issues, issue)))
     return out
 
 
@@ -176,23 +157,18 @@ def gravest_first(issues: Iterable[Issue]) -> tuple[Issue, ...]:
 
 def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool) -> Report:
     issues, work, fixed = mended(run, problem.robot, settings.standstill)
-    told, fit = list[Issue](), None
+    report = Report(run.names[0], (), work, fixed)
     try:
-        told, fit = _channels(problem, work, settings, thorough)
+        report = _channels(problem, report, settings, thorough)
     except InputError as error:
         issues.append(_stopped("too little data", error, "certain: the filters need more"))
-    if fit is not None:
-        work, fixed = fit.repair.apply(work), fit.certain.apply(fixed)
-    for issue in told:
-        if issue.repair is not None and "net" not in issue.figures:
-            work, fixed = issue.repair(work), issue.repair(fixed) if issue.mends else fixed
-    issues += told
+    issues += report.issues
     if not any(f.severity == "error" for f in issues):
         try:
             check_plausible(problem.robot, run)
         except InputError as error:
             issues.append(_stopped("position range", error, "certain: `identify` refuses it"))
-    return Report(run.names[0], gravest_first(issues), work, fixed, fit)
+    return replace(report, issues=gravest_first(issues))
 
 
 def _stopped(kind: str, error: InputError, sure: str) -> Issue:
@@ -200,77 +176,44 @@ def _stopped(kind: str, error: InputError, sure: str) -> Issue:
     return Issue(kind, "error", "the run", f"{error.what.rstrip('.')}.", sure, remedy)
 
 
-def _channels(
-    problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool
-) -> tuple[list[Issue], Fit | None]:
-    """What a run's channels mean: the net repair that makes them one arm's, and what is left.
+def _channels(problem: Problem, report: Report, settings: Preprocessing, thorough: bool) -> Report:
+    """What a mended run's channels mean: the net repair that makes them one arm's, and what is left.
 
     Raises InputError for a run that is too short for any question."""
+    run = report.mended
     if len(run.t) < 10:
         raise InputError("fewer than 10 usable rows", "record longer", run.names[0])
     glance = Glance(run, problem.robot, settings.standstill)
     if not glance.moving.any():
-        return list(rules.idle(glance)), None
+        return replace(report, issues=tuple(rules.idle(glance)))
     settings = settings.resolve(run)
-    told = [
-        *rules.idle(glance),
-        *rules.quantised(glance, settings),
-        *rules.sample_rate(glance),
-    ]
+    told = [*rules.idle(glance), *rules.quantised(glance, settings), *rules.sample_rate(glance)]
     if not run.torque_logged:  # rows, clock and positions are all there is
-        return [*told, *rules.beside(glance)], None
+        return replace(report, issues=(*told, *rules.beside(glance)))
     first = [*rules.dead(glance), *rules.magnitude(glance)]
     if any(i.kind == "torque magnitude" for i in first):  # nothing else can be asked of such torques
-        return first, None
+        return replace(report, issues=tuple(first))
     log = Likelihood(problem, data := RegressionData.of(problem, run, settings))
     net = (search := Search(log)).run()
-    score, (stated, certain) = log.score(net), _stated(search, net)
-    sizes = list(residual.size(log, net))
-    settled = log.spare > 0.0
-    issues = [*first, *stated, *told, *sizes, *residual.find(log, net, score, settled)]
-    if any(i.kind == "torque channel kind" for i in sizes):
+    if apart := list(residual.two_arms(log, net)):  # another arm, or load, makes steps of its own
+        net = replace(net, events=())
+    stated, certain = search.told(net)
+    left = [*residual.size(log, net), *residual.find(log, net), *apart]
+    issues = [*first, *stated, *told, *left]
+    if any(i.kind == "torque channel kind" for i in left):
         scales = "torque gain", "torque unit"
         issues = [replace(i, severity="note") if i.kind in scales else i for i in issues]
     bent = {i.figures["joints"][0] for i in stated if i.kind == "saturation"}
     issues += [i for i in rules.clipped(glance) if i.figures["joint"] not in bent]
     if not any(i.kind in ("encoder offset", "positions in degrees") for i in stated):
         issues += rules.beside(glance)
+    work, fixed = net.apply(run), certain.apply(report.fixed)
+    for issue in left:
+        if issue.repair is not None:
+            work, fixed = issue.repair(work), issue.repair(fixed) if issue.mends else fixed
     if thorough:
-        for issue in sizes:
-            run = issue.repair(run) if issue.repair is not None else run
-        issues += residual.not_excited(problem.with_gravity(net.gravity), net.apply(run), settings)
+        issues += residual.not_excited(problem.with_gravity(net.gravity), work, settings)
         issues += residual.hidden_errors(log, net)
-    unexplained = float(score.left[log.moving].sum() / score.whole[log.moving].sum())
     # A report holds the rows, not what was worked out of them.
-    return issues, Fit(Likelihood(problem, data), net, certain, unexplained, settled)
-
-
-def _stated(search: Search, net: Repair) -> tuple[list[Issue], Repair]:
-    """An issue for each element of the net repair, with its interval and what it explains; the repair
-    without what is only likely."""
-    certain, out, after = net, list[Issue](), search.log.score(net).shares
-    for e in search.elements(net):
-        before = search.log.score(e.without).shares
-        gain, change = search.posterior(net) - search.posterior(e.without), np.log(before / after)
-        j, word = int(np.argmax(change)), "certain" if gain > LOUDEST else "likely"
-        text = f"falls from {100.0 * np.sqrt(before[j]):.3g} % to {100.0 * np.sqrt(after[j]):.3g} %"
-        text = f"what the arm's dynamics leave unexplained of joint {j + 1}'s torque {text}"
-        if change[j] < 0.05:  # the fit is the same: physics alone tells
-            text = "as recorded, friction would drive the motion, or inertia be negative"
-        figures = {"joints": [j + 1 for j in e.joints], **e.figures, "net": True, "log_odds": gain}
-        what, where = e.what, e.place or joints_text(e.joints)
-        if e.number is not None:
-            reach = 2.0 * search.deviation(e.number)
-            low, high = e.number.value - reach, e.number.value + reach
-            figures["interval"] = [low, high]
-            what = f"{what.rstrip('.')} (95 %: {e.number.text(low)} to {e.number.text(high)})."
-        mend, gravity = net.apply if e.mends else None, None
-        if e.kind.startswith("gravity"):
-            share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
-            gravity = tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
-        out.append(
-            Issue(e.kind, e.severity, where, what, f"{word}: {text}", e.remedy, mend, figures, gravity)
-        )
-        if not out[-1].mends:
-            certain = next((x.without for x in search.elements(certain) if x.name == e.name), certain)
-    return out, certain
+    arm = (Likelihood(problem, data), net) if log.spare > 0.0 else None
+    return Report(report.run, tuple(issues), work, fixed, log.score(net).unexplained, arm)

@@ -6,8 +6,6 @@ import numpy as np
 # -- rows and columns that hypotheses are judged on ----------------------------------------------------
 #: Rows that hypotheses are judged on.
 ROWS = 320
-#: A joint slides at this share of its usual speed: slower, dry friction holds any torque between limits.
-SLIDES = 0.2
 #: Velocities over which Coulomb friction may turn [rad/s, m/s]: from a sign to a smooth one.
 COULOMB_WIDTHS = (0.002, 0.03, 0.1)
 #: Travels over which bristles bend before they slide [rad, m]: gears' (2e-4 to 2e-2) as an own column,

@@ -21,6 +21,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +35,17 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.robot import Robot
 
+#: Weighted normal equations (s, s), (s,); a repair by one number.
+Normal: TypeAlias = tuple[Array | float, Array | float]
+At: TypeAlias = Callable[[float], Repair]
+
 
 @dataclass(frozen=True)
 class Equations:
-    """Normal equations of n joints' rows for K torques: gram (n, s, s), cross (n, s, K), energy (n, K)
-    of the torque with own columns projected out, whole (n, K) before; own (n, k, s + K) what these
-    columns take of the shared ones and of the torque."""
+    """Normal equations of n joints' rows for K torques, of one log or of several (..., n): gram (..., n,
+    s, s), cross (..., n, s, K), energy (..., n, K) of the torque with own columns projected out, whole
+    (..., n, K) before; own (..., n, k, s + K) what these columns take of the shared ones and of the
+    torque."""
 
     gram: Array
     cross: Array
@@ -49,52 +55,56 @@ class Equations:
 
     @classmethod
     def of(cls, gram: Array, cross: Array, whole: Array, k: int) -> Equations:
-        """gram (n, w, w) of k own columns and the shared ones, cross (n, w, K), whole (n, K)."""
-        size = np.trace(gram[:, :k, :k], axis1=1, axis2=2)[:, None, None] / max(k, 1)
+        """gram (..., n, w, w) of k own columns and the shared ones, cross (..., n, w, K), whole (..., n,
+        K)."""
+        full, s = np.concatenate([gram, cross], axis=-1), gram.shape[-1] - k
+        size = np.trace(gram[..., :k, :k], axis1=-2, axis2=-1)[..., None, None] / max(k, 1)
         # A joint that rests in these rows has nothing of its own there.
-        mine = gram[:, :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
-        both = np.concatenate([gram[:, :k, k:], cross[:, :k]], axis=2)
-        own = np.linalg.solve(mine, both)
-        rest = np.concatenate([gram[:, k:, k:], cross[:, k:]], axis=2) - gram[:, k:, :k] @ own
-        s = gram.shape[1] - k
-        energy = np.maximum(whole - np.sum(cross[:, :k] * own[..., s:], axis=1), 0.0)
-        whole = np.maximum(whole, 1e-12 * whole.max(axis=0, initial=0.0) + 1e-280)
+        mine = gram[..., :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
+        own = np.linalg.solve(mine, full[..., :k, k:])
+        rest = full[..., k:, k:] - gram[..., k:, :k] @ own
+        energy = np.maximum(whole - np.sum(cross[..., :k, :] * own[..., s:], axis=-2), 0.0)
+        whole = np.maximum(whole, 1e-12 * whole.max(axis=-2, keepdims=True, initial=0.0) + 1e-280)
         return cls(rest[..., :s], rest[..., s:], energy, whole, own)
 
     @classmethod
     def of_part(cls, full: Array, k: int) -> Equations:
-        """full (n, w, w) : Gram matrices of k own columns, the shared ones and one torque."""
-        return cls.of(full[:, :-1, :-1], full[:, :-1, -1:], full[:, -1, -1:], k)
+        """full (..., n, w, w) : Gram matrices of k own columns, the shared ones and one torque."""
+        return cls.of(full[..., :-1, :-1], full[..., :-1, -1:], full[..., -1, -1:], k)
 
     @classmethod
     def together(cls, logs: Sequence[Equations]) -> Equations:
-        """The joints of several logs side by side; parameters that only later ones know are added."""
-        s = max(x.gram.shape[1] for x in logs)
-        wide = [(x, (0, s - x.gram.shape[1])) for x in logs]
-        gram = np.concatenate([np.pad(x.gram, ((0, 0), more, more)) for x, more in wide])
-        cross = np.concatenate([np.pad(x.cross, ((0, 0), more, (0, 0))) for x, more in wide])
-        energy, whole = (np.concatenate([getattr(x, n) for x in logs]) for n in ("energy", "whole"))
+        """The joints of several logs side by side, to fit one arm to them."""
+        names = "gram", "cross", "energy", "whole"
+        gram, cross, energy, whole = (np.concatenate([getattr(x, n) for x in logs]) for n in names)
         return cls(gram, cross, energy, whole, logs[0].own)
 
-    def left_of(self, full: Array, theta: Array) -> Array:
-        """(n,) squared residuals that parameters (s,), with the own ones they go with, leave of
-        rows with such Gram matrices (n, w, w)."""
-        mine = self.own[..., :-1] @ theta - self.own[..., -1]
-        shared = np.broadcast_to(np.append(theta, -1.0), (len(mine), len(theta) + 1))
-        v = np.hstack([-mine, shared])
-        return np.asarray(np.einsum("jw,jwx,jx->j", v, full, v))
+    def wider(self, more: int) -> Equations:
+        """With so many further parameters, which these joints do not depend on."""
+        gram, cross = (np.pad(x, ((0, 0), (0, more), (0, 0))) for x in (self.gram, self.cross))
+        return replace(self, gram=np.pad(gram, ((0, 0), (0, 0), (0, more))), cross=cross)
 
-    def solved(self, weights: Array) -> Array:
-        """(K, s) parameters of weighted (n, K) least squares."""
-        gram = np.tensordot(weights.T, self.gram, 1)
-        return solve(gram, np.einsum("jk,jsk->ks", weights, self.cross)[..., None])[..., 0]
+    def left_of(self, full: Array, theta: Array) -> Array:
+        """(..., n) squared residuals that parameters (..., s), with the own ones they go with, leave of
+        rows with such Gram matrices (..., n, w, w)."""
+        v = np.append(theta, -np.ones((*theta.shape[:-1], 1)), axis=-1)[..., None, :, None]
+        mine = -self.own @ v
+        both = np.concatenate([mine, np.broadcast_to(v, (*mine.shape[:-2], *v.shape[-2:]))], -2)
+        return np.asarray(np.sum(both * (full @ both), axis=(-2, -1)))
+
+    def normal(self, weights: Array) -> tuple[Array, Array]:
+        """(..., K, s, s) and (..., K, s) : sums over the joints, weighted (n, K), of each torque."""
+        s = self.gram.shape[-1]
+        flat = weights.T @ self.gram.reshape(*self.gram.shape[:-2], s * s)
+        return flat.reshape(*flat.shape[:-1], s, s), np.einsum("jk,...jsk->...ks", weights, self.cross)
 
     def fitted(self, asked: NDArray[np.bool_]) -> tuple[Array, Array]:
         """(K, s) parameters at the maximum of L, by reweighting each joint, and (n, K) squared residuals
         there, at least FLOOR of the whole; asked (n,) : which joints move."""
         left = self.whole
         for _ in range(ROUNDS):
-            theta = self.solved(asked[:, None] / left)
+            gram, cross = self.normal(asked[:, None] / left)
+            theta = solve(gram, cross[..., None])[..., 0]
             bent = self.gram @ theta.T - 2.0 * self.cross
             left = self.energy + np.einsum("jsk,ks->jk", bent, theta)
             left = np.maximum(left, FLOOR * self.whole)
@@ -111,7 +121,7 @@ class Likelihood:
         self.joints: list[int] = np.flatnonzero(self.moving).tolist()
         self.revolute = [j for j in self.joints if problem.robot.joints[j].kind == "revolute"]
         self.none = Repair.none(self.n, problem.robot.gravity)
-        self._rows, self._columns = lru_cache(6)(partial(Rows, self)), lru_cache(12)(self._made_columns)
+        self._rows, self.shared = lru_cache(6)(partial(Rows, self)), lru_cache(12)(self._made_shared)
         self._basis, self._late = lru_cache(20)(self._made_basis), lru_cache(40)(self._shifted)
 
     @cached_property
@@ -130,18 +140,6 @@ class Likelihood:
         score = self.score(self.none)
         asked = len(score.theta) + self.n * self.data.own.shape[2]
         return 1.0 - asked / max(held * len(self.joints), 1.0)
-
-    @cached_property
-    def samples(self) -> float:
-        """How many independent samples M rows hold whose neighbours are alike, and no parameter takes:
-        M / (1 + 2 sum_k rho_k) of the median joint, over lags before what the arm leaves is correlated
-        no more (Geyer 1992)."""
-        left, count = self.score(self.none).residual[self.moving], self.data.count
-        power = np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), 2 * count)) ** 2
-        rho = np.fft.irfft(power)[:, :count]
-        rho = rho / or_one(rho[:, :1])
-        lasts = 2.0 * np.sum(rho * np.cumprod(rho > 0.0, axis=1), axis=1) - 1.0
-        return max(self.spare, 0.1) * count / max(float(np.median(lasts)), 1.0)
 
     def channels(self, repair: Repair) -> Array:
         """(n, M) the torque as repaired, 0 where it is not asked for."""
@@ -164,10 +162,11 @@ class Likelihood:
         late = np.clip(self.data.motion.t + lead, torque.x[0], torque.x[-1])
         return torque(late), torque(late, 1)
 
-    def motion(self, repair: Repair) -> Motion:
-        """States as repaired."""
+    def motion(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Motion:
+        """States as repaired, with so many times their velocity and acceleration."""
         m, order, scale = self.data.motion, list(repair.order), np.array(repair.scale)
-        dq, ddq = scale * m.dq[:, order] / repair.rate, scale * m.ddq[:, order] / repair.rate**2
+        dq = speed * scale * m.dq[:, order] / repair.rate
+        ddq = push * scale * m.ddq[:, order] / repair.rate**2
         return Motion(m.t[0] + repair.rate * (m.t - m.t[0]), repair.positions(m.q), dq, ddq)
 
     def rows(self, repair: Repair) -> Rows:
@@ -176,16 +175,11 @@ class Likelihood:
 
     def raw(self, repair: Repair) -> Array:
         """(n, M, s) the columns of the parameters that joints share, 0 where torque is not asked for."""
-        lacks = np.array(repair.lacks)[:, None, None]
-        whole = replace(repair.of_motion, lacks=self.none.lacks, events=())
-        columns = self._columns(whole)
-        if lacks.any():
-            weightless = self._columns(replace(whole, gravity=(0.0, 0.0, 0.0)))
-            columns = (1.0 - lacks) * columns + lacks * weightless
+        columns = self.shared(repair.of_arm)
+        if any(repair.lacks):
+            weight = self.shared(repair.of_arm, 0.0, 0.0)
+            columns = columns - np.array(repair.lacks)[:, None, None] * weight
         return np.asarray(self.heard(repair)[:, :, None] * columns)
-
-    def _made_columns(self, repair: Repair) -> Array:
-        return self.shared(repair, self.motion(repair))
 
     def robot(self, repair: Repair) -> Robot:
         """Under another vector of gravity, with other distances between joints."""
@@ -199,21 +193,20 @@ class Likelihood:
             joints[j] = replace(joints[j], placement=placement)
         return replace(robot, joints=tuple(joints))
 
-    def shared(self, repair: Repair, motion: Motion) -> Array:
-        """(n, M, p) columns of all parameters that joints share."""
+    def _made_shared(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Array:
+        """(n, M, p) columns of all parameters that joints share, of ``motion``."""
         if (known := self.data.shared) is None:
-            return np.zeros((self.n, len(motion.t), 0))
+            return np.zeros((self.n, self.data.count, 0))
         robot = self.robot(repair)
         shared = Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in known.effects))
-        return np.stack([b.wide(len(known.parameters)) for b in shared.columns(motion)])
+        made = shared.columns(self.motion(repair, speed, push))
+        return np.stack([b.wide(len(known.parameters)) for b in made])
 
-    def nominal(self, repair: Repair, still: bool) -> Array:
-        """(M, n) torque of a plausible arm on the repaired motion, or its weight in these poses."""
-        m, none = self.motion(repair), 0.0 * self.data.motion.q
-        states = (m.q, none, none) if still else (m.q, m.dq, m.ddq)
-        return np.asarray(
-            self.robot(repair).regressor(*states) @ self.problem.nominal_links.ravel(), float
-        )
+    def nominal(self, repair: Repair, speed: float = 1.0) -> Array:
+        """(M, n) torque of a plausible arm on the repaired motion; its weight where speed is 0."""
+        m = self.motion(repair, speed, speed)
+        columns = self.robot(repair).regressor(m.q, m.dq, m.ddq)
+        return np.asarray(columns @ self.problem.nominal_links.ravel(), float)
 
     def _made_basis(self, order: Order, events: tuple[Event, ...]) -> Array:
         """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others."""
@@ -230,7 +223,7 @@ class Likelihood:
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
         return np.asarray(u * (s > 1e-6 * s.max(axis=1, keepdims=True))[:, None])
 
-    def slope(self, at: Callable[[float], Repair], value: float, h: float, theta: Array) -> Array:
+    def slope(self, at: At, value: float, h: float, theta: Array) -> Array:
         """(n, M) d(y - Y theta)/dx of a number at a value, by a difference forward."""
         here, there = (self.channels(at(x)) - self.raw(at(x)) @ theta for x in (value, value + h))
         return np.asarray((there - here) / h)
@@ -252,49 +245,56 @@ class Likelihood:
 
     def scores(self, repairs: Sequence[Repair]) -> list[Score]:
         """One arm fitted to each; those of one motion side by side."""
-        groups: dict[Repair, list[int]] = {}
-        for i, r in enumerate(repairs):
-            groups.setdefault(r.of_motion, []).append(i)
-        out: dict[int, Score] = {}
-        for of_motion, places in groups.items():
-            rows = self.rows(of_motion)
-            y = np.stack([self.channels(repairs[i]) for i in places], axis=2)
+        groups, out = dict[Repair, list[Repair]](), dict[Repair, Score]()
+        for r in repairs:
+            groups.setdefault(r.of_motion, []).append(r)
+        for of_motion, some in groups.items():
+            rows, y = self.rows(of_motion), np.stack([self.channels(r) for r in some], axis=2)
             cross, k = np.swapaxes(rows.both, 1, 2) @ y, rows.basis.shape[2]
             fit = Equations.of(rows.gram, cross, np.sum(y**2, axis=1), k)
             theta, left = fit.fitted(self.moving)
-            for k, i in enumerate(places):
-                numbers = theta[k], left[:, k], fit.whole[:, k], fit.gram
-                out[i] = Score(self, rows, y[..., k], *numbers)
-        return [out[i] for i in range(len(repairs))]
+            for k, r in enumerate(some):
+                out[r] = Score(self, rows, y[..., k], theta[k], left[:, k], fit.whole[:, k], fit.gram)
+        return [out[r] for r in repairs]
 
     def score(self, repair: Repair) -> Score:
         """One arm fitted to one repair."""
         return self.scores([repair])[0]
 
     def left_out(
-        self, repair: Repair, weights: Array, more: Array | None = None, others: Sequence[Equations] = ()
+        self, repair: Repair, weights: Array, more: Array | None = None, others: Normal = (0.0, 0.0)
     ) -> tuple[Array, Array]:
         """By leaving out each part of the log in turn (a delete-a-group jackknife): (PARTS, s) the arms
-        of all other parts, and of other logs, by weights of all their joints; (PARTS, n) what they leave
-        of the part, over the mean energy of a part."""
+        of all other parts, whose joints weigh (n,), and of other logs' normal equations; (PARTS, n) what
+        they leave of the part, over the mean energy of a part."""
         parts, k = self.parts(repair, PARTS, more)
-        rests = [Equations.of_part(parts.sum(axis=0) - part, k) for part in parts]
-        logs = [Equations.together([*others, x]) for x in rests] if others else rests
-        arms = np.array([x.solved(weights[:, None])[0] for x in logs])
-        left = [x.left_of(part, arm) for x, part, arm in zip(rests, parts, arms, strict=True)]
+        rests = Equations.of_part(parts.sum(axis=0) - parts, k)
+        both = rests.normal(weights[:, None])
+        gram, cross = (a[:, 0] + b for a, b in zip(both, others, strict=True))
+        arms = solve(gram, cross[..., None])[..., 0]
         whole = np.maximum(parts[..., -1, -1].sum(axis=0), 1e-280)
-        return arms, np.maximum(PARTS * np.array(left) / whole, FLOOR)
+        return arms, np.maximum(PARTS * rests.left_of(parts, arms) / whole, FLOOR)
 
-    def change(self, at: Callable[[float], Repair], value: float, h: float) -> tuple[float, float]:
-        """By how much a number has to change, to first order, and the standard deviation of that: what
-        the model lacks makes it vary from part to part, and noise alone would make it look exact."""
-        score = self.score(at(value))
-        slope = self.slope(at, value, h, score.theta)
-        size = float(np.linalg.norm(slope)) / max(float(np.linalg.norm(score.rows.raw[0])), 1e-300)
-        if size == 0.0:
-            return 0.0, np.inf
-        found = self.left_out(at(value), score.weights, -slope[:, :, None] / size)[0][:, -1]
-        return jackknifed(found / size)
+    def steps(self, now: Repair, ats: Sequence[At], values: Array, h: float) -> tuple[Array, Array]:
+        """(r,) by how much each of some numbers would have to change alone, to first order, and (r,) the
+        standard deviations of that: by a jackknife, because what the model lacks varies from part to
+        part, and noise alone would make it look exact. With A, c the normal equations of the arm and a,
+        b, c_x those of d(y - Y theta)/dx,
+
+            change = (c_x - b^T A^-1 c) / (a - b^T A^-1 b)."""
+        score, slopes = self.score(now), np.zeros((self.n, self.data.count, len(ats)))
+        for r, at in enumerate(ats):
+            slopes[..., r] = self.slope(at, values[r], h, score.theta)
+        sizes = np.linalg.norm(slopes, axis=(0, 1))
+        parts, k = self.parts(now, PARTS, -slopes / or_one(sizes))
+        gram, cross = Equations.of_part(parts.sum(axis=0) - parts, k).normal(score.weights[:, None])
+        s = gram.shape[-1] - len(ats)
+        full = np.concatenate([gram[:, 0], cross[:, 0, :, None]], axis=2)
+        arm = solve(full[:, :s, :s], full[:, :s, s:])
+        beside = full[:, s:, s:] - full[:, s:, :s] @ arm
+        own = np.einsum("pkk->pk", beside[..., :-1]) + RIDGE * np.einsum("pkk->pk", full[:, s:, s:-1])
+        change, spread = jackknifed(beside[..., -1] / np.maximum(own, 1e-300) / or_one(sizes))
+        return change, np.where(sizes > 0.0, spread, np.inf)
 
     def predicts(self, before: Array, after: Array) -> float:
         """By how many standard errors the second of what two repairs leave (PARTS, n) of parts that were
@@ -321,14 +321,11 @@ class Rows:
     def pushed(self) -> Array:
         """(2, s) what the mean of ddq^T M(q) ddq is of the shared parameters, and the weight's mean
         product with the weight of a plausible arm."""
-        m, of = self.of.motion(self.repair), self.of
-        rest, loads = np.zeros_like(m.q), of.nominal(self.repair, still=True)
-        weightless = replace(self.repair, gravity=(0.0, 0.0, 0.0))
-        made = [
-            np.einsum("jms,mj->s", of.shared(repair, Motion(m.t, m.q, rest, ddq)), along)
-            for repair, ddq, along in ((weightless, m.ddq, m.ddq), (self.repair, rest, loads))
-        ]
-        return np.array(made) / of.data.count
+        of, arm = self.of, self.repair.of_arm
+        ddq, weight = of.motion(arm).ddq, of.shared(arm, 0.0, 0.0)
+        made = of.shared(arm, 0.0, 1.0) - weight, weight
+        both = zip(made, (ddq, of.nominal(self.repair, 0.0)), strict=True)
+        return np.array([np.einsum("jms,mj->s", x, along) for x, along in both]) / of.data.count
 
 
 @dataclass
@@ -349,6 +346,11 @@ class Score:
         """(n,) share of each channel's energy that is left over."""
         return self.left / self.whole
 
+    @property
+    def unexplained(self) -> float:
+        """The same of all joints that move together."""
+        return float(self.left[self.of.moving].sum() / self.whole[self.of.moving].sum())
+
     @cached_property
     def score(self) -> float:
         """sum_j log of what is left, of joints that move."""
@@ -363,6 +365,18 @@ class Score:
     def residual(self) -> Array:
         """(n, M) what the arm leaves of the channels."""
         return self.rows.rest((self.channels - self.rows.raw @ self.theta)[:, :, None])[:, :, 0]
+
+    @cached_property
+    def samples(self) -> float:
+        """How many independent samples M rows hold whose neighbours are alike, and no parameter takes:
+        M / (1 + 2 sum_k rho_k) of the median joint, over lags before what the arm leaves is correlated
+        no more (Geyer 1992)."""
+        left, count = self.residual[self.of.moving], self.channels.shape[1]
+        power = np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), 2 * count)) ** 2
+        rho = np.fft.irfft(power)[:, :count]
+        rho = rho / or_one(rho[:, :1])
+        lasts = 2.0 * np.sum(rho * np.cumprod(rho > 0.0, axis=1), axis=1) - 1.0
+        return max(self.of.spare, 0.1) * count / max(float(np.median(lasts)), 1.0)
 
     @cached_property
     def weights(self) -> Array:
@@ -400,9 +414,9 @@ class Score:
         return float(np.maximum(log_ndtr(z), -LOUDEST)[asked].sum())
 
 
-def jackknifed(found: Array) -> tuple[float, float]:
-    """A number and its standard deviation, from its values (PARTS,) without one part each."""
-    return float(np.mean(found)), float(np.sqrt((PARTS - 1) * np.var(found)))
+def jackknifed(found: Array) -> tuple[Array, Array]:
+    """Numbers and their standard deviations, from their values (PARTS, ...) without one part each."""
+    return np.mean(found, axis=0), np.sqrt((PARTS - 1) * np.var(found, axis=0))
 
 
 def solve(gram: Array, right: Array) -> Array:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import COULOMB_WIDTHS, ROWS, SLIDES, TRAVELS
+from sdp_vs_penalty.checks.constants import COULOMB_WIDTHS, ROWS, TRAVELS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
@@ -23,6 +23,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.constants import SLIDES
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints
 

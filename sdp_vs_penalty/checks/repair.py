@@ -98,10 +98,15 @@ class Repair:
 
     @property
     def of_motion(self) -> Repair:
-        """Without what is done to the torque's channels alone."""
+        """Without what is done to the torque's channels alone, and whichever way time runs."""
         none = Repair.none(self.n, self.gravity)
         same = {k: getattr(none, k) for k in ("tau_order", "gain", "lead", "lag", "bend")}
-        return replace(self, **same)
+        return replace(self, reversed=False, **same)
+
+    @property
+    def of_arm(self) -> Repair:
+        """What of it the columns depend on that joints share, with all of the arm's weight."""
+        return replace(self.of_motion, lacks=(0.0,) * self.n, events=())
 
     def positions(self, q: Array) -> Array:
         """(N, n) true positions from those of the log."""

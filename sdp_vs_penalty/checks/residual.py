@@ -3,9 +3,14 @@ torques of a possible size, and what can this motion not show?
 
 Two witnesses for each joint: how much one arm leaves of its torque, and how much more that is than a
 model of this joint alone would leave. Friction, however odd, is in both.
+
+Of several runs: is it the same arm in each? All are fitted by one arm, and each by itself; what each
+joint's own motion makes (friction, which warms up, and zeros of torque) is a run's own. Where one run
+does not belong to the others' arm, the same question is asked as within a log: which number of that run
+makes it theirs, to first order: a gain, a zero, or the ten parameters of a load on the last link.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -13,9 +18,9 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import Equations, Likelihood, Score, jackknifed
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.several import two_arms
+from sdp_vs_penalty.checks.transformation import choices
 from sdp_vs_penalty.checks.transformations.torque import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
@@ -23,6 +28,7 @@ from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: A one-off event lasts at most so long [s].
@@ -33,11 +39,11 @@ _SURE = (
 )
 
 
-def find(log: Likelihood, repair: Repair, score: Score, settled: bool) -> Iterator[Issue]:
-    """A warning where more is left over than such an arm leaves; an error where nothing is explained.
-
-    settled : whether there are samples to spare for the parameters."""
-    dark = float(np.mean(score.shares[log.moving]))
+def find(log: Likelihood, repair: Repair) -> Iterator[Issue]:
+    """A warning where more is left over than such an arm leaves, of logs with samples to spare for its
+    parameters; an error where nothing is explained."""
+    score = log.score(repair)
+    dark = _dark(score)
     if dark > c.UNRELATED:
         yield Issue(
             "torque not explained", "error", "all torque channels",
@@ -47,16 +53,18 @@ def find(log: Likelihood, repair: Repair, score: Score, settled: bool) -> Iterat
             "check that this is the right robot, that the columns are joint torques, and that positions "
             "and torques come from the same recording", None, {"unexplained_percent": 100.0 * dark},
         )  # fmt: skip
-    elif settled:
+    elif log.spare > 0.0:
         yield from _unexplained(log, repair, score)
         yield from _event(log, repair, score)
-        if not repair.events:
-            yield from two_arms(log, repair)
+
+
+def _dark(score: Score) -> float:
+    return float(np.mean(score.shares[score.of.moving]))
 
 
 def _unexplained(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
     moving, percent = log.moving, 100.0 * np.sqrt(score.shares)
-    total = 100.0 * float(np.sqrt(score.left[moving].sum() / score.whole[moving].sum()))
+    total = 100.0 * score.unexplained**0.5
     where = np.flatnonzero(score.poor & (score.shares > c.CONTRADICTS[0] * score.left_out_alone(repair)))
     what = "cannot belong to the same arm as the other joints' torques"
     if not len(where):
@@ -106,7 +114,7 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     effort limits, and what an arm of the problem's masses needs on the same motion.
     """
     problem, channels = log.problem, log.channels(repair).T
-    needed = float(np.linalg.norm(log.heard(repair).T * log.nominal(repair, still=False)))
+    needed = float(np.linalg.norm(log.heard(repair).T * log.nominal(repair)))
     ratio = max(float(np.linalg.norm(channels)), 1e-300) / max(needed, 1e-300)  # of 1e-300 squares are 0
     effort = np.array([j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints])
     each = np.abs(channels).max(axis=0) / effort
@@ -184,10 +192,10 @@ def not_excited(problem: Problem, run: Measurements, settings: Preprocessing) ->
 
 def hidden_errors(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     """One note: from which size on the zero of a joint would be named."""
-    zeros = {}
-    for j in log.revolute:
-        at = partial(repair.with_entries, "zero", (j,))
-        zeros[j + 1] = 3.0 * log.screen.change(at, repair.zero[j], 0.3 * c.CALIBRATED)[1]
+    ats = [partial(repair.with_entries, "zero", (j,)) for j in log.revolute]
+    values = np.array(repair.zero)[log.revolute]
+    spreads = 3.0 * log.screen.steps(repair, ats, values, 0.3 * c.CALIBRATED)[1]
+    zeros = {j + 1: x for j, x in zip(log.revolute, spreads.tolist(), strict=True)}
     hidden = [
         f"joint {j}{'' if not x < np.pi else f' below {np.degrees(x):.2g} degrees'}"
         for j, x in zeros.items()
@@ -201,3 +209,138 @@ def hidden_errors(log: Likelihood, repair: Repair) -> Iterator[Issue]:
             "move these joints farther, and in other poses of the joints before them", None,
             {"zeros": zeros},
         )  # fmt: skip
+
+
+#: What is different in a run, and what to do about it; x is the number, j the joint from 1.
+_WORDS = {
+    "another arm": (
+        "{run} is not of the same arm: no gain, zero or load of one run explains the difference",
+        "identify from one run at a time",
+    ),
+    "another load": (
+        "{run} carries another load on its last link ({x:+.2g} kg)",
+        "identify the runs apart, or log with the same tool",
+    ),
+    "torque gain": (
+        "the torque of joint {j} is {x:.3g} times as large in {run}",
+        "divide tau{j} of this run by {x:.3g}, or multiply the others",
+    ),
+    "encoder offset": (
+        "the zero of joint {j} is {degrees:.2g} degrees away in {run}",
+        "add {x:+.3g} rad to q{j} of this run, or calibrate its zero",
+    ),
+}  # fmt: skip
+
+
+def compare(
+    logs: Sequence[tuple[Likelihood, Repair, str]], worse: float = 1.0
+) -> Iterator[tuple[int, Issue]]:
+    """(number, issue) where the arm of a log is not that of the others; none for a single one.
+
+    logs : rows, net repair and name of each; worse : only where one arm for all explains them so many
+    times worse than one for each. What is said of a run predicts the parts of it that nothing
+    was fitted to, and its number is far from none."""
+    if len(logs) < 2:
+        return
+    fits, repairs, names = zip(*logs, strict=True)
+    # A law of one run's joint is that of the arm's.
+    laws = dict.fromkeys(e for r in repairs for e in r.events if isinstance(e.at, str))
+    repairs = tuple(replace(r, events=tuple(dict.fromkeys((*r.events, *laws)))) for r in repairs)
+    samples = float(np.mean([s.score(r).samples for s, r in zip(fits, repairs, strict=True)]))
+    runs = [s.equations(r) for s, r in zip(fits, repairs, strict=True)]
+    asked = np.stack([s.moving for s in fits])
+    alone = np.stack([x.fitted(a)[1][:, 0] for x, a in zip(runs, asked, strict=True)])
+
+    def one_arm(runs: Sequence[Equations]) -> tuple[Array, Array]:
+        """(s,) one arm of all runs; (runs, n) what it leaves of each."""
+        theta, left = Equations.together(runs).fitted(asked.ravel())
+        return theta[0], left.reshape(asked.shape)
+
+    def gain(left: Array) -> float:
+        return 0.5 * samples * float(np.log(one / left)[asked].sum())
+
+    theta, one = one_arm(runs)
+    apart, least = gain(alone), 3.0 * c.ODDS  # friction is never quite the same again
+    times = float(np.exp(apart / samples / max(asked[0].sum(), 1)))
+    if apart < least or times < worse:
+        return
+    causes = []
+    for odd in np.argsort(np.log(one / alone).sum(axis=1))[-2:].tolist():  # of two runs either
+        for kind, j, columns in _changes(fits[odd], repairs[odd], theta):
+            some = [x.wider(count := columns.shape[2]) for x in runs]
+            some[odd] = fits[odd].equations(repairs[odd], columns)
+            cost = choices(2 * (1 if count > 1 else fits[odd].n)) + 0.5 * count * np.log(samples)
+            left = one_arm(some)[1]
+            causes.append((gain(left) - cost, odd, kind, j, columns, left))
+    value, odd, kind, j, more, left = max(causes, key=lambda cause: cause[0])
+    # An arm of its own for each run costs as many parameters.
+    own = apart - 0.5 * len(theta) * np.log(samples * len(runs))
+    if max(value, own) < least:
+        return
+    log, others = fits[odd], [k for k in range(len(runs)) if k != odd]
+
+    def left_out(left: Array, more: Array, others: Sequence[int]) -> tuple[Array, Array]:
+        weights = np.where(asked, 1.0 / left, 0.0)
+        both = [runs[k].wider(more.shape[2]).normal(weights[k][:, None]) for k in others]
+        gram, cross = (np.sum([x[i][0] for x in both], axis=0) for i in (0, 1))
+        return log.left_out(repairs[odd], weights[odd], more, (gram, cross))
+
+    none = more[:, :, :0]
+    _, before = left_out(one, none, others)
+    if value < 0.5 * own:
+        kind, j, others, more, left = "another arm", -1, [], none, alone
+    arms, after = left_out(left, more, others)
+    x, spread = map(float, jackknifed(arms[:, -more.shape[2]]))
+    known = j < 0 or abs(x) > c.SIGMAS * spread
+    if not known or log.predicts(before, after) < c.SIGMAS:
+        return
+    figures = {"run": names[odd], "j": j + 1, "x": 1.0 + x if kind == "torque gain" else x}
+    what, remedy = (text.format(**figures, degrees=np.degrees(-x)) for text in _WORDS[kind])
+    joints = [] if j < 0 else [j]
+    yield odd, Issue(
+        kind, "warning", joints_text(joints) if joints else "the run", f"{what}, beside the others.",
+        f"likely: one arm for all runs explains them {times:.2g} times worse than one for each", remedy,
+        None, {"joints": [k + 1 for k in joints], "run": names[odd], "size": x, "times": times},
+    )  # fmt: skip
+
+
+def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
+    """Two stretches of a log that are not one arm's, as two runs: a load picked up, or two arms' logs in
+    one file. Each run has offsets of its own, so that of a step in a torque alone nothing is left."""
+    repair = replace(repair, events=tuple(e for e in repair.events if not isinstance(e.at, float)))
+    if repair.events or log.spare <= 0.0 or _dark(log.score(repair)) > c.UNRELATED:
+        return
+    parts, k = log.parts(repair, 2 * c.PARTS)
+
+    def apart(cut: int) -> float:
+        logs = [Equations.of_part(x.sum(axis=0), k) for x in (parts[:cut], parts[cut:])]
+        left = np.sum([x.fitted(log.moving)[1][:, 0] for x in logs], axis=0)
+        return float(np.log(left[log.moving]).sum())
+
+    cut = min(range(3, len(parts) - 2), key=apart)  # neither may be short
+    row = cut * log.data.count // len(parts)
+    t, both = float(log.data.motion.t[row]), [log.some(slice(row)), log.some(slice(row, None))]
+    names = f"the rows before t = {t:.4g} s", f"the rows from t = {t:.4g} s on"
+    logs = [(x, repair, name) for x, name in zip(both, names, strict=True)]
+    for _, issue in compare(logs, c.TIMES**0.5):  # within a log, friction changes as well
+        place = f"{issue.where}, t = {t:.4g} s" if issue.figures["joints"] else f"t = {t:.4g} s"
+        yield replace(
+            issue, kind="two arms", where=place,
+            severity="error" if issue.figures["times"] > c.TIMES else "warning",
+            remedy="cut the run there and use each part by itself (--window)",
+            figures={**issue.figures, "t": t},
+        )  # fmt: skip
+
+
+def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[str, int, Array]]:
+    """Kind, joint and columns (n, M, r) of what may be different in a run, beside an arm's torque."""
+    torque = log.raw(repair) @ theta
+    for j in log.joints:
+        yield "torque gain", j, (torque * np.eye(log.n)[j][:, None])[:, :, None]
+        if j in log.revolute:
+            at = partial(repair.with_entries, "zero", (j,))
+            away = log.slope(at, repair.zero[j], 0.01, theta)
+            yield "encoder offset", j, -away[:, :, None]
+    if log.data.shared is not None:
+        last = log.shared(repair.of_arm)[:, :, log.data.shared.rigid_indices[-10:]]
+        yield "another load", log.n - 1, log.heard(repair)[:, :, None] * last

@@ -237,29 +237,27 @@ def jumps(g: Glance) -> Iterator[Issue]:
     moves = [g.movement.moves[max(k - 10, 0) : k + 11].all() for k in long]
     stays = np.array(moves, bool) & (g.steps[long] > 2.0 * TIMES * g.step) & _goes_on(g, long)
     wrong = np.isin(np.arange(len(g.steps)), long[stays])
-    for rows, is_set in ((long[stays], True), (long[~stays], False)):
+    for rows in (long[stays], long[~stays]):
         if not len(rows):
             continue
-        steps = g.steps[rows]
+        steps, is_set = g.steps[rows], wrong[rows[0]]
         seconds, where = float(steps.max()), f"t = {g.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
-        figures = _listed(rows + 3) | {"seconds": seconds}
+        figures = _listed(rows + 3) | {"seconds": seconds, "step": g.step, "total": float(steps.sum())}
+        what = (
+            f"{len(rows)} gaps of up to {seconds:.3g} s (the usual step is {g.step:.3g} s); in all "
+            f"{steps.sum():.3g} s are missing."
+        )
+        remedy = "no action needed: the run is split there, and the filters lose a second on either side"
+        kind, sure, repair = "gap in time", _READ, None
         if is_set:
-            yield Issue(
-                "clock step", "warning", where,
+            what = (
                 f"the clock jumps ahead by up to {seconds:.3g} s while the moving arm does not: the "
-                "clock was set, and no sample is missing.",
-                "likely: the distance travelled is that of one usual step",
-                "continue the time at the usual step there",
-                lambda r: with_steps(r, np.where(wrong, g.step, np.diff(r.t))), figures,
-            )  # fmt: skip
-        else:
-            yield Issue(
-                "gap in time", "warning", where,
-                f"{len(rows)} gaps of up to {seconds:.3g} s (the usual step is {g.step:.3g} s); in all "
-                f"{steps.sum():.3g} s are missing.", _READ,
-                "no action needed: the run is split there, and the filters lose a second on either side",
-                None, figures | {"step": g.step, "total": float(steps.sum())},
-            )  # fmt: skip
+                "clock was set, and no sample is missing."
+            )
+            remedy = "continue the time at the usual step there"
+            kind, sure = "clock step", "likely: the distance travelled is that of one usual step"
+            repair = lambda r: with_steps(r, np.where(wrong, g.step, np.diff(r.t)))  # noqa: E731
+        yield Issue(kind, "warning", where, what, sure, remedy, repair, figures)
 
 
 def wrapped(g: Glance) -> Iterator[Issue]:
@@ -309,12 +307,11 @@ def frozen_packets(g: Glance) -> Iterator[Issue]:
     least = 4.0 * np.median(steps, axis=0)
     long = parts[lengths >= max(STUCK, TIMES * usual)]
     found = [p for p in long if p[1] < len(g.run.t) and np.any(steps[p[1] - 1] > least)]
-    bad, what = (
-        {"": _mask(len(g.run.t), found)},
-        "all channels repeat one row for up to {seconds:.3g} s, ",
+    what = (
+        "all channels repeat one row for up to {seconds:.3g} s, {parts} times, while the arm moves on: "
     )
-    what += "{parts} times, while the arm moves on: no packets came."
-    yield from _deleted(g, bad, "frozen packets", what, brief=STUCK_SECONDS)
+    bad = {"": _mask(len(g.run.t), found)}
+    yield from _deleted(g, bad, "frozen packets", what + "no packets came.", brief=STUCK_SECONDS)
 
 
 def doubled(g: Glance) -> Iterator[Issue]:

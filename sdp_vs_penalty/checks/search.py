@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Transformation
@@ -28,7 +29,7 @@ class Search:
 
     def __init__(self, log: Likelihood) -> None:
         self.log = log
-        self.samples = log.samples
+        self.samples = log.score(log.none).samples
         self._posteriors: dict[Repair, float] = {}
 
     def elements(self, repair: Repair) -> list[Element]:
@@ -84,6 +85,10 @@ class Search:
         # Rough numbers first: a coarse grid may miss most of what its best value explains.
         rough = sorted(self.proposals(now), key=self.posterior, reverse=True)
         refined = [self.refined(r, now) for r in rough[: c.MOST]]
+        # The error of a wrong arm lasts longer than noise does: of that the best one knows most.
+        self.samples = max([self.samples, *(self.log.score(r).samples for r in refined)])
+        self._posteriors.clear()
+        level = self.posterior(now)
         for repair in sorted(refined, key=self.posterior, reverse=True):
             if self.posterior(repair) < level + c.ODDS:
                 break
@@ -114,7 +119,8 @@ class Search:
 
     def deviation(self, number: Number) -> float:
         """A number's standard deviation."""
-        return self.log.change(number.at, number.value, 0.3 * number.tolerance)[1]
+        now, h = number.at(number.value), 0.3 * number.tolerance
+        return float(self.log.steps(now, [number.at], np.array([number.value]), h)[1][0])
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
         """With the best values of the numbers that ``now`` does not have; round ones where as likely."""
@@ -133,6 +139,38 @@ class Search:
             tried = [number.at(x) for x in near] or [number.at(best), repair]
             repair = max(tried, key=self.posterior)
         return repair
+
+    def told(self, net: Repair) -> tuple[list[Issue], Repair]:
+        """An issue for each element of the net repair, with its interval and what it explains; the
+        repair without what is only likely."""
+        certain, out, after = net, list[Issue](), self.log.score(net).shares
+        for e in self.elements(net):
+            gain = self.posterior(net) - self.posterior(e.without)
+            change = np.log(self.log.score(e.without).shares / after)
+            j, word = int(np.argmax(change)), "certain" if gain > c.LOUDEST else "likely"
+            before, now = (100.0 * np.sqrt(after[j] * x) for x in (np.exp(change[j]), 1.0))
+            why = (
+                f"what the arm's dynamics leave unexplained of joint {j + 1}'s torque falls from "
+                f"{before:.3g} % to {now:.3g} %"
+            )
+            if change[j] < 0.05:  # the fit is the same: physics alone tells
+                why = "as recorded, friction would drive the motion, or inertia be negative"
+            figures = {"joints": [j + 1 for j in e.joints], **e.figures, "log_odds": gain}
+            what, gravity = e.what, None
+            if (number := e.number) is not None:
+                reach = 2.0 * self.deviation(number)
+                figures["interval"] = ends = [number.value - reach, number.value + reach]
+                low, high = map(number.text, ends)
+                what = f"{what.rstrip('.')} (95 %: {low} to {high})."
+            if e.kind.startswith("gravity"):
+                share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
+                gravity = tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
+            mend = net.apply if e.mends else None
+            sure, where = f"{word}: {why}", e.place or joints_text(e.joints)
+            out.append(Issue(e.kind, e.severity, where, what, sure, e.remedy, mend, figures, gravity))
+            if not out[-1].mends:
+                certain = next((x.without for x in self.elements(certain) if x.name == e.name), certain)
+        return out, certain
 
 
 def _same_fit(a: Repair, b: Repair) -> bool:

@@ -12,10 +12,10 @@ import pytest
 from commands import run_cli
 from corruptions.bench import contradicts
 
-from sdp_vs_penalty import InputError, Measurements, Problem, load_estimate, load_problem
+from sdp_vs_penalty import Measurements, Problem, load_estimate, load_problem
 from sdp_vs_penalty.checked import consented
 from sdp_vs_penalty.checks import check, mended
-from sdp_vs_penalty.data import read_run, save
+from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.simulation import experiment
@@ -54,12 +54,6 @@ def flipped(j: int) -> Spoil:
     return changed("tau", j, lambda x: -x)
 
 
-def two_runs(run: Measurements) -> Measurements:
-    both = run.rows(np.concatenate([np.arange(len(run.t)), np.arange(len(run.t) // 2)]))
-    q = both.q + 0.1 * (np.arange(len(both.t)) < len(run.t))[:, None] * np.eye(run.n)[0]
-    return replace(both, q=q)
-
-
 def repeated(run: Measurements) -> Measurements:
     return run.rows(np.sort(np.concatenate([np.arange(len(run.t)), [500, 4000]])))
 
@@ -81,7 +75,6 @@ NOISE = np.random.default_rng(0).normal(size=200_000)
 
 #: name : (how the data are spoiled, the kind of the finding, what it must name, its severity)
 SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
-    "two runs": (two_runs, "time runs backwards", "several runs", "error"),
     "missing samples": (
         lambda run: run.rows(np.r_[:7500, 8300 : len(run.t)]), "gap in time", "0.8", "warning",
     ),
@@ -139,15 +132,6 @@ def test_only_what_is_certain_is_fixed(simulated):
     assert "one-off event" in left
 
 
-def test_runs_in_one_file_are_put_one_after_another(small):
-    """No row is lost, and the gap between them splits them for everything that follows."""
-    problem, run = small
-    again = check(problem, two_runs(run))[0].mended
-    assert len(again.t) == len(two_runs(run).t)
-    assert np.diff(again.t).min() > 0.0
-    assert [f.kind for f in check(problem, again)[0].problems] == ["gap in time"]
-
-
 def test_gravity_is_found(simulated):
     """The arm stood upright; believing otherwise is found, with the angle and the vector to use."""
     problem, run = simulated
@@ -165,14 +149,6 @@ def test_an_arm_on_the_ceiling_is_no_flipped_sign():
     run = experiment(problem).training_run(0)
     report = check(problem.with_gravity((0.0, 0.0, 9.81)), run)[0]
     assert [f.kind for f in report.problems] == ["gravity direction"]
-
-
-def test_two_mistakes_at_once(simulated):
-    problem, run = simulated
-    spoiled = flipped(3)(replace(run, q=np.degrees(run.q)))
-    report = check(problem, spoiled)[0]
-    assert [f.kind for f in report.problems] == ["positions in degrees", "torque sign"]
-    assert "joint 3" in report.problems[1].what
 
 
 def test_silence_on_simulated_data():
@@ -305,18 +281,6 @@ def test_the_verb(tmp_path, two_link, capsys):
     assert sorted(p.name for p in (tmp_path / "all").iterdir()) == [
         "bad.csv", "bad_changes.txt", "good.csv", "good_changes.txt",
     ]  # fmt: skip
-
-
-def test_a_file_that_identify_refuses_can_be_mended(tmp_path, two_link):
-    path, mended = tmp_path / "bad.csv", tmp_path / "mended.csv"
-    run = repeated(experiment(two_link).training_run(0))
-    run.q[11, 1] = np.inf
-    save(run, path)
-    with pytest.raises(InputError):
-        load_measurements(path)
-    assert read_run(path).n == 2
-    assert run_cli("check", path, "--problem", "two_link", "--fix", mended) == 1
-    assert load_measurements(mended).n == 2
 
 
 def test_identify_refuses_meaningless_data_by_itself(tmp_path, two_link, capsys):

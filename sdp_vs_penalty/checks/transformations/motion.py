@@ -141,9 +141,10 @@ class Zero(Transformation):
     quarters = -np.pi / 2, np.pi / 2, np.pi
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        for j in log.joints:
-            at, unit = partial(_shifted, log, now, j), 1.0 if j in log.revolute else _length(log)
-            step, _ = log.screen.change(at, now.zero[j], 0.01 * unit)
+        ats = [partial(_shifted, log, now, j) for j in log.joints]
+        steps, _ = log.screen.steps(now, ats, np.array(now.zero)[log.joints], 0.01)
+        for j, at, step in zip(log.joints, ats, steps.tolist(), strict=True):
+            unit = 1.0 if j in log.revolute else _length(log)
             quarters = self.quarters if j in log.revolute and score.poor.any() else ()
             for x in (float(np.clip(step, -0.7 * unit, 0.7 * unit)), *quarters):
                 if x:
@@ -179,12 +180,12 @@ class Length(Transformation):
     """Joints farther apart or nearer than the problem says, along the line between them [m]."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        unit = _length(log)
-        for j, joint in enumerate(log.problem.robot.joints):
-            if j and joint.placement[:3, 3].any():
-                at = partial(now.with_entries, "longer", (j,))
-                step, _ = log.screen.change(at, now.longer[j], 0.01 * unit)
-                yield at(now.longer[j] + float(np.clip(step, -0.7 * unit, 0.7 * unit)))
+        most, joints = 0.7 * _length(log), log.problem.robot.joints
+        apart = [j for j, joint in enumerate(joints) if j and joint.placement[:3, 3].any()]
+        ats = [partial(now.with_entries, "longer", (j,)) for j in apart]
+        steps, _ = log.screen.steps(now, ats, np.array(now.longer)[apart], most / 70.0)
+        for j, at, step in zip(apart, ats, np.clip(steps, -most, most).tolist(), strict=True):
+            yield at(now.longer[j] + step)
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         for j in np.flatnonzero(repair.longer).tolist():
@@ -211,10 +212,10 @@ class Mounting(Transformation):
         for axis in (*np.eye(3), *-np.eye(3)):
             yield _under(now, (size if known else _EARTH) * axis)
         if known:
-            turned = given
-            for across in np.linalg.svd(given[None, :])[2][1:]:
-                step, _ = log.screen.change(_turned(now, given, given + size * across), 0.0, 0.02)
-                turned = turned + size * np.clip(step, -0.5, 0.5) * across
+            across = np.linalg.svd(given[None, :])[2][1:]
+            ats = [_turned(now, given, given + size * x) for x in across]
+            steps, _ = log.screen.steps(now, ats, np.zeros(2), 0.02)
+            turned = given + size * np.clip(steps, -0.5, 0.5) @ across
             yield _under(now, size * turned / np.linalg.norm(turned))
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:

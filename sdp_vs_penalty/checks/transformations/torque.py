@@ -89,7 +89,7 @@ class Weight(Transformation):
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         # The weight that a wrist's last link holds is within the error of its friction's law: of one
         # channel alone it has to be half (8 s of the real Panda, tests/test_docs.py::test_the_tutorial).
-        held = np.sqrt(np.mean(log.nominal(now, still=True) ** 2, axis=0))
+        held = np.sqrt(np.mean(log.nominal(now, 0.0) ** 2, axis=0))
         logged = np.sqrt(np.mean(log.data.torque(log.data.motion.t) ** 2, axis=0))
         each = [(j,) for j in np.flatnonzero(held > 0.5 * logged).tolist()]
         for joints in (range(log.n), *each) if any(now.gravity) else ():
