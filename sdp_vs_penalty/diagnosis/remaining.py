@@ -6,9 +6,9 @@ are none: dry friction holds any torque up to its own there. Nor are those of a 
 friction turns round any law of it is only nearly right.
 
 Events are rows of which the final model's residual is an outlier: windows of whitened residual with too
-much energy (:mod:`~sdp_vs_penalty.signals.outliers`), in one repetition of the motion only where it
-repeats. A hum is a line in the spectrum: at the frequencies of a periodogram the power of whitened noise
-is exponential.
+much energy (:mod:`~sdp_vs_penalty.signals.coloured_noise`), in one repetition of the motion only where
+it repeats. A hum is a line in the spectrum: at the frequencies of a periodogram the power of whitened
+noise is exponential.
 """
 
 from collections.abc import Sequence
@@ -24,14 +24,14 @@ from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import REPETITION, SAME_PHASE, differences
-from sdp_vs_penalty.signals.outliers import (
+from sdp_vs_penalty.signals.coloured_noise import (
     FALSE_EVENT,
     RARE,
     local_excess,
     lone_windows,
     robust_scale,
 )
+from sdp_vs_penalty.signals.noise import REPETITION, SAME_PHASE, differences
 from sdp_vs_penalty.signals.repetition import consecutive, later_rows
 from sdp_vs_penalty.signals.standstill import SLOW, STILL
 

@@ -7,7 +7,8 @@ coloured, heavy-tailed, swelling and quantised noise, challenge's clean and dist
 import numpy as np
 
 #: Samples of one spectrum (a longer stretch has the mean of the spectra of so many each); instants at
-#: which two motions are compared.
+#: which two motions are compared; time steps of which a median is taken, in stretches that are spread
+#: over a longer run.
 SAMPLES = 1 << 18
 #: Share of a joint's acceleration that a filter may take away unnoticed.
 BENT = 0.01
@@ -30,3 +31,6 @@ QUIET = 0.3
 NOISE_LIKE = 1.7
 #: Coefficients a of the noise's autoregression that are tried: beyond, its corner is far below the band.
 COLOURS = np.linspace(-0.9, 0.9, 181)
+#: A joint slides at this share of its usual speed: slower, dry friction turns round and holds any
+#: torque between limits.
+SLIDES = 0.2

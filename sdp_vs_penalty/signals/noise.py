@@ -21,8 +21,15 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array, or_one
-from sdp_vs_penalty.signals.autoregression import ORDER, Pieces, autoregression
-from sdp_vs_penalty.signals.outliers import RARE, local_excess, noise_profile, robust_scale
+from sdp_vs_penalty.signals.coloured_noise import (
+    ORDER,
+    RARE,
+    Pieces,
+    autoregression,
+    local_excess,
+    noise_profile,
+    robust_scale,
+)
 from sdp_vs_penalty.signals.repetition import (
     Repeat,
     consecutive,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.autoregression import ORDER
+from sdp_vs_penalty.signals.coloured_noise import ORDER
 
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]

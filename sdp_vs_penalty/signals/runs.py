@@ -11,14 +11,13 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.constants import SAMPLES
 
 #: A joint whose position has at most this standard deviation [rad, m] may be an idle one's noise.
 _LARGEST_NOISE = 0.01
 
 #: A step this long is no sampling but a pause [s]; and the grid has at most so many points a sample.
 _PAUSE, FINEST = 0.05, 10.0
-#: Time steps of which a median is taken, in stretches that are spread over a longer run.
-_MOST_STEPS = 1 << 20
 
 
 def sample_rate(run: Measurements) -> float:
@@ -40,9 +39,9 @@ def _rate(t: Array) -> float:
 
 def _steps(t: Array) -> Array:
     """Time steps [s], of a long run those of stretches that are spread over it."""
-    if len(t) <= _MOST_STEPS:
+    if len(t) <= SAMPLES:
         return np.diff(t)
-    starts = np.linspace(0, len(t) - PART, _MOST_STEPS // PART).astype(int)
+    starts = np.linspace(0, len(t) - PART, SAMPLES // PART).astype(int)
     return np.concatenate([np.diff(t[k : k + PART]) for k in starts])
 
 

@@ -25,7 +25,8 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Seen
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.autoregression import Pieces
+from sdp_vs_penalty.signals.coloured_noise import Pieces
+from sdp_vs_penalty.signals.constants import SLIDES
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import Filtered, Repeat, find_repeats
@@ -41,9 +42,6 @@ from sdp_vs_penalty.signals.standstill import (
 
 #: Rows and dense samples per period of the torque low-pass's cut-off.
 _ROW_RATE, _DENSE_RATE = 2.0, 8.0
-#: Share of its usual speed below which a joint is slow: dry friction turns round there, and its laws
-#: hold only approximately.
-_SLOW_SPEED = 0.2
 #: Effects low-passed together; parameters from which on one is so by itself, a few rows at a time.
 _AT_ONCE, _WIDE, _ROWS = 32, 12, 256
 #: Effects whose columns are kept.
@@ -177,7 +175,7 @@ class SegmentedRuns:
         """(M, n) share of each row that comes from instants at which a joint was slow."""
         usual = np.sqrt(np.mean(np.concatenate([s.motion.dq for s in self.segments]) ** 2, axis=0))
         shares = [
-            abs(s.low_pass) @ (np.abs(s.motion.dq) <= _SLOW_SPEED * usual).astype(float)
+            abs(s.low_pass) @ (np.abs(s.motion.dq) <= SLIDES * usual).astype(float)
             for s in self.segments
         ]
         return np.concatenate(shares)
@@ -278,13 +276,6 @@ class SegmentedRuns:
             for effect, blocks in zip(effects, found, strict=True)
         ]
 
-    def column(self, effect: Effect, joint: int) -> Array:
-        """(M, k) columns of a joint's own torque only."""
-        for block in self.blocks(effect):
-            if block.joint == joint:
-                return block.columns
-        return np.zeros((len(self.t), len(effect.parameters)))
-
 
 def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedRuns:
     """Filter all runs; ``settings`` must be resolved. No segment where no run is long enough."""
@@ -324,19 +315,10 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     keep = filters.movement.at(motion.t[rows])
     if not keep.any():
         return None
-    return Segment(
-        motion.t[rows],
-        keep,
-        motion.t[dense],
-        motion.q[dense],
-        index,
-        motion,
-        filters.torque(part, grid[rows]),
-        Standstill(part, (filters.state, filters.column), grid[rows]),
-        low_pass,
-        filters.torque(part, grid[dense]),
-        low_dense,
-    )
+    standstill = Standstill(part, (state, column), grid[rows])
+    torque, dense_torque = (filters.torque(part, grid[at]) for at in (rows, dense))
+    seen = motion.t[rows], keep, motion.t[dense], motion.q[dense]
+    return Segment(*seen, index, motion, torque, standstill, low_pass, dense_torque, low_dense)
 
 
 def window_subsample(measurements: Measurements, settings: Preprocessing) -> Measurements:

@@ -9,19 +9,7 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.constants import (
-    ABOVE,
-    BENT,
-    COLOURS,
-    COURSE,
-    LAST,
-    MOTION_ENDS,
-    NOISE_LIKE,
-    NOISY,
-    QUIET,
-    SAMPLES,
-    SMOOTH,
-)
+from sdp_vs_penalty.signals import constants as c
 from sdp_vs_penalty.signals.kernels import Kernel
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, no_motion, stretches
 
@@ -37,11 +25,8 @@ def highest_harmonic(run: Measurements) -> float:
     found = [_last_harmonic(part, part.q[:, moving]) for part in stretches(run) if part.count >= 16]
     highest = max(found, default=0.0)
     if highest == 0.0:
-        raise InputError(
-            f"{len(run.t)} samples, but no 16 consecutive ones without a gap in time",
-            "record longer",
-            run.names[0],
-        )
+        what = f"{len(run.t)} samples, but no 16 consecutive ones without a gap in time"
+        raise InputError(what, "record longer", run.names[0])
     return highest
 
 
@@ -54,7 +39,7 @@ def _last_harmonic(part: Stretch, values: Array) -> float:
 def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
     """(F, n) the periodogram of signals (N, n), of a long stretch the mean over pieces (Welch 1967), and
     its frequencies [Hz]."""
-    length = min(part.count, SAMPLES)
+    length = min(part.count, c.SAMPLES)
     starts = np.linspace(0, part.count - length, -(-part.count // length)).astype(int)
     found = (_periodograms(part.resampled(values, k, k + length), length)[0] for k in starts)
     frequency: Array = np.asarray(np.fft.rfftfreq(length, part.dt), float)
@@ -83,9 +68,9 @@ def unbent_cutoff(runs: Sequence[Measurements], cutoff: float, band: float, high
     steps = np.arange(1 + int(2.0 * np.log2(max(highest / cutoff, 1.0))))
     tried = np.asarray(cutoff * 2.0 ** (0.5 * steps), np.float64)
     bent, noise = np.concatenate([_errors(run, tried, band) for run in runs], axis=1)
-    if not len(bent) or bent[:, 0].mean() < BENT**2:
+    if not len(bent) or bent[:, 0].mean() < c.BENT**2:
         return cutoff
-    noisy = noise.max(axis=0) > NOISY**2
+    noisy = noise.max(axis=0) > c.NOISY**2
     error = np.where(noisy & (tried > cutoff), np.inf, (bent + noise).mean(axis=0))
     return float(tried[np.argmin(error)])
 
@@ -94,18 +79,18 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
     """(2, joints, C) squares of the shares of moving joints' acceleration which filters with
     these cut-offs take away, and of the noise that they let through."""
     part = max(stretches(run), key=lambda p: p.count)
-    length = min(part.count, SAMPLES)
+    length = min(part.count, c.SAMPLES)
     if length * part.dt * cutoffs[0] < 8.0:  # the kernel is no shorter than the stretch
         return np.zeros((2, 0, len(cutoffs)))
     powers, f = _power(part, part.q[:, moving_joints(run)])
     twice = (2.0 * np.pi * f) ** 4
     seen = twice * _gain(Kernel(band, part.dt), length) ** 2
-    gains = np.array([_gain(Kernel(c, part.dt), length) for c in cutoffs])
-    wide = np.ones(max(1, int(SMOOTH / f[1])))
+    gains = np.array([_gain(Kernel(x, part.dt), length) for x in cutoffs])
+    wide = np.ones(max(1, int(c.SMOOTH / f[1])))
     found = []
     for power in powers.T:
-        noise = float(power[f > LAST / part.dt].mean())
-        below = np.convolve(power, wide / len(wide), mode="same") < ABOVE * noise
+        noise = float(power[f > c.LAST / part.dt].mean())
+        below = np.convolve(power, wide / len(wide), mode="same") < c.ABOVE * noise
         motion = np.where(f < min(f[below], default=np.inf), power, 0.0) * seen
         if motion.any():
             passed = noise * (twice @ gains.T**2)
@@ -147,31 +132,31 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
     part = parts[0]
     length = 2 * round(1.0 / cutoff / part.dt)  # as far as the low-pass reaches
     known = [
-        _periodograms(p.resampled(p.tau, 0, min(p.count, SAMPLES)), length, COURSE)
+        _periodograms(p.resampled(p.tau, 0, min(p.count, c.SAMPLES)), length, c.COURSE)
         for p in parts
         if p.count >= length and p.dt == part.dt
     ]
     frequency: Array = np.asarray(np.fft.rfftfreq(length, part.dt), float)
-    band = (frequency >= MOTION_ENDS * cutoff) & (frequency <= LAST / part.dt)
+    band = (frequency >= c.MOTION_ENDS * cutoff) & (frequency <= c.LAST / part.dt)
     largest = max(float(np.abs(p.tau).max()) for p in parts)
     # A quantile needs some windows below it, a colour some frequencies.
-    if sum(map(len, known)) * QUIET < 2.0 or band.sum() < 4 or largest == 0.0:
+    if sum(map(len, known)) * c.QUIET < 2.0 or band.sum() < 4 or largest == 0.0:
         return None
     # A periodogram of noise is exponential: so much of its mean is its quantile.
     quiet, loud = (
-        np.quantile(np.concatenate(known), q, axis=0) / -np.log1p(-q) for q in (QUIET, 1.0 - QUIET)
+        np.quantile(np.concatenate(known), q, axis=0) / -np.log1p(-q) for q in (c.QUIET, 1.0 - c.QUIET)
     )
     # Channels that are stuck have the noise of rounding, beside the others'.
     powers = np.maximum(quiet, (64.0 * np.finfo(float).eps * largest) ** 2)
     turns = np.cos(2.0 * np.pi * frequency * part.dt)
-    shapes = 1.0 / (1.0 + COLOURS[:, None] ** 2 - 2.0 * COLOURS[:, None] * turns)
+    shapes = 1.0 / (1.0 + c.COLOURS[:, None] ** 2 - 2.0 * c.COLOURS[:, None] * turns)
     apart = np.log(powers[band].T[:, None] / shapes[:, band])  # (n, colours, frequencies)
     best = np.argmin(np.var(apart, axis=2), axis=1)
     apart = np.take_along_axis(apart, best[:, None, None], axis=1)[:, 0]
     level = apart.mean(axis=1, keepdims=True)
     away = np.median(np.abs(apart - level), axis=1).max()
     swings = np.sqrt(np.maximum(loud, powers) / powers)[band].mean(axis=0).max()
-    smoothed, uneven = away > 2.0 * np.log(NOISE_LIKE), swings > NOISE_LIKE
+    smoothed, uneven = away > 2.0 * np.log(c.NOISE_LIKE), swings > c.NOISE_LIKE
     return TorqueSpectrum(part, frequency, np.exp(level) * shapes[best], bool(smoothed), bool(uneven))
 
 

@@ -20,9 +20,6 @@ from sdp_vs_penalty.signals.runs import Stretch
 
 #: Positions are alike within so many standard deviations of their own noise.
 _ALIKE = 4.0
-#: How much farther than the noise a moving joint comes in three times the time: 27 times as far where
-#: its velocity passes through zero, as its cube, and 9 where it turns round. Farther: it stood.
-_TURNS = 27.0
 #: Share of a row that a standstill may reach before the row counts as one.
 STILL = 0.01
 #: Rows of which more than this comes from a slow joint show how its dry friction turns round as well.
@@ -75,7 +72,9 @@ def still(q: Array) -> NDArray[np.bool_]:
         joints, own, quiet = joints[some], own[some], quiet[some]
         ends = np.pad(own, ((0, 0), (3 * half, 3 * half)), mode="edge")
         aside = np.maximum(np.abs(ends[:, : -6 * half] - own), np.abs(ends[:, 6 * half :] - own))
-        stood = (quiet & (aside > _TURNS * alike[joints, None])).astype(np.uint8)
+        # In three times the time a moving joint comes 9 times as far where it turns round, and 27 times
+        # where its velocity passes through zero. Farther: it stood.
+        stood = (quiet & (aside > 3**3 * alike[joints, None])).astype(np.uint8)
         out[joints] |= maximum_filter1d(stood, width, mode="constant") > 0
         half = max(half + 1, 3 * half // 2)
     return out.T

@@ -15,8 +15,13 @@ from sdp_vs_penalty.diagnosis.remaining import spectral_lines
 from sdp_vs_penalty.diagnosis.score import Fit, Score
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sentences import event_lines
-from sdp_vs_penalty.signals.autoregression import Pieces, autoregression
-from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_profile
+from sdp_vs_penalty.signals.coloured_noise import (
+    Pieces,
+    autoregression,
+    local_excess,
+    lone_windows,
+    noise_profile,
+)
 
 n, M, p = 2, 300, 5
 

@@ -1,19 +1,23 @@
-"""Noise that is not stationary: windows with too much energy, and how motion swells noise.
+"""Noise of a residual: the autoregression that makes it white, and what of it is not stationary.
 
-With unit variance the energy of m rows of whitened noise is chi-square with m degrees of freedom.
+With unit variance the energy of m rows of whitened noise is chi-square with m degrees of freedom:
+windows with too much of it are events. Motion swells noise.
 """
 
 from collections.abc import Sequence
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.special import betaincinv, ndtri
 
 from sdp_vs_penalty.robot.arrays import Array
 
 Mask = NDArray[np.bool_]
 
+#: Of the autoregression.
+ORDER = 4
 #: Family-wise probability of a false event in one record of Gaussian noise. Small, because a log's
 #: noise has heavier tails: what a jittering clock does to a torque grows with its rate of change.
 FALSE_EVENT = 1e-5
@@ -28,6 +32,54 @@ RARE = 0.15
 #: Seconds of the stretches of which the largest window is compared, how many others their tail is known
 #: from at least, and the family-wise probability of a false event beside a model's error.
 _STRETCH, _FEWEST_BESIDE, FALSE_LONE = 0.5, 10, 1e-2
+
+
+class Pieces(tuple[NDArray[np.intp], ...]):
+    """Index arrays of uninterrupted rows of a series, in order, and where an autoregression predicts."""
+
+    @cached_property
+    def predicted(self) -> NDArray[np.intp]:
+        """The rows that have a past of ORDER rows in their piece."""
+        return np.concatenate([np.arange(0), *(p[ORDER:] for p in self)])
+
+    @cached_property
+    def past(self) -> list[NDArray[np.intp]]:
+        """The rows 1, 2, ... ORDER before each of those."""
+        lags = range(1, ORDER + 1)
+        return [np.concatenate([np.arange(0), *(p[ORDER - k : -k] for p in self)]) for k in lags]
+
+    def filter(self, ar: Array, count: int) -> sparse.csr_array:
+        """(count, count) what an autoregression does to a series: each predicted row less what its past
+        says of it, zero rows elsewhere; the last is kept."""
+        key = ar.tobytes(), count
+        if key not in self._filters:
+            rows, last = self.predicted, np.zeros(count + 1, np.intp)
+            last[rows + 1] = ORDER + 1
+            places = np.column_stack([*reversed(self.past), rows]).ravel()
+            weights = np.tile(np.append(-ar[::-1], 1.0), len(rows))
+            self._filters.clear()
+            self._filters[key] = sparse.csr_array(
+                (weights, places, np.cumsum(last)), shape=(count, count)
+            )
+        return self._filters[key]
+
+    @cached_property
+    def _filters(self) -> dict[tuple[bytes, int], sparse.csr_array]:
+        return {}
+
+
+def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
+    """AR coefficients (ORDER,), standard deviation of the innovations, degrees of freedom."""
+    count = len(pieces.predicted)
+    if count < 4 * ORDER:
+        every = np.concatenate([x[p] for p in pieces]) if pieces else x
+        return np.zeros(ORDER), max(float(every.std()), 1e-12), max(len(every) - 1.0, 1.0)
+    matrix, target = np.column_stack([x[k] for k in pieces.past]), x[pieces.predicted]
+    a = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
+    rest = target - matrix @ a
+    sigma = float(np.sqrt(rest @ rest / (count - ORDER)))
+    smallest = max(1e-9 * float(np.abs(x).max(initial=1.0)), 1e-15)
+    return np.asarray(a, float), max(sigma, smallest), float(count - ORDER)
 
 
 def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, degrees: float) -> Mask:
