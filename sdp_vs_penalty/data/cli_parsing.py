@@ -41,10 +41,7 @@ def time_windows(text: str | None, option: str = "--window") -> list[tuple[float
         except ValueError:
             start, stop = 0.0, -1.0
         if not (colon and 0.0 <= start < stop and (not out or start >= out[-1][1])):
-            raise InputError(
-                f"{option} {text!r}",
-                "write START:STOP in seconds from a run's start, like 0:14 or 14.2: (several in order, "
-                "separated by commas)",
-            )
+            remedy = "write START:STOP in seconds from a run's start, like 0:14 or 14.2:"
+            raise InputError(f"{option} {text!r}", f"{remedy} (several in order, separated by commas)")
         out.append((start, stop))
     return out

@@ -99,28 +99,18 @@ def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
         if kept and have.is_file() and not (folder / file.name).exists():
             write_bytes(folder / file.name, read_bytes(have, LARGEST_RUN))
     for file in chosen.files:
-        address = chosen.address(file, base)
+        address, loader = chosen.address(file, base), pooch.HTTPDownloader(timeout=30)
         try:
-            pooch.retrieve(
-                address,
-                known_hash=f"sha256:{file.sha256}",
-                fname=file.name,
-                path=folder,
-                downloader=pooch.HTTPDownloader(timeout=30),
-            )
+            pooch.retrieve(address, f"sha256:{file.sha256}", file.name, folder, downloader=loader)
         except OSError as error:  # every error of requests is one
-            missing = [f.name for f in chosen.files if not (folder / f.name).exists()]
-            raise InputError(
-                f"cannot be downloaded ({type(error).__name__})",
-                f"check the network, or put {', '.join(missing)} into {folder}",
-                address,
-            ) from error
+            missing = ", ".join(f.name for f in chosen.files if not (folder / f.name).exists())
+            what = f"cannot be downloaded ({type(error).__name__})"
+            remedy = f"check the network, or put {missing} into {folder}"
+            raise InputError(what, remedy, address) from error
         except ValueError as error:
-            raise InputError(
-                "not the file that was published (its SHA-256 differs)",
-                f"try again later, or put the right file into {folder} as {file.name}",
-                address,
-            ) from error
+            what = "not the file that was published (its SHA-256 differs)"
+            remedy = f"try again later, or put the right file into {folder} as {file.name}"
+            raise InputError(what, remedy, address) from error
 
 
 def _panda_runs(folder: Path) -> dict[str, Measurements]:

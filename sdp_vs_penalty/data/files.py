@@ -94,11 +94,8 @@ def _one(
         return run
     columns = _columns(part)
     if columns is None:
-        raise InputError(
-            "no measurements",
-            "give a path, a mapping of arrays, a DataFrame, Measurements, or a list of these",
-            what.replace("...", given(part)),
-        )
+        remedy = "give a path, a mapping of arrays, a DataFrame, Measurements, or a list of these"
+        raise InputError("no measurements", remedy, what.replace("...", given(part)))
     header = Header.of(f"run{number}", list(columns), what=what, remedy=_REMEDY)
     run = without_traces(header.run(columns))
     if joints is not None and run.n != joints:
@@ -216,12 +213,11 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
     if len(stays):
         row = int(stays[0])
         how = "repeats" if m.t[row] == m.t[row + 1] else "runs backwards"
-        raise InputError(
-            f"{word} {row + 1 + first}, column t: time {how} ({m.t[row]:.6g} s to "
-            f"{m.t[row + 1]:.6g} s; {formatting.count(len(stays), f'such {word}')})",
-            "delete them, or cut the file there",
-            path,
+        steps = (
+            f"{m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; {formatting.count(len(stays), f'such {word}')}"
         )
+        what = f"{word} {row + 1 + first}, column t: time {how} ({steps})"
+        raise InputError(what, "delete them, or cut the file there", path)
 
 
 def save(measurements: Measurements, path: str | Path) -> None:

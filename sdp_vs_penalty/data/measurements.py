@@ -139,11 +139,9 @@ class Measurements(Shown):
     def require_torque(self, what: str) -> None:
         """Raises InputError where no torque was logged; what : needs it."""
         if not self.torque_logged:
-            raise InputError(
-                f"{what} needs a torque, and this log holds commands alone",
-                "identify from it (the servo's law stands for its torque), or log tau1..taun",
-                self.names[0],
-            )
+            remedy = "identify from it (the servo's law stands for its torque), or log tau1..taun"
+            told = f"{what} needs a torque, and this log holds commands alone"
+            raise InputError(told, remedy, self.names[0])
 
     @property
     def data_hash(self) -> str:
@@ -221,11 +219,8 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
     """Several measurements of one robot as one, their runs kept apart."""
     runs = [run for part in several for run in part.runs()]
     if len({run.n for run in runs}) > 1:
-        raise InputError(
-            "the runs have different numbers of joints: "
-            + ", ".join(f"{r.names[0]} has {r.n}" for r in runs),
-            "name runs of one robot",
-        )
+        each = ", ".join(f"{r.names[0]} has {r.n}" for r in runs)
+        raise InputError(f"the runs have different numbers of joints: {each}", "name runs of one robot")
     silent = next((r for r in runs if not r.torque_logged), None)
     if silent is not None and any(r.torque_logged for r in runs):
         raise InputError("no torque, but other runs have one", "name runs of one kind", silent.names[0])

@@ -75,12 +75,8 @@ def _check_side(robot: Robot, run: Measurements) -> None:
     if gears is None or not np.any(_outside(robot, *extremes(run.q))) or beside_range(robot, run.q):
         return
     if not np.any(_outside(robot, *extremes(np.linalg.solve(gears.matrix, (run.q - gears.offset).T).T))):
-        raise InputError(
-            "the positions are those of the motors: through the transmission they lie within the "
-            "joints' ranges",
-            "convert the log with `convert --motor-side`",
-            run.names[0],
-        )
+        what = "the positions are those of the motors: through the transmission they are in the ranges"
+        raise InputError(what, "convert the log with `convert --motor-side`", run.names[0])
 
 
 def extremes(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -127,8 +123,5 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
         ratio = common / energy
         for name, value in (("q", ratio), ("dq", 1.0 / ratio)):
             if _DEGREES[0] < value < _DEGREES[1]:
-                raise InputError(
-                    f"columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}",
-                    f"convert {name} from degrees to radians",
-                    run.names[0],
-                )
+                what = f"columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}"
+                raise InputError(what, f"convert {name} from degrees to radians", run.names[0])

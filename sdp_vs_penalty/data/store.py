@@ -86,10 +86,8 @@ def _room() -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(
-            f"no temporary file for the samples ({error.strerror})",
-            "set TMPDIR to a folder with room for 8 bytes a number",
-        ) from error
+        what = f"no temporary file for the samples ({error.strerror})"
+        raise InputError(what, "set TMPDIR to a folder with room for 8 bytes a number") from error
 
 
 def joined(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:

@@ -6,6 +6,7 @@ import threading
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,29 +21,16 @@ from sdp_vs_penalty.problem.load import problem_names
 
 
 @pytest.fixture(scope="module")
-def address(data_folder: Path) -> Iterator[str]:
+def address(data_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A local server with GitHub's layout of raw files over the shared measurements."""
-    files = {
-        f"/{d.source}/{d.commit}/{f.path}": data_folder / d.name / f.name
-        for d in DATASETS.values()
-        for f in d.files
-    }
-
-    class Handler(http.server.BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            if self.path not in files:
-                self.send_error(404)
-                return
-            content = files[self.path].read_bytes()
-            self.send_response(200)
-            self.send_header("Content-Length", str(len(content)))
-            self.end_headers()
-            self.wfile.write(content)
-
-        def log_message(self, *_: object) -> None:
-            pass
-
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    root = tmp_path_factory.mktemp("github")
+    for d in DATASETS.values():
+        for f in d.files:
+            link = root / d.source / d.commit / f.path
+            link.parent.mkdir(parents=True, exist_ok=True)
+            link.symlink_to(data_folder / d.name / f.name)
+    handler = partial(http.server.SimpleHTTPRequestHandler, directory=root)
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield f"http://127.0.0.1:{server.server_address[1]}"
     server.shutdown()

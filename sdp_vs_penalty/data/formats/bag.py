@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.columns import Choice, understood
@@ -48,11 +47,8 @@ def _stay_inside(path: Path) -> None:
     data = YAML(typ="safe").load((path / "metadata.yaml").read_text())
     for name in data["rosbag2_bagfile_information"]["relative_file_paths"]:
         if Path(name).name != name:
-            raise InputError(
-                f"{name!r} is not a file of this folder",
-                "keep a bag's files in one folder",
-                path / "metadata.yaml",
-            )
+            what = f"{name!r} is not a file of this folder"
+            raise InputError(what, "keep a bag's files in one folder", path / "metadata.yaml")
 
 
 def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
@@ -63,83 +59,53 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
     if not connections or (choice.topic is None and len(topics) > 1):
         found = ", ".join(topics) or "none"
         wanted = f"topic {choice.topic!r}" if choice.topic else "one topic"
-        raise InputError(
-            f"{wanted} with {_TYPE} is needed", f"choose it with --topic (there are: {found})", path
-        )
-    names = list(choice.joints) if choice.joints else None
-    table, clocks = Growing(), Growing()
-    rows: list[list[list[float]]] = []
-    stamps: list[tuple[int, int]] = []
-    others: set[str] = set()
-
-    def store() -> None:
-        table.append(np.array(rows, float).reshape(len(rows), 3, len(names or [])))
-        clocks.append(np.array(stamps, np.int64).reshape(-1, 2))
-        rows.clear()
-        stamps.clear()
-
-    for connection, recorder_time, raw in reader.messages(connections=connections):
+        what = f"{wanted} with {_TYPE} is needed"
+        raise InputError(what, f"choose it with --topic (there are: {found})", path)
+    names, others = list(choice.joints or ()), set[str]()
+    table, rows, first = Growing(), list[list[float]](), np.zeros(0)
+    for connection, recorded, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
         own = [str(name) for name in message.name]
-        if names is None:
-            names = own
-        elif not set(names) <= set(own):
-            names = _with_prefix(names, own) or names
+        names = _with_prefix(names, own) if names else own
         if not set(names) <= set(own):
             others |= set(own)
             continue
-        rows.append(_row(path, message, [own.index(name) for name in names]))
         stamp = message.header.stamp
-        stamps.append((int(stamp.sec) * 10**9 + int(stamp.nanosec), int(recorder_time)))
+        # Whole nanoseconds are taken apart before they become floating-point numbers of seconds.
+        clocks = np.array([int(stamp.sec) * 10**9 + int(stamp.nanosec), int(recorded)])
+        first = first if len(first) else clocks
+        rows.append([*(clocks - first) / 1e9, *_values(path, message, [own.index(n) for n in names])])
         if len(rows) == PART:
-            store()
-    store()
-    t, channels = clocks.array(), table.array()
-    if not len(t):
-        raise InputError(
-            f"no message has all joints {', '.join(names or ['(none)'])} (there are: "
-            f"{', '.join(sorted(others)) or 'none'})",
-            "name the joints as the bag does",
-            path,
-        )
-    finite = all(np.all(np.isfinite(part[:, 1])) for _, part in parts(channels))
-    dq = channels[:, 1] if finite else None
-    return Measurements(_seconds(t), channels[:, 0], channels[:, 2], dq, None, (path.name,))
+            table.append(np.array(rows))
+            rows.clear()
+    table.append(np.array(rows, float).reshape(len(rows), 2 + 3 * len(names)))
+    whole = table.array()
+    if not len(whole):
+        there = ", ".join(sorted(others)) or "none"
+        what = f"no message has all joints {', '.join(names) or '(none)'} (there are: {there})"
+        raise InputError(what, "name the joints as the bag does", path)
+    q, dq, tau = np.split(whole[:, 2:], 3, axis=1)
+    clock = 0 if first[0] or any(part.any() for _, part in parts(whole[:, 0])) else 1
+    t = joined(part + float(first[clock] % (86_400 * 10**9)) / 1e9 for _, part in parts(whole[:, clock]))
+    finite = all(np.all(np.isfinite(part)) for _, part in parts(dq))
+    return Measurements(t, q, tau, dq if finite else None, None, (path.name,))
 
 
-def _seconds(clocks: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(N,) s of (N, 2) nanoseconds, of the header's stamp and the recorder's."""
-    stamped = any(part[:, 0].any() for _, part in parts(clocks))
-    clock, day = clocks[:, 0 if stamped else 1], 86_400 * 10**9
-    # Whole nanoseconds are taken apart before they become floating-point numbers of seconds.
-    first = int(clock[0])
-    return joined((part - first) / 1e9 + float(first % day) / 1e9 for _, part in parts(clock))
-
-
-def _with_prefix(names: Sequence[str], own: Sequence[str]) -> list[str] | None:
+def _with_prefix(names: Sequence[str], own: Sequence[str]) -> list[str]:
     """The bag's names where they are the robot's behind one prefix: panda_joint1 for joint1."""
-    found = [o for o in own if o.endswith(names[0])]
-    if len(found) != 1:
-        return None
-    prefix = found[0].removesuffix(names[0])
-    mapped = [prefix + name for name in names]
-    return mapped if set(mapped) <= set(own) else None
+    prefixes = {o.removesuffix(names[0]) for o in own if o.endswith(names[0])}
+    fit = sorted(prefix for prefix in prefixes if {prefix + name for name in names} <= set(own))
+    return [fit[0] + name for name in names] if len(fit) == 1 or "" in fit else [*names]
 
 
-def _row(path: Path, message: Any, at: Sequence[int]) -> list[list[float]]:
+def _values(path: Path, message: Any, at: Sequence[int]) -> list[float]:
     """Positions, velocities (NaN where there are none) and efforts of the wanted joints."""
-    out = []
+    out, n = list[float](), len(message.name)
     for field in ("position", "velocity", "effort"):
         values = getattr(message, field)
-        if len(values) == len(message.name):
-            out.append([float(values[k]) for k in at])
-        elif field == "velocity":
-            out.append([float("nan")] * len(at))
-        else:
-            raise InputError(
-                f"a message has {formatting.count(len(values), 'value')} of {field} for "
-                f"{formatting.count(len(message.name), 'joint')}",
-                "record position and effort of every joint",
-                path,
-            )
+        if len(values) != n and field != "velocity":
+            has = formatting.count(len(values), "value")
+            what = f"a message has {has} of {field} for {formatting.count(n, 'joint')}"
+            raise InputError(what, "record position and effort of every joint", path)
+        out += [float(values[k]) if len(values) == n else np.nan for k in at]
     return out

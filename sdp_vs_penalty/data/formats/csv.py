@@ -107,11 +107,8 @@ def _header(path: Path) -> list[str]:
         raise InputError("row 1 holds numbers instead of a header", remedy, path)
     what, others = ("semicolons", line.split(";")) if ";" in line else ("white space", line.split())
     if len(others) > len(names) and (";" in line or len(names) == 1):
-        raise InputError(
-            f"row 1 separates its {len(others)} names by {what}",
-            "separate all cells by commas, and write decimal points",
-            path,
-        )
+        what = f"row 1 separates its {len(others)} names by {what}"
+        raise InputError(what, "separate all cells by commas, and write decimal points", path)
     return names
 
 

@@ -36,8 +36,7 @@ def read(folder: Path, choice: Choice) -> Measurements:
         raise InputError("the log is empty", "name a folder with samples", folder)
     for key, values in columns.items():
         if len(values) % len(t) or len(values) != len(columns["q"]):
-            raise InputError(
-                f"{len(values)} numbers of {key} do not fit {len(t)} instants", "fetch it again", folder
-            )
+            what = f"{len(values)} numbers of {key} do not fit {len(t)} instants"
+            raise InputError(what, "fetch it again", folder)
     q, dq, tau = (columns[key].reshape(len(t), -1) for key in ("q", "dq", "tau"))
     return Measurements(t, q, tau, dq, None, (folder.name,))

@@ -157,13 +157,10 @@ def _by_joint(found: list[str], own: Mapping[str, _Read], joints: Sequence[str] 
     """Columns called by joints in the robot's order, where all its joints are among them."""
     if joints is None:
         return found
-    tails = [
-        (
-            *(w for w in re.findall(r"[a-z]+", j.lower()) if w not in _FILLERS),
-            str(next(map(int, re.findall(r"[0-9]+", j)), None)),
-        )
-        for j in joints
-    ]
+    tails = []
+    for joint in joints:
+        words, numbers = (re.findall(kind, joint.lower()) for kind in ("[a-z]+", "[0-9]+"))
+        tails.append((*(w for w in words if w not in _FILLERS), str(next(map(int, numbers), None))))
     by_tail = {(*own[name].rest, str(own[name].number)): name for name in found}
     return [by_tail[t] for t in tails] if all(t in by_tail for t in tails) else found
 
@@ -179,9 +176,8 @@ def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
         found = sorted((int(m[1]), n) for n in names if (m := pattern.fullmatch(n)))
         if not found:
             near = ", ".join(fnmatch.filter(names, theirs)[:4]) or "none that is numbered"
-            raise InputError(
-                f"no column {theirs!r} ({near})", "give --rename a pattern of the file's names"
-            )
+            remedy = "give --rename a pattern of the file's names"
+            raise InputError(f"no column {theirs!r} ({near})", remedy)
         out |= {f"{ours.rstrip('*')}{k}": n for k, (_, n) in enumerate(found, start=1)}
     return out
 
