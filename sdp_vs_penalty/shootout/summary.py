@@ -175,21 +175,17 @@ def ranking(runs: pandas.DataFrame, accuracy: float, links: int | None = None) -
         robots = {name: load_problem(name).robot.n for name in problem_names()}
         pairs = zip(mine["problem"], mine["group"], strict=True)
         mine = mine[[_links(*pair, robots) == links for pair in pairs]]
-    out = []
-    for solver, own in mine.groupby("solver"):
-        right = reached(own, accuracy)
-        out.append(
-            {
-                "solver": solver,
-                "right": int(right.sum()),
-                "run": own["problem"].nunique(),
-                "problems": mine["problem"].nunique(),
-                "silently wrong": int((own["class"] == "silently_wrong").sum()),
-                "seconds": float(own.loc[right, "seconds"].median()),
-                "attempts": float(own["attempts"].mean()),
-            }
-        )
-    return sorted(out, key=lambda r: (-r["right"], r["silently wrong"], np.nan_to_num(r["seconds"])))
+    right = reached(mine, accuracy)
+    found = mine.assign(right=right, wrong=mine["class"] == "silently_wrong")
+    found["seconds"] = found["seconds"].where(right)
+    table = found.groupby("solver").agg(
+        **{"right": ("right", "sum"), "run": ("problem", "nunique")},
+        **{"silently wrong": ("wrong", "sum"), "seconds": ("seconds", "median")},
+        attempts=("attempts", "mean"),
+    )
+    table = table.assign(problems=mine["problem"].nunique()).reset_index()
+    order = {"by": ["right", "silently wrong", "seconds"], "ascending": [False, True, True]}
+    return table.sort_values(**order, na_position="first", kind="stable").to_dict("records")
 
 
 def advice(table: Sequence[Row], where: str) -> list[str]:

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,17 +58,14 @@ def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
             )
         # Work that belongs to no contestant: done before the fork, so that children have it.
         _ = made.interior, made.constraints.groups, made.task.ols
-        return task, list(_runs(task, made)) if task.solver else [_proved(made, task.memory)]
+        if task.solver:
+            return task, list(_runs(task, made))
+        kind, found, _ = in_child(lambda: reference(made), REFERENCE_LIMIT, task.memory)
+        remark = "" if kind == "ended" else f"{kind} {found}".strip()
+        found = Reference("unknown", -np.inf, np.inf, 1.0) if remark else found
+        return task, [{"hash": made.hash, "reference": asdict(found), "remark": remark}]
     except Exception as error:  # an answer must come: the other side waits for it
         return task, [{"error": f"{type(error).__name__}: {error}"}]
-
-
-def _proved(made: Instance, memory: float) -> Row:
-    kind, found, _ = in_child(lambda: reference(made), REFERENCE_LIMIT, memory)
-    remark = "" if kind == "ended" else f"{kind} {found}".strip()
-    if remark:
-        found = Reference("unknown", -np.inf, np.inf, 1.0)
-    return {"hash": made.hash, "reference": asdict(found), "remark": remark}
 
 
 def _runs(task: Assignment, made: Instance) -> Iterator[Row]:
@@ -93,11 +91,16 @@ def _runs(task: Assignment, made: Instance) -> Iterator[Row]:
 def run(
     task: Assignment, contestant: Contestant, made: Instance, asked: float
 ) -> tuple[Answer, float, Judgement]:
-    """One run: the answer, its seconds of processor time, and what it is worth."""
+    """One run: the answer, its seconds of processor time, programs that it ran included (machines are
+    shared), and what it is worth."""
     assert task.reference is not None
-    kind, payload, seconds = in_child(
-        lambda: _timed(contestant, made, asked), task.time_limit, task.memory
-    )
+
+    def timed() -> tuple[Answer, float]:
+        used = _processor()
+        answer = contestant.solve(made, asked)
+        return answer, _processor() - used
+
+    kind, payload, seconds = in_child(timed, task.time_limit, task.memory)
     if kind == "ended":
         answer, seconds = payload
         if seconds <= task.time_limit:
@@ -108,14 +111,6 @@ def run(
 
 def _nothing(made: Instance, words: str) -> Answer:
     return replace(no_answer(made, words), claims="", attempts=0)
-
-
-def _timed(contestant: Contestant, made: Instance, asked: float) -> tuple[Answer, float]:
-    """The answer, and the processor time [s] of the whole call, programs that it ran included: machines
-    are shared."""
-    used = _processor()
-    answer = contestant.solve(made, asked)
-    return answer, _processor() - used
 
 
 def _processor() -> float:
@@ -176,7 +171,11 @@ def _child(
         used = resource.getrusage(resource.RUSAGE_SELF)
         whole = math.ceil(used.ru_utime + used.ru_stime + limit)  # whole seconds: the kernel's grain
         resource.setrlimit(resource.RLIMIT_CPU, (whole, whole + 2))
-        size = _address_space() + int(memory * 1e9)
+        try:  # the address space in use, where the system says it
+            pages = int(Path("/proc/self/statm").read_text().split()[0])
+            size = pages * resource.getpagesize() + int(memory * 1e9)
+        except OSError:
+            size = int(8e9 + memory * 1e9)
         resource.setrlimit(resource.RLIMIT_AS, (size, size))
         writer.send(("ended", work()))
     except MemoryError:
@@ -189,12 +188,3 @@ def _child(
         writer.send(("failed", f"{type(error).__name__}: {error}"[:2000]))
     finally:
         os._exit(0)
-
-
-def _address_space() -> int:
-    """Bytes of address space in use; 0 where the system does not say."""
-    try:
-        with open("/proc/self/statm") as file:
-            return int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-    except OSError:
-        return int(8e9)
