@@ -1,6 +1,5 @@
 """Instances as they come: simulated and measured robots, and random serial chains."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -8,7 +7,6 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators.estimator import Task
@@ -142,7 +140,7 @@ def chain_task(n: int, draw: int = 0, noise: float = 0.01) -> Task:
     theta = np.concatenate([thin_links(rng, problem).ravel(), rng.uniform(0.1, 0.5, 3 * n)])
     columns = model.columns(motion)
     torque = np.column_stack([c.columns @ theta[c.indices] for c in columns])
-    stack = wide_rows(columns, torque, len(theta))
+    stack = [np.column_stack([c.wide(len(theta)), t]) for c, t in zip(columns, torque.T, strict=True)]
     for wide in stack:
         wide /= noise * float(np.sqrt(np.mean(wide[:, -1] ** 2)))
         wide[:, -1] += rng.normal(size=samples)
@@ -154,14 +152,6 @@ def chain_task(n: int, draw: int = 0, noise: float = 0.01) -> Task:
         problem.nominal(model),
         problem.box,
     )
-
-
-def wide_rows(columns: Sequence[JointColumns], torque: Array, p: int) -> list[Array]:
-    """For each joint (N, p + 1): its rows in all p parameters, and its torque of (N, n)."""
-    out = [np.zeros((len(torque), p + 1)) for _ in columns]
-    for wide, own, measured in zip(out, columns, torque.T, strict=True):
-        wide[:, own.indices], wide[:, p] = own.columns, measured
-    return out
 
 
 def thin_links(rng: np.random.Generator, problem: Problem) -> Array:

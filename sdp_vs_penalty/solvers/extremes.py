@@ -36,44 +36,36 @@ class Extreme:
     theta: Array
 
 
-@dataclass(frozen=True)
 class Slice:
-    """Feasible theta (p,) = interior + basis x, basis (p, k); reduced : the constraints in x, of which
-    sdp is the conic form; limit (k,) : |x_k| <= limit_k on the slice."""
+    """All feasible parameters theta (p,) = interior + basis x, basis (p, k), with the same
+    equalities @ theta as a given one; reduced : the constraints in x, of which sdp is the conic form;
+    limit (k,) : |x_k| <= limit_k on the slice.
 
-    constraints: ConstraintSet
-    interior: Array
-    basis: Array
-    reduced: ConstraintSet
-    sdp: SdpProblem
-    limit: Array
+    equalities (e, p); theta (p,), feasible or not; bound (p,) : |theta_k| <= bound_k wherever the
+    constraints hold. Raises InputError where the slice has no interior point.
+    """
 
-    @classmethod
-    def of(cls, constraints: ConstraintSet, equalities: Array, theta: Array, bound: Array) -> Slice:
-        """All feasible parameters with the same equalities @ theta as the given one.
-
-        equalities (e, p); theta (p,), feasible or not; bound (p,) : |theta_k| <= bound_k wherever
-        the constraints hold. Raises InputError where the slice has no interior point.
-        """
+    def __init__(
+        self, constraints: ConstraintSet, equalities: Array, theta: Array, bound: Array
+    ) -> None:
         rows = equalities / np.linalg.norm(equalities, axis=1, keepdims=True)
         free = scipy.linalg.null_space(rows, rcond=1e-10)
         if free.shape[1] == 0:
             raise InputError("the equalities leave no parameter free", "leave some of them out")
-        interior = _interior(constraints, free, theta, bound)
+        self.constraints, self.interior = constraints, _interior(constraints, free, theta, bound)
         # Scaled so that all columns together, as seen from the interior point, are orthonormal.
-        seen = _posed([_reduced(c, free, interior) for c in constraints.convex]).conic.A
+        seen = _posed([_reduced(c, free, self.interior) for c in constraints.convex]).conic.A
         r = np.linalg.qr(seen.toarray(), mode="r")
-        basis = scipy.linalg.solve_triangular(r, free.T, trans="T").T
-        reduced = ConstraintSet(tuple(_reduced(c, basis, interior) for c in constraints.convex))
-        limit = np.abs(r @ free.T) @ (bound + np.abs(interior))  # free has orthonormal columns
-        return cls(constraints, interior, basis, reduced, _posed(reduced.convex), limit)._tightened()
-
-    def _tightened(self) -> Slice:
-        """The same slice with limits from its own certified extremes: implied ones are generous."""
-        both = np.array(
-            [[self._solve(s * row)[1] for s in (1.0, -1.0)] for row in np.eye(len(self.limit))]
+        self.basis = scipy.linalg.solve_triangular(r, free.T, trans="T").T
+        self.reduced = ConstraintSet(
+            tuple(_reduced(c, self.basis, self.interior) for c in constraints.convex)
         )
-        return replace(self, limit=np.minimum(self.limit, -both.min(axis=1)))
+        self.sdp = _posed(self.reduced.convex)
+        # Free has orthonormal columns.
+        self.limit = np.abs(r @ free.T) @ (bound + np.abs(self.interior))
+        # Implied limits are generous: those of its own certified extremes are tighter.
+        ends = [[self._solve(s * row)[1] for s in (1.0, -1.0)] for row in np.eye(len(self.limit))]
+        self.limit = np.minimum(self.limit, -np.array(ends).min(axis=1))
 
     def minimum(self, slope: Array) -> Extreme:
         """min slope^T theta over the slice; slope (p,)."""

@@ -262,7 +262,7 @@ def links_slice(problem: Problem, links: np.ndarray) -> Slice:
     model = problem.model("rigid_body")
     base, _ = base_parameters(model)
     bound = problem.parameter_bound(model)
-    return Slice.of(problem.constraints(model), base, links.ravel(), bound)
+    return Slice(problem.constraints(model), base, links.ravel(), bound)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ fitted without friction would have swallowed some of it. A coarse grid of phi_2 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +104,7 @@ def fit_sigmoid(
     [s/rad] and phi_3 [rad/s]; beyond, the sigmoid is a line or a jump to any data. Raises InputError
     where the rows are too few.
     """
-    data, n = _Data.of(problem, rows_of), problem.robot.n
+    data, n = _Data(problem, rows_of), problem.robot.n
     b, size = data.rigid.shape[2], float(np.abs(data.torque).max())
     if len(data.torque) / oversampling < b + 3:
         raise InputError("Too few samples to fit rigid model and sigmoid friction", "record longer")
@@ -147,27 +146,18 @@ def fit_sigmoid(
     return SigmoidFit(phi, std, phi - half, phi + half, x[:b], rmse, step)
 
 
-@dataclass(frozen=True)
 class _Data:
     """rigid (M, n, b), torque (M, n), and the way to the sigmoid's columns at other shapes.
 
     x (b + 3 n,) : pi, phi_1, log phi_2, phi_3.
     """
 
-    robot: Robot
-    rows_of: RowsOf
-    rigid: Array
-    torque: Array
-
-    @classmethod
-    def of(cls, problem: Problem, rows_of: RowsOf) -> Self:
+    def __init__(self, problem: Problem, rows_of: RowsOf) -> None:
         model = problem.model("rigid_body")
         rows = rows_of(model)
-        wide = np.zeros((len(rows.torque), problem.robot.n, len(model.parameters)))
-        for j, columns in enumerate(rows.columns):
-            wide[:, j, columns.indices] = columns.columns
-        kept = list(base_parameters(model, problem.independent)[1])
-        return cls(problem.robot, rows_of, wide[:, :, kept], rows.torque)
+        self.robot, self.rows_of, self.torque = problem.robot, rows_of, rows.torque
+        wide = np.stack([c.wide(len(model.parameters)) for c in rows.columns], axis=1)
+        self.rigid = wide[:, :, list(base_parameters(model, problem.independent)[1])]
 
     def columns(self, x: Array) -> Array:
         """(M, n, b + 3 n) derivative of the torque in x."""
@@ -196,7 +186,7 @@ class _Data:
 def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> Array:
     """RMSE (n,) [N m] of a fit on other rows."""
     x = np.concatenate([fit.pi, fit.phi[:, 0], np.log(fit.phi[:, 1]), fit.phi[:, 2]])
-    residuals = [_Data.of(problem, rows_of).residual(x) for rows_of in parts]
+    residuals = [_Data(problem, rows_of).residual(x) for rows_of in parts]
     return np.asarray(np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0)))
 
 

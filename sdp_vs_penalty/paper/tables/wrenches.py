@@ -80,7 +80,7 @@ def wrench_intervals(
     feasible: Slice, regressor: Array, progress: Progress = no_progress
 ) -> WrenchIntervals:
     """The smallest and largest value of every wrench component, of regressor (M, n, 6, 10 n), over the
-    parameters of a slice (:meth:`Slice.of` with the base parameters for equalities: equal torques).
+    parameters of a slice (:class:`Slice` with the base parameters for equalities: equal torques).
 
     Two SDPs a component, each certified.
     """
@@ -154,7 +154,7 @@ def wrench_study(study: Study) -> WrenchStudy:
     t = np.linspace(0.0, x.trajectory.duration, study.effort.instants + 2)[1:-1]
     Y, model = wrench_regressor(problem.robot, *x.trajectory.states(t)), problem.model("rigid_body")
     links, bound = x.links.ravel(), problem.parameter_bound(model)
-    feasible = Slice.of(problem.constraints(model), study.base, links, bound)
+    feasible = Slice(problem.constraints(model), study.base, links, bound)
     intervals = wrench_intervals(feasible, Y, study.progress)
     study.progress("relaxed retrievals")
     pi, count = study.base @ links, study.effort.retrievals
@@ -180,7 +180,7 @@ def penalty_links(study: Study) -> list[Array]:
     task, found = study.task(study.simulated), []
     p = len(task.bound)
     interior = interior_point(task, task.constraints)
-    everywhere = Slice.of(task.constraints, np.zeros((0, p)), interior, task.bound)
+    everywhere = Slice(task.constraints, np.zeros((0, p)), interior, task.bound)
     rng = np.random.default_rng(study.seed)
     estimator = Penalty(body=False, thickness=0.0, starts=1)
     for k in range(PenaltyPaper.runs):
