@@ -104,7 +104,7 @@ def test_of_two_writers_the_second_is_told(tmp_path):
 
 
 def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path):
-    tables = [Table.of(n, "t", "c", [{"a": 1.0}, {"a": 2.0}]) for n in ("I", "II")]
+    tables = [Table(n, "t", "c", [{"a": 1.0}, {"a": 2.0}]) for n in ("I", "II")]
 
     def write(folder: Path) -> dict[str, str]:
         for table in tables:

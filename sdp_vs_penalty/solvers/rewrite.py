@@ -115,8 +115,7 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
         np.concatenate([problem.b, *constants]),
         (*problem.cones, *cones),
     )
-    old_rows = len(problem.b)
-    return Rewritten(made, lambda x, z: (x[:m], z[:old_rows]))
+    return Rewritten(made, lambda x, z: (x[:m], z[: len(problem.b)]))
 
 
 def without_equalities(problem: ConicProblem) -> Rewritten:
@@ -172,23 +171,25 @@ def arrows(problem: ConicProblem) -> Rewritten:
         return unchanged(problem)
     maps, cones = [], []
     for cone in problem.cones:
+        d = cone.size
         if cone.kind != "soc":
             maps.append(sparse.identity(cone.rows, format="csr"))
             cones.append(cone)
             continue
-        d = cone.size
         j = np.arange(d)
         diagonal, border = j * (j + 1) // 2 + j, j[1:] * (j[1:] + 1) // 2
-        rows = np.concatenate([diagonal, border])
-        columns = np.concatenate([np.zeros(d, int), j[1:]])
-        values = np.concatenate([np.ones(d), np.full(d - 1, np.sqrt(2.0))])
+        rows, columns = np.concatenate([diagonal, border]), np.concatenate([np.zeros(d, int), j[1:]])
+        values = np.repeat([1.0, np.sqrt(2.0)], [d, d - 1])
         maps.append(sparse.csr_matrix((values, (rows, columns)), (d * (d + 1) // 2, d)))
         cones.append(Cone("psd", d))
     change = sparse.block_diag(maps, format="csr")
-    made = replace(
-        problem, A=sparse.csc_matrix(change @ problem.A), b=change @ problem.b, cones=tuple(cones)
-    )
-    return Rewritten(made, lambda x, z: (x, change.T @ z))
+    return _mapped(replace(problem, cones=tuple(cones)), change, change.T)
+
+
+def _mapped(problem: ConicProblem, change: sparse.csr_matrix, home: sparse.csr_matrix) -> Rewritten:
+    """Other rows, and their multipliers brought home."""
+    made = replace(problem, A=sparse.csc_matrix(change @ problem.A), b=change @ problem.b)
+    return Rewritten(made, lambda x, z: (x, home @ z))
 
 
 def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
@@ -225,13 +226,8 @@ def _zeros(rows: int, columns: int) -> sparse.csr_matrix:
 def sizes(cones: Sequence[Cone]) -> dict[str, Any]:
     """How large the cones are, under the names that SCS and CVXOPT share."""
     of = {kind: [c.size for c in cones if c.kind == kind] for kind in KINDS}
-    return {
-        "z": sum(of["zero"]),
-        "l": sum(of["nonnegative"]),
-        "q": of["soc"],
-        "s": of["psd"],
-        "ep": len(of["exp"]),
-    }
+    whole = {"z": sum(of["zero"]), "l": sum(of["nonnegative"]), "ep": len(of["exp"])}
+    return whole | {"q": of["soc"], "s": of["psd"]}
 
 
 def full_matrices(problem: ConicProblem) -> Rewritten:
@@ -240,19 +236,12 @@ def full_matrices(problem: ConicProblem) -> Rewritten:
     The rewritten problem keeps the cones of the original: its rows no longer match Cone.rows. A
     solver may return any matrix; back takes its lower triangle, which is what CVXOPT fills.
     """
-    maps, backs = [], []
+    both = []
     for cone in problem.cones:
-        if cone.kind == "psd":
-            out, home = _expand(cone)
-            maps.append(out)
-            backs.append(home)
-        else:
-            maps.append(sparse.identity(cone.rows, format="csr"))
-            backs.append(maps[-1])
-    out = sparse.block_diag(maps, format="csr")
-    home = sparse.block_diag(backs, format="csr")
-    made = replace(problem, A=sparse.csc_matrix(out @ problem.A), b=out @ problem.b)
-    return Rewritten(made, lambda x, z: (x, home @ z))
+        same = sparse.identity(cone.rows, format="csr")
+        both.append(_expand(cone) if cone.kind == "psd" else (same, same))
+    out, home = (sparse.block_diag(maps, format="csr") for maps in zip(*both, strict=True))
+    return _mapped(problem, out, home)
 
 
 def _expand(cone: Cone) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:

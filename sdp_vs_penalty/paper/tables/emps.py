@@ -45,7 +45,7 @@ def emps(study: Study) -> Table:
         estimate = identify(study.problem, tracking, method, effects=effects, seed=study.seed)
         rows.append(_row(study, f"{method}, asymmetric", _constants(estimate), *runs))
     errors = [float(row["position_rmse_pulses_mm"] or np.inf) for row in rows]
-    return Table.of(
+    return Table(
         "emps",
         "EMPS, the electro-mechanical positioning system of nonlinearbenchmark.org",
         "Measured: both public files, 24.8 s at 1 kHz each; estimated from the first (tracking), judged "

@@ -26,7 +26,7 @@ def errata_table(study: Study) -> Table:
         for erratum in errata(problem):
             said = {name: getattr(erratum, name) for name in ("number", "where", "printed", "corrected")}
             rows.append(said | {"what_shows_it": evidence[erratum.number]})
-    return Table.of(
+    return Table(
         "errata",
         "Errata: where the paper contradicts itself",
         "Gaz et al., RA-L 2019, supplementary material revised October 15th, 2019. The published tables "

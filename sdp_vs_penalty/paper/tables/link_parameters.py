@@ -27,7 +27,7 @@ def denavit_hartenberg(study: Study) -> Table:
         a, alpha, d = frame[0, 3], np.arctan2(frame[2, 1], frame[2, 2]), frame[2, 3]
         ours = {"a_m_ours": float(a), "alpha_rad_ours": float(alpha), "d_m_ours": float(d)}
         rows.append({**row, **ours})
-    return Table.of(
+    return Table(
         "VI",
         f"Table VI: Denavit-Hartenberg parameters of {study.problem.title}",
         "Standard (distal) convention; nothing here is simulated or measured.",
@@ -81,7 +81,7 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
                 f"{erratum.where}: printed {erratum.printed}; the other tables need "
                 f"{erratum.corrected}, which true_simulated has."
             )
-    return Table.of(
+    return Table(
         name,
         f"Table {name}: {title} of {study.problem.title}",
         study.sentence,

@@ -25,7 +25,7 @@ def methods(study: Study) -> Table:
             rows.append(_row(study, data, method, optimum))
     last = [row for row in rows if row["data"] == rows[-1]["data"]]
     errors = [f"{row['method']} {row['unseen_error_percent']:.3g} %" for row in last]
-    return Table.of(
+    return Table(
         "methods",
         f"Methods compared on {study.problem.title}",
         study.sentence,
@@ -144,7 +144,7 @@ def weight(study: Study) -> Table:
                     "excess_loss_percent": 100.0 * (float(best["loss"]) / optimum - 1.0),
                 }
             )
-    return Table.of(
+    return Table(
         "weight",
         f"The penalty method's weight on {study.problem.title}",
         study.sentence,

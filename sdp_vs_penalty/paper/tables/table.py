@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,34 +54,24 @@ def makes(name: str, *problems: str, slow: bool = False) -> Callable[[Callable[[
 @dataclass(frozen=True, eq=False)
 class Table:
     """name : "III" is written as table_III.csv, .md and .tex; caption : says what is simulated and
-    what measured; frame : the cells as they are (published ones as printed text); notes : below the
-    table; gist : what it shows, in words; digits : significant ones of a number that is shown.
+    what measured; rows : cells by column (published ones as printed text); notes : below the table;
+    gist : what it shows, in words; digits : significant ones of a number that is shown.
     """
 
     name: str
     title: str
     caption: str
-    frame: pandas.DataFrame
-    notes: tuple[str, ...] = ()
+    rows: Sequence[Row]
+    notes: Sequence[str] = ()
     gist: str = ""
     digits: int = 4
 
-    @classmethod
-    def of(
-        cls,
-        name: str,
-        title: str,
-        caption: str,
-        rows: Sequence[Row],
-        notes: Sequence[str] = (),
-        gist: str = "",
-        digits: int = 4,
-    ) -> Table:
-        """Rows as cells by column; columns come in the order of their first cells."""
+    @cached_property
+    def frame(self) -> pandas.DataFrame:
+        """The cells as they are; columns come in the order of their first cells."""
         import pandas
 
-        frame = pandas.DataFrame(list(rows), dtype=object)
-        return cls(name, title, caption, frame, tuple(notes), gist, digits)
+        return pandas.DataFrame(list(self.rows), dtype=object)
 
     def cells(self) -> pandas.DataFrame:
         """All cells as text."""

@@ -225,7 +225,7 @@ def sigmoid_friction(study: Study) -> Table:
     for data in study.judged:
         for name, errors in _held_out(study, data):
             rows.append(_row(name, errors, "N*m", f"{data.label}, held-out RMSE"))
-    return Table.of(
+    return Table(
         "I",
         f"Table I: sigmoid friction of {study.problem.title}",
         study.sentence,

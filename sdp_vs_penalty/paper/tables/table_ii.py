@@ -33,7 +33,7 @@ def exciting_trajectory(study: Study) -> Table:
         regressor = Regressor.of(study.problem, effects)
         for which, trajectory in trajectories.items():
             add(f"condition number ({label})", which, regressor.condition(trajectory))
-    return Table.of(
+    return Table(
         "II",
         f"Table II: exciting trajectory of {study.problem.title}",
         "Published coefficients, and trajectories optimised by this program; nothing here is measured.",

@@ -46,7 +46,7 @@ def base_parameter_table(study: Study) -> Table:
     shown = [f"{method}_{d.label}" for d in study.whole for method in ("ols", DEFAULT_METHOD)]
     names = (name.replace("-", "_") for name in shown)
     errors = [f"{name} {ours[name][_ERROR]:.3g} %" for name in names]
-    return Table.of(
+    return Table(
         "III",
         f"Table III: base parameters of {study.problem.title}",
         study.sentence,

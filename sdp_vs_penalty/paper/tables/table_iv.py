@@ -39,7 +39,7 @@ def unseen_torque(study: Study) -> Table:
     where = "simulated" if study.repeated is None else "measured"
     errors = {row["estimate"]: row["relative_error_percent"] for row in rows}
     said = [f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods]
-    return Table.of(
+    return Table(
         "IV",
         f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other motion",
         f"{study.sentence} {_judgement(study)}",

@@ -101,7 +101,7 @@ def engines(study: Study) -> Table:
         rows.append({**row, **std, "motion": "published (V-REP)", **_NO_RUN, "status": "published"})
     rows += [_row(x, n) for x in (*study.once(sinusoidal_runs), *study.once(measured_runs))]
     formulations = "; ".join(f"{name}: {kind.formulation}" for name, kind in engine_types().items())
-    return Table.of(
+    return Table(
         "V",
         f"Table V: physics engines with the identified {study.problem.title}",
         study.sentence,

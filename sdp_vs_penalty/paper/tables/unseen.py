@@ -63,7 +63,7 @@ def data_needed(study: Study) -> Table:
                 rows.append({**about, **_errors(study, data, windows, method)})
     last = [row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))]
     said = [f"{row['method']} {row['error_percent_median']:.3g} %" for row in last]
-    return Table.of(
+    return Table(
         "data",
         f"How much data each method needs: {study.problem.title}",
         study.sentence,
@@ -179,7 +179,7 @@ def unseen(study: Study) -> Table:
             rows += (found := _rows(study, study.run, method, added))
             told[method, added] = found[FOLDS]["relative_error_percent"]
     usual, friction, all_of_it = (told[DEFAULT_METHOD, added] for added in _ADDED)
-    return Table.of(
+    return Table(
         "unseen",
         f"Errors on unseen motion of {study.problem.title}",
         f"Measured: the authors' real run ({len(study.run.t)} samples).",

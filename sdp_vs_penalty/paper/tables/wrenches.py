@@ -221,7 +221,7 @@ def wrench_table(study: Study) -> Table:
         for j in range(study.problem.robot.n)
         for k, (component, unit) in enumerate(COMPONENTS.items())
     ]
-    return Table.of(
+    return Table(
         "wrenches",
         f"Internal joint wrenches of {study.problem.title}",
         study.sentence,
