@@ -71,10 +71,6 @@ class Results:
         self.runs = runs.sort_values(**_ORDER, ignore_index=True)
         write_text(self.path, self.runs.to_csv(index=False, lineterminator="\n"))
 
-    @property
-    def keys(self) -> set[tuple[str, ...]]:
-        return set(self.runs[KEY].itertuples(index=False, name=None))
-
 
 def _read(path: Path) -> pandas.DataFrame:
     text = read_text(path, own=True)
@@ -208,7 +204,7 @@ def _pending(
     references: dict[str, dict[str, Any]],
     results: Results,
 ) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
-    done, tasks, left_out = results.keys, [], []
+    done, tasks, left_out = set(results.runs[KEY].itertuples(index=False, name=None)), [], []
     for entry in entries:
         made = instance(entry.name)
         known = Reference(**references[entry.name]["reference"])
