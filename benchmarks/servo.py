@@ -19,8 +19,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pandas
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.drive_torque import plant
@@ -196,8 +198,7 @@ def unseen(c: Case, run: dict[str, np.ndarray], found: Estimate) -> float:
         torque = torque - torque.mean(axis=0)
     rows = filtered_torque(Measurements(run["t"], run["true_q"], torque), model, found.preprocessing)
     theta = np.append(body.theta, damping)
-    told = np.column_stack([b.columns @ theta[b.indices] for b in rows.columns])
-    left = told - rows.torque
+    left = predicted(rows, theta) - rows.torque
     if "ki1" in at:
         left = left - left.mean(axis=0)
     return float(100.0 * np.linalg.norm(left) / np.linalg.norm(rows.torque))
@@ -220,23 +221,19 @@ def main() -> None:
             f"{gain:+.1f} %, torque {one['torque_percent']:.2f} %, {one['seconds']:.1f} s CPU",
             flush=True,
         )
-    worst = [
-        max((abs(x) for name, x in c["errors"].items() if name[-1] == str(j + 1)), default=0.0)
-        for c in cases
-        for j in range(6)
-    ]
-    inside = [x for c in cases for x in c["inside"]]
-    torque = np.array([c["torque_percent"] for c in cases])
+    each = pandas.DataFrame(cases)
+    errors = pandas.json_normalize(each["errors"]).abs()
+    worst = errors.T.groupby(errors.columns.str[-1]).max().fillna(0.0)  # (joints, cases)
     summary = {
-        "cases": len(cases),
-        "law right": float(np.mean([c["right"] for c in cases])),
-        "joints with all gains within 5 %": float(np.mean(np.array(worst) <= 0.05)),
-        "intervals that hold": float(np.mean(inside)),
-        "torque on unseen motion within 5 %": float(np.mean(torque <= 5.0)),
-        "median torque error [%]": float(np.median(torque)),
-        "largest gap": max(c["gap"] for c in cases),
-        "constraints hold": all(c["violation"] == 0.0 for c in cases),
-        "median seconds CPU": float(np.median([c["seconds"] for c in cases])),
+        "cases": len(each),
+        "law right": float(each["right"].mean()),
+        "joints with all gains within 5 %": float((worst <= 0.05).to_numpy().mean()),
+        "intervals that hold": float(each["inside"].explode().mean()),
+        "torque on unseen motion within 5 %": float((each["torque_percent"] <= 5.0).mean()),
+        "median torque error [%]": float(each["torque_percent"].median()),
+        "largest gap": float(each["gap"].max()),
+        "constraints hold": bool((each["violation"] == 0.0).all()),
+        "median seconds CPU": float(each["seconds"].median()),
     }
     print(json.dumps(summary, indent=1))
     if asked.out is not None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from corruptions.kinds import Corruption, corruptions, rows
 from sdp_vs_penalty import compare, identify, load_measurements, load_problem
@@ -96,8 +97,7 @@ class Arm:
 
 def _smoothed(x: Array, width: int) -> Array:
     window = np.hanning(width + 2)[1:-1]
-    padded = np.pad(x, ((width // 2, width // 2), (0, 0)), "edge")
-    return np.column_stack([np.convolve(c, window / window.sum(), "valid") for c in padded.T])
+    return ndimage.convolve1d(x, window / window.sum(), axis=0, mode="nearest")
 
 
 def arm(name: str, data: Path) -> Arm:

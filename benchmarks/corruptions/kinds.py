@@ -7,7 +7,7 @@ under which names the check may report it.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from itertools import accumulate, combinations
 from typing import Any
 
 import numpy as np
@@ -195,12 +195,9 @@ def rows(run: Measurements, keep: Array) -> Measurements:
 
 def lagged(x: Array, t: Array, hertz: float) -> Array:
     """A causal first-order low-pass, sample by sample."""
-    out, state = np.empty_like(x), x[0]
     shares = 1.0 - np.exp(-2.0 * np.pi * hertz * np.diff(t, prepend=t[0]))
-    for k, (value, share) in enumerate(zip(x, shares, strict=True)):
-        state = state + share * (value - state)
-        out[k] = state
-    return out
+    steps = zip(x, shares, strict=True)
+    return np.array(list(accumulate(steps, lambda y, new: y + new[1] * (new[0] - y), initial=x[0]))[1:])
 
 
 def _on(name: str, j: int, change: Change, run: Measurements) -> Measurements:
