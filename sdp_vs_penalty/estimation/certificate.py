@@ -66,10 +66,21 @@ class Certificate(Shown, Plain):
 
     def summary(self) -> list[tuple[str, str]]:
         """What matters of it: names and texts."""
+        broken = {family: v for family, v in self.violations.items() if v > 0.0}
+        worst = sorted(broken.items(), key=lambda item: -item[1])
+        text = ", ".join(f"{family} {value:.2g}" for family, value in worst)
+        if self.gap is not None and set(broken) == {BarycentricBound.family}:
+            text += " (not convex, hence not imposed); every other constraint holds"
+        bound = "no lower bound: this method is not convex, or has no constraints"
+        if self.gap is not None:
+            # Once each: a joint may have its effect with a shape constant of its own.
+            names = ", ".join(dict.fromkeys(re.split("[:@]", text)[0] for text in self.held))
+            held = f", with {names} held fixed" if self.held else ""
+            bound = f"{self.gap:.1e} of the loss (certified lower bound){held}"
         out = [
-            ("worst violation", self._violations_text()),
+            ("worst violation", text or "0 (every constraint holds)"),
             ("loss", f"{self.loss:.6g} (sum of squared weighted torque errors)"),
-            ("optimality gap", self._gap_text()),
+            ("optimality gap", bound),
         ]
         if self.smallest_thickness is not None:
             out.append(("smallest thickness", f"{1e3 * self.smallest_thickness:.1f} mm"))
@@ -86,21 +97,3 @@ class Certificate(Shown, Plain):
                 text = "at every pose (follows from the links)"
             out.append(("M(q) positive definite", text))
         return out
-
-    def _violations_text(self) -> str:
-        broken = {family: v for family, v in self.violations.items() if v > 0.0}
-        if not broken:
-            return "0 (every constraint holds)"
-        worst = sorted(broken.items(), key=lambda item: -item[1])
-        text = ", ".join(f"{family} {value:.2g}" for family, value in worst)
-        if self.gap is not None and set(broken) == {BarycentricBound.family}:
-            return f"{text} (not convex, hence not imposed); every other constraint holds"
-        return text
-
-    def _gap_text(self) -> str:
-        if self.gap is None:
-            return "no lower bound: this method is not convex, or has no constraints"
-        # Once each: a joint may have its effect with a shape constant of its own.
-        names = ", ".join(dict.fromkeys(re.split("[:@]", text)[0] for text in self.held))
-        held = f", with {names} held fixed" if self.held else ""
-        return f"{self.gap:.1e} of the loss (certified lower bound){held}"

@@ -112,12 +112,11 @@ def with_drive_torque(model: Model, theta: Array, measurements: Measurements) ->
 
 def plant(estimate: Estimate) -> Estimate:
     """The same without its drives."""
-    keep = ~estimate.model.drives
-    effects = tuple(e for e in estimate.model.effects if e.forward != "drive")
-    known, reference = estimate.uncertainty, estimate.model.reference
-    standard = tuple(i for i, kept in zip(known.standard, keep, strict=True) if kept)
+    keep, known, reference = ~estimate.model.drives, estimate.uncertainty, estimate.model.reference
+    standard = tuple(known.standard[k] for k in np.flatnonzero(keep))
     spread, gains = known.spread[keep], known.gain_response[keep]
     own = replace(known, standard=standard, base=(), spread=spread, gain_response=gains)
     reference = None if reference is None else reference[keep]
+    effects = estimate.model.without_drives.effects
     model = replace(estimate.model, effects=effects, known={}, reference=reference)
     return replace(estimate, model=model, theta=estimate.theta[keep], uncertainty=own)

@@ -277,15 +277,12 @@ def load_estimate(path: str | Path) -> Estimate:
 
 
 def _from_dict(data: dict[str, Any]) -> Estimate:
-    if not isinstance(data["format"], int) or data["format"] > FORMAT:
-        what = f"written by a newer version (format {data['format']}, this one reads up to {FORMAT})"
-        raise InputError(what, "upgrade sdp-vs-penalty")
-    if data["format"] < FORMAT:
-        raise InputError(
-            f"written by an earlier version (format {data['format']}), which did not keep the "
-            "bounds of the model's problem",
-            "identify again",
-        )
+    if (found := data["format"]) != FORMAT:
+        older = isinstance(found, int) and found < FORMAT
+        what = "an earlier version (format {}), which did not keep the bounds of the model's problem"
+        new = f"a newer version (format {{}}, this one reads up to {FORMAT})"
+        remedy = "identify again" if older else "upgrade sdp-vs-penalty"
+        raise InputError(f"written by {(what if older else new).format(found)}", remedy)
     robot = Robot.from_dict(data["robot"])
     problem, reference = problem_from_dict(data["problem"], robot), data.get("reference")
     effects = tuple(effect_from_dict(e, robot) for e in data["effects"])
@@ -293,11 +290,10 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
     model = Model(robot, effects, known, problem.gains)
     if known is not None and len(known) != len(model.parameters):
         raise ValueError("reference and parameters differ in length")
-    named = {p["name"]: p for p in data["parameters"]}
-    for p in model.parameters:
-        if p.name not in named:
-            raise KeyError(f"parameters: {p.name}")
-    entries = [named[p.name] for p in model.parameters]
+    named, names = {p["name"]: p for p in data["parameters"]}, [p.name for p in model.parameters]
+    for missing in (name for name in names if name not in named):
+        raise KeyError(f"parameters: {missing}")
+    entries = [named[name] for name in names]
     theta = np.array([float(p["value"]) for p in entries])
     if not np.all(np.isfinite(theta)):
         raise ValueError("a parameter's value is not a finite number")
@@ -306,9 +302,7 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         motion = MotionRecord.from_dict(motion)
         if len(motion.centre) != 2 * robot.n:
             raise ValueError("training_motion is of another number of joints")
-    uncertainty = Uncertainty.unknown(model, theta)
-    if "uncertainty" in data:  # files from before intervals were kept have none
-        uncertainty = Uncertainty.from_dict({**data["uncertainty"], "standard": entries})
+    uncertainty = Uncertainty.from_dict({**data["uncertainty"], "standard": entries})
     details = data["details"]
     if not isinstance(details, dict) or not isinstance(details.get("undetermined", {}), dict):
         raise ValueError("details: undetermined names who decides which parameter")
@@ -320,9 +314,9 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         if floor is not None and floor.shape != (robot.n,):
             raise ValueError("noise: not a number for each joint")
     certificate = Certificate.from_dict(data["certificate"])
-    found = problem, model, theta, uncertainty, data["method"], certificate
+    made = problem, model, theta, uncertainty, data["method"], certificate
     filters = Preprocessing(**data["preprocessing"])
-    return Estimate(*found, filters, data["settings"], details, provenance, motion)
+    return Estimate(*made, filters, data["settings"], details, provenance, motion)
 
 
 #: One Estimate or the path of a model.json; a sequence of these; or a mapping from names to these.

@@ -267,7 +267,18 @@ class _Search:
         """One accepted step; False where the trust region has become too small."""
         # A trust region smaller than this share of the limits ends the search.
         while self.radius > 1e-4:
-            candidate = self._linear_program()
+            candidate = self.x.copy()
+            for j in self.moving:  # the linear model's best point; limits do not couple joints
+                scaled, offset = self.rows[j] * self.unit[j], self.offset[j]
+                now = self.x[j] / self.unit[j]
+                # A share is kept for what happens between the instants; what the start uses, it may.
+                room = np.maximum(0.998, np.abs(self.rows[j] @ self.x[j] + offset))
+                both = np.vstack([scaled, -scaled]), np.concatenate([room - offset, room + offset])
+                near = np.column_stack([now - self.radius, now + self.radius])
+                slope = self.slope[j] * self.unit[j]
+                found = optimize.linprog(slope, *both, bounds=near, method="highs-ds")
+                if found.status == 0:
+                    candidate[j] = found.x * self.unit[j]
             predicted = float(np.sum(self.slope * (candidate - self.x)))
             value = self._at(candidate)[1]
             if value < self.value + 0.05 * predicted < self.value:
@@ -278,40 +289,25 @@ class _Search:
             self.radius *= 0.4
         return False
 
-    def _linear_program(self) -> Array:
-        """The linear model's best point in the trust region; limits do not couple joints."""
-        out = self.x.copy()
-        for j in self.moving:
-            scaled, offset, now = self.rows[j] * self.unit[j], self.offset[j], self.x[j] / self.unit[j]
-            # A share is kept for what happens between these instants; what the start uses up, it may.
-            room = np.maximum(0.998, np.abs(self.rows[j] @ self.x[j] + offset))
-            both = np.vstack([scaled, -scaled]), np.concatenate([room - offset, room + offset])
-            near = np.column_stack([now - self.radius, now + self.radius])
-            slope = self.slope[j] * self.unit[j]
-            found = optimize.linprog(slope, *both, bounds=near, method="highs-ds")
-            if found.status == 0:
-                out[j] = found.x * self.unit[j]
-        return out
-
     def _at(self, x: Array) -> tuple[Array, float, Array]:
         """States, the objective and its gradient with respect to W, in the shape of the regressor."""
         states = np.stack([linear @ x.T for linear in self.maps])
-        w = self.regressor.at(self.t, *states)
-        value, outer = self._objective(w.reshape(-1, w.shape[2]))
-        return states, value, outer.reshape(w.shape)
-
-    def _objective(self, w: Array) -> tuple[float, Array]:
-        """The objective and its gradient (rows, p) with respect to W."""
+        rows = self.regressor.at(self.t, *states)
+        w = rows.reshape(-1, rows.shape[2])
         gram = w.T @ w
-        inverse = np.linalg.pinv(gram, hermitian=True)
-        p = len(gram)
+        inverse, p = np.linalg.pinv(gram, hermitian=True), len(gram)
         if self.objective == "d-optimal":
-            return -float(np.linalg.slogdet(gram)[1]) / p, -2.0 / p * (w @ inverse)
-        outer, inner = float(np.trace(gram)), float(np.trace(inverse))
-        slope = w / outer - w @ (inverse @ inverse) / inner
-        return 0.5 * float(np.log(outer * inner)), slope
+            value, outer = -float(np.linalg.slogdet(gram)[1]) / p, -2.0 / p * (w @ inverse)
+        else:
+            whole, inner = float(np.trace(gram)), float(np.trace(inverse))
+            value, outer = (
+                0.5 * float(np.log(whole * inner)),
+                w / whole - w @ (inverse @ inverse) / inner,
+            )
+        return states, value, outer.reshape(rows.shape)
 
     def _evaluate(self, x: Array) -> tuple[float, Array]:
+        """The objective and its gradient with respect to x."""
         states, value, outer = self._at(x)
         slope = np.zeros_like(x)
         for which, linear in enumerate(self.maps):

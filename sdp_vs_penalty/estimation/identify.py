@@ -287,7 +287,16 @@ def identify(
     problem, refined = as_problem(problem, "identify(problem=...)"), method == OUTPUT_ERROR
     estimator = make_estimator(DEFAULT_METHOD if refined else method)
     measurements = readable(problem, measurements, "identify(measurements=...)")
-    _check_method(estimator, refined, isinstance(measurements, BlackBox), proof is not None)
+    black_box = isinstance(measurements, BlackBox)
+    needs = f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix"
+    for wrong, what in (
+        (estimator.needs_black_box and not black_box, needs),
+        (refined and proof, "proof: a simulation's error is not convex: leave it out, or take lmi-sdp"),
+        (black_box and proof, "proof: a black box's answers are fitted without constraints"),
+        (black_box and refined, f"method {OUTPUT_ERROR} needs measured runs"),
+    ):
+        if wrong:
+            raise InputError(what, "choose another method, or leave the proof out")
     if refined and isinstance(measurements, Measurements):
         measurements.require_torque(f"method {OUTPUT_ERROR}")
     chosen = effects, preprocessing, weighting, gain_uncertainty, known_loads, seed
@@ -310,16 +319,3 @@ def identify(
         made_of = {"model": estimate.identity, "data": posed.measurements.data_hash}
         write_proof(proved(posed.task, fit, estimate.theta, estimate.method, made_of), proof)
     return estimate
-
-
-def _check_method(estimator: Estimator, refined: bool, black_box: bool, proof: bool) -> None:
-    """InputError where method, data and a wanted proof do not fit each other."""
-    needs = f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix"
-    for wrong, what in (
-        (estimator.needs_black_box and not black_box, needs),
-        (refined and proof, "proof: a simulation's error is not convex: leave it out, or take lmi-sdp"),
-        (black_box and proof, "proof: a black box's answers are fitted without constraints"),
-        (black_box and refined, f"method {OUTPUT_ERROR} needs measured runs"),
-    ):
-        if wrong:
-            raise InputError(what, "choose another method, or leave the proof out")

@@ -159,8 +159,7 @@ def posed(
             details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
     else:
         wanted = options.known, options.weighting, progress, options.instruments != "none"
-        chosen = options.effects is not None
-        loads = options.known_loads
+        chosen, loads = options.effects is not None, options.known_loads
         given = problem, model.effects, data, settings, *wanted, chosen, loads
         model, data, servo = servo_log(*given)
         errors = np.column_stack([errors, np.full(problem.robot.n, servo["scale_error"])])

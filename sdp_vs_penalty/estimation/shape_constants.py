@@ -200,13 +200,12 @@ def _descended(
     """From one choice of the constants on a grid; theta (p,) : the parameters there."""
 
     def names(effect: Effect) -> list[Key]:
-        return [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
-
-    def is_open(effect: Effect) -> bool:
-        return not wanted.isdisjoint(names(effect))
+        """Of an effect with a wanted constant all."""
+        own = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
+        return [] if wanted.isdisjoint(own) else own
 
     p, effects = len(theta), model.effects
-    every = [(k, name) for k, e in enumerate(effects) if is_open(e) for name in names(e)]
+    every = [(k, name) for k, e in enumerate(effects) for name in names(e)]
     mine = np.array([x in wanted and effects[k].shapes[x[2]].bounds is not None for k, x in every])
     own = [x for (_, x), moves in zip(every, mine, strict=True) if moves]
     free = [(k, x[2]) for (k, x), moves in zip(every, mine, strict=True) if moves]
@@ -221,7 +220,7 @@ def _descended(
 
     def left(steps: Array) -> tuple[Array, Array]:
         nonlocal latest
-        wide = compressed(with_sensitivities(at(steps), latest, is_open))
+        wide = compressed(with_sensitivities(at(steps), latest, lambda e: bool(names(e))))
         data, latest = solved(wide.keeping(np.append(np.ones(p, bool), mine)))
         variances[steps.tobytes()] = white_variance(data, wide.oversampling)
         columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
@@ -235,7 +234,10 @@ def _descended(
     best, rest, slopes = least_squares(left, start, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
     spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
     std = np.sqrt(variances[best.tobytes()] * spread)
-    found = replace(model, effects=tuple(map(_written, at(best).effects)))
+    # With as many digits of its constants as a written effect has.
+    digits = [{key: float(f"{x:.6g}") for key, x in e.shape.items()} for e in at(best).effects]
+    both = zip(effects, digits, strict=True)
+    found = replace(model, effects=tuple(e.with_shape(**own) for e, own in both))
     return Settled(found, dict(zip(own, std.tolist(), strict=True)), float(rest @ rest))
 
 
@@ -247,8 +249,3 @@ def _room(effect: Effect, key: str) -> tuple[float, float]:
     ends = np.array([min(shape.bounds[0], value), max(shape.bounds[1], value)])
     low, high = (np.log(ends / value) if shape.scale == "log" else ends - value).tolist()
     return min(low, -1e-9), max(high, 1e-9)
-
-
-def _written(effect: Effect) -> Effect:
-    """With as many digits of its constants as a written effect has."""
-    return effect.with_shape(**{key: float(f"{x:.6g}") for key, x in effect.shape.items()})

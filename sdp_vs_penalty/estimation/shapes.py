@@ -75,19 +75,6 @@ def at_end(u: float, low: float, high: float) -> bool:
     return not low + near < u < high - near
 
 
-def open_shapes(effects: Sequence[Effect]) -> list[tuple[Effect, int, str]]:
-    """The constants that `identify` estimates: of effects with one column a joint, of their kind and
-    not given, joint by joint."""
-    return [
-        (effect, joint, key)
-        for effect in effects
-        for key, shape in effect.shapes.items()
-        if shape.role == "estimated" and key not in effect.given
-        if len(effect.parameters) == len(effect.joints)
-        for joint in effect.joints
-    ]
-
-
 def estimate_shapes(
     model: Model,
     measurements: Measurements,
@@ -104,7 +91,14 @@ def estimate_shapes(
     part, default all; workers : who compresses the runs; widest : up to which value the grids go on
     beyond their own, each twice the last one.
     """
-    wanted = open_shapes(model.effects)
+    wanted = [  # of effects with one column a joint, of the kind that is estimated, and not given
+        (effect, joint, key)
+        for effect in model.effects
+        for key, shape in effect.shapes.items()
+        if shape.role == "estimated" and key not in effect.given
+        if len(effect.parameters) == len(effect.joints)
+        for joint in effect.joints
+    ]
     if not wanted:
         return []
     model = model.reference_free
@@ -287,23 +281,17 @@ class _Profile:
         return np.array([b.effect.parameters[0].lower == 0.0 for b in self.banks])
 
     def at(self, u: Array) -> tuple[Array, Array]:
-        """What is left of the torque (r,) at constants ln u (B,), and its slopes (r, B)."""
-        theta, U, D = self._solved(u)
-        slopes = D * theta
-        return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
-
-    def _solved(self, u: Array) -> tuple[Array, Array, Array]:
-        """(B,) coefficients of the columns at constants ln u (B,), what they span, and the columns'
-        derivatives (r, B). What would push instead of brake is left out."""
-        A, D = self._made(u)
-        used, theta = np.ones(len(self._brakes), bool), np.zeros(len(self._brakes))
-        while True:
+        """What is left of the torque (r,) at constants ln u (B,), and its slopes (r, B); a column that
+        would push instead of brake is left out."""
+        (A, D), theta = self._made(u), np.zeros(len(u))
+        used = pushes = np.ones(len(u), bool)
+        while pushes.any():
             U, V = visible(A[:, used])
             theta[used], theta[~used] = V @ (U.T @ self.torque), 0.0
             pushes = self._brakes & (theta < 0.0)
-            if not pushes.any():
-                return theta, U, D
-            used &= ~pushes
+            used = used & ~pushes
+        slopes = D * theta
+        return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
 
     def near(self, found: Sequence[ShapeEstimate]) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
         """Columns (p, d) in which a fit near what was found is linear: what the other columns show; then
@@ -340,14 +328,14 @@ class _Profile:
         if not len(free):
             return start
 
-        def at(x: Array) -> tuple[Array, Array]:
-            left, slopes = self.at(all_of(x))
-            return left, slopes[:, free]
-
         def all_of(x: Array) -> Array:
             out = start.copy()
             out[free] = x
             return out
+
+        def at(x: Array) -> tuple[Array, Array]:
+            left, slopes = self.at(all_of(x))
+            return left, slopes[:, free]
 
         ends = np.transpose([self.banks[k].ends for k in free])
         ftol = 1e-3 * self.variance / float(np.sum(self.at(start)[0] ** 2))  # of what noise decides

@@ -42,7 +42,14 @@ def verify_proof_file(
         said += ["proved is this of the numbers in the file; that the model describes the robot is not"]
     if model is None:
         return True, "; ".join([*said, "name --model and --data to see what the numbers are made of"])
-    if fault := _other_model(proof, model):
+    fault = ""
+    if proof["model"] != model.identity or "theta" not in proof:
+        fault = "it is of another model"
+    elif proof["parameters"] != [p.name for p in model.model.parameters]:
+        fault = "its parameters, or their order, are not the model's"
+    elif [Fraction(x) for x in proof["theta"]] != [Fraction(repr(x)) for x in model.theta.tolist()]:
+        fault = "its theta is not the model's"
+    if fault:
         return False, f"refused: {path}: {fault}"
     said.append("it is of this model")
     if data is not None:
@@ -57,17 +64,6 @@ def verify_proof_file(
             how = "are the ones it names (its numbers, constraints and bounds were not recomputed)"
         said.append(f"these measurements {how}")
     return True, "; ".join(said)
-
-
-def _other_model(proof: Proof, model: Estimate) -> str:
-    """What in a proof is not the model's, in words; "" where nothing is."""
-    if proof["model"] != model.identity or "theta" not in proof:
-        return "it is of another model"
-    if proof["parameters"] != [p.name for p in model.model.parameters]:
-        return "its parameters, or their order, are not the model's"
-    if [Fraction(x) for x in proof["theta"]] != [Fraction(repr(x)) for x in model.theta.tolist()]:
-        return "its theta is not the model's"
-    return ""
 
 
 def _reposed(model: Estimate, data: Measurements) -> Proof | None:

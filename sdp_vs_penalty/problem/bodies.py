@@ -48,7 +48,11 @@ def link_bodies(
     largest = ROBOTS * max(float(reach.sum()), 1.0)
     out = []
     for k in range(robot.links):
-        shape = None if geometry is None else _usable(geometry[k], largest)
+        shape = None if geometry is None else geometry[k]
+        if shape is not None:  # in metres, and no marker
+            farthest = float(np.linalg.norm(shape.points, axis=1).max())
+            usable = float(np.ptp(shape.points, axis=0).max()) > LAYER and farthest < largest
+            shape = shape if usable else None
         own = _uniform_ellipsoid(given[k], largest)
         corners = np.array(np.meshgrid(*centres[k])).reshape(3, -1).T
         radius = max(RADIUS_SHARE * reach[k], LEAST_RADIUS)
@@ -88,14 +92,6 @@ def joint_places(robot: Robot, link: int) -> Array:
 def _stroke(joint: Joint) -> list[float]:
     ends = [x for x in (joint.lower, joint.upper) if joint.kind == "prismatic" and np.isfinite(x)]
     return [0.0, *ends]
-
-
-def _usable(shape: Geometry | None, largest: float) -> Geometry | None:
-    if shape is None:
-        return None
-    extent = float(np.ptp(shape.points, axis=0).max())
-    farthest = float(np.linalg.norm(shape.points, axis=1).max())
-    return shape if extent > LAYER and farthest < largest else None
 
 
 def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:

@@ -6,10 +6,9 @@ model.json holds a problem whole, beside its robot: what it does not narrow is w
 other defaults of a later version do not change the bounds of an old model.
 """
 
-import dataclasses
 import json
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,20 +36,20 @@ class Field:
 
 
 _WORDS = {str: "text", int: "whole number", float: "number"}
-_TEXTS, _LIMIT = '["one", "two"]', Field(float, True, "joints", False, "[0.0, 0.1]")
-_DH = replace(_LIMIT, needed=True)
+_LIMIT = Field(float, True, "joints", False, "[0.0, 0.1]")
 _SIDES = Field(str, True, hint='["motor"], or one word a channel: motor or joint')
-TOP = {
-    "title": Field(str, needed=True),
-    "torque_side": Field(str, hint='"link", "motor" or "unknown"'),
-    "links": Field(int),
-    "effects": Field(str, True, hint='["rigid_body", "viscous_friction"]'),
-}
+#: The fields of each section; those of the top level have none.
 SECTIONS: Mapping[str, Mapping[str, Field]] = {
+    "": {
+        "title": Field(str, needed=True),
+        "torque_side": Field(str, hint='"link", "motor" or "unknown"'),
+        "links": Field(int),
+        "effects": Field(str, True, hint='["rigid_body", "viscous_friction"]'),
+    },
     "kinematics": {
         "urdf": Field(str, hint='"robot.urdf"'),
         "convention": Field(str, needed=True, hint='"standard" or "modified"'),
-        **dict.fromkeys(("a", "alpha_over_pi", "d"), _DH),
+        **dict.fromkeys(("a", "alpha_over_pi", "d"), replace(_LIMIT, needed=True)),
         "gravity": Field(float, True, 3, hint="[0.0, 0.0, -9.81] in m/s^2"),
         **dict.fromkeys(("lower", "upper", "velocity", "effort"), _LIMIT),
     },
@@ -81,50 +80,48 @@ _MANY = ("centre_of_mass_cone",)
 
 def check_fields(data: Mapping[str, Any]) -> None:
     """InputError naming the section and the field that is unknown, missing or of the wrong kind."""
-    _known("the top level", data, (*TOP, *SECTIONS))
-    if "kinematics" not in data:
-        raise InputError("the section [kinematics] is missing", "give the robot's DH table or its URDF")
-    _check("", {key: data[key] for key in data if key in TOP}, TOP)
     for section, fields in SECTIONS.items():
-        many = section in _MANY
-        brackets = f"[[{section}]]" if many else f"[{section}]"
-        parts = data.get(section, []) if many else [data.get(section, {})]
+        many, names = section in _MANY, tuple(fields)
+        where = f"[[{section}]]" if many else f"[{section}]"
+        if not section:
+            where, names, parts = "the top level", (*fields, *filter(None, SECTIONS)), [data]
+        else:
+            parts = data.get(section, [] if many else {})
+            parts = parts if many else [parts]
         if not (isinstance(parts, list) and all(isinstance(x, dict) for x in parts)):
             what = f"{section} is no {'list of sections' if many else 'section'}"
-            raise InputError(what, f"write {brackets} above its fields")
-        for part in parts if section in data else []:
-            _known(brackets, part, fields)
-            _check(brackets, part, fields, section == "kinematics" and "urdf" in part)
+            raise InputError(what, f"write {where} above its fields")
+        for part in parts if section in data or not section else []:
+            for key in part:
+                if key not in names:
+                    raise InputError(f"{key!r} is unknown in {where}", f"choose from {', '.join(names)}")
+            if not section and "kinematics" not in data:
+                remedy = "give the robot's DH table or its URDF"
+                raise InputError("the section [kinematics] is missing", remedy)
+            for key, field in fields.items():
+                if key in part:
+                    _check(where if section else "", key, field, part)
+                elif field.needed and "urdf" not in part:
+                    raise InputError(f"the field {key!r} is missing in {where}", "add it")
 
 
-def _known(where: str, data: Mapping[str, Any], names: Collection[str]) -> None:
-    for key in data:
-        if key not in names:
-            raise InputError(f"{key!r} is unknown in {where}", f"choose from {', '.join(names)}")
-
-
-def _check(
-    section: str, data: Mapping[str, Any], fields: Mapping[str, Field], optional: bool = False
-) -> None:
-    """InputError for a needed field that is missing, and for a value of another kind or length."""
-    for key, field in fields.items():
-        if field.needed and not optional and key not in data:
-            raise InputError(f"the field {key!r} is missing in {section or 'the top level'}", "add it")
-    joints = data.get("a")
-    for name, value in data.items():
-        field, label = fields[name], f"{section} {name}".strip()
-        hint = f"write {field.hint or _TEXTS}" if field.hint or field.several else "correct it"
-        word = _WORDS[field.kind]
-        if field.several and not isinstance(value, list):
-            raise InputError(f"{label} is {_shown(value)}, not a list of {word}s", hint)
-        for k, entry in enumerate(value if field.several else [value], start=1):
-            if type(entry) not in (field.kind, *((int,) if field.kind is float else ())):
-                where, remedy = (f"{label}: entry {k}", "correct it") if field.several else (label, hint)
-                raise InputError(f"{where} is {_shown(entry)}, not a {word}", remedy)
-        length = len(joints) if field.length == "joints" and isinstance(joints, list) else field.length
-        if isinstance(length, int) and len(value) != length:
-            needed = "one per joint, as in a" if field.length == "joints" else hint
-            raise InputError(f"{label} has {len(value)} entries, {length} are needed", needed)
+def _check(section: str, name: str, field: Field, data: Mapping[str, Any]) -> None:
+    """InputError for a value of another kind or length."""
+    value, label, joints = data[name], f"{section} {name}".strip(), data.get("a")
+    hint = "correct it"
+    if field.hint or field.several:
+        hint = "write " + (field.hint or '["one", "two"]')
+    word = _WORDS[field.kind]
+    if field.several and not isinstance(value, list):
+        raise InputError(f"{label} is {_shown(value)}, not a list of {word}s", hint)
+    for k, entry in enumerate(value if field.several else [value], start=1):
+        if type(entry) not in (field.kind, *((int,) if field.kind is float else ())):
+            where, remedy = (f"{label}: entry {k}", "correct it") if field.several else (label, hint)
+            raise InputError(f"{where} is {_shown(entry)}, not a {word}", remedy)
+    length = len(joints) if field.length == "joints" and isinstance(joints, list) else field.length
+    if isinstance(length, int) and len(value) != length:
+        needed = "one per joint, as in a" if field.length == "joints" else hint
+        raise InputError(f"{label} has {len(value)} entries, {length} are needed", needed)
 
 
 def _shown(value: Any) -> str:
@@ -172,7 +169,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "nominal_links": problem.nominal_links.tolist(),
         "nominal_from": None if problem.nominal_from is None else list(problem.nominal_from),
         "gains": None if problem.gains is None else list(problem.gains),
-        "preprocessing": dataclasses.asdict(problem.preprocessing),
+        "preprocessing": asdict(problem.preprocessing),
         "base_parameters": None if problem.independent is None else list(problem.independent),
     }
 

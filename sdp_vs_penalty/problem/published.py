@@ -53,12 +53,10 @@ def published_cell(
     problem: Problem, table: str, row: Mapping[str, str], column: str, corrected: bool
 ) -> str:
     """A cell of a published table, as printed or as the errata correct it."""
-    key = next(iter(row.values()))
-    if corrected:
-        for erratum in errata(problem):
-            cell = erratum.cell
-            if cell and (cell["table"], cell["row"], cell["column"]) == (table, key, column):
-                return cell["value"]
+    place = table, next(iter(row.values())), column
+    for cell in (erratum.cell for erratum in (errata(problem) if corrected else ())):
+        if cell and (cell["table"], cell["row"], cell["column"]) == place:
+            return cell["value"]
     return row[column]
 
 
@@ -88,16 +86,13 @@ def published_links(problem: Problem, column: str, corrected: bool = True) -> Ar
     bounds. Raises InputError where the problem has no such column.
     """
     values = published_values(problem, column, corrected)
-    if not values or all(np.isnan(v) for v in values.values()):
-        raise InputError(
-            f"problem {problem.name}: no published parameters {column!r}", "choose another problem"
-        )
-    rows = []
-    for link, box in enumerate(problem.box):
-        entries = np.array([values[name] for name in barycentric_names(link + 1)])
-        empty = np.isnan(entries)
-        entries[empty] = box[empty].mean(axis=1)
-        rows.append(entries)
+    if all(np.isnan(v) for v in values.values()):
+        what = f"problem {problem.name}: no published parameters {column!r}"
+        raise InputError(what, "choose another problem")
+    links = range(1, len(problem.box) + 1)
+    rows = np.array([[values[name] for name in barycentric_names(link)] for link in links])
+    empty = np.isnan(rows)
+    rows[empty] = problem.box[empty].mean(axis=1)
     return inertia.standard_from_barycentric(rows)
 
 
@@ -140,8 +135,7 @@ def real_data_folder() -> Path | None:
 def real_file(problem: str, name: str) -> Path | None:
     """One of the files about a robot, None without it."""
     folder = real_data_folder()
-    file = None if folder is None else folder / problem / name
-    return file if file is not None and file.is_file() else None
+    return folder / problem / name if folder and (folder / problem / name).is_file() else None
 
 
 def measured_runs(problem: str) -> dict[str, Measurements]:

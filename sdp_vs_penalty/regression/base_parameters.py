@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
@@ -41,21 +40,6 @@ def base_parameters(
     return structure(stacked, tuple(rigid.index(name) for name in independent))
 
 
-def _together(model: Model, effects: Sequence[str]) -> tuple[Array, NDArray[np.intp], list[int]]:
-    """The same of several effects: B (b, k), where its k parameters are in theta, and the leading b."""
-    part = Model(model.robot, tuple(e for e in model.effects if e.name in effects))
-    names = [p.name for p in model.parameters]
-    places = np.array([names.index(p.name) for p in part.parameters])
-    motion = random_motion(model.robot, 0)
-    stacked = np.zeros((len(motion.t), model.robot.n, len(places)))
-    for j, block in enumerate(part.columns(motion)):
-        stacked[:, j, block.indices] = block.columns
-    # Of columns that stand for each other the first leads, whatever rounding says: links before rotors.
-    preference = np.linspace(1.0, 1.0 - 1e-4, len(places))
-    base, kept = structure(stacked.reshape(-1, len(places)), preference=preference)
-    return base, places, [int(places[k]) for k in kept]
-
-
 @dataclass(frozen=True)
 class BaseParameters:
     """What makes torque of a whole model: rows (b, p) of combinations of theta (p,), base parameters of
@@ -74,7 +58,17 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     # upright: their common combinations are what counts.
     alike = {"rotor_inertia"} | ({"torque_offset"} if "m" in model.robot.position_units else set())
     if len(rigid) and present & alike:
-        matrix, places, kept = _together(model, ("rigid_body", *alike))
+        part = Model(model.robot, tuple(e for e in model.effects if e.name in ("rigid_body", *alike)))
+        names = [p.name for p in model.parameters]
+        places, motion = (
+            np.array([names.index(q.name) for q in part.parameters]),
+            random_motion(part.robot, 0),
+        )
+        wide = np.stack([block.wide(len(places)) for block in part.columns(motion)], axis=1)
+        stacked = wide.reshape(-1, len(places))
+        # Of columns that stand for each other the first leads, whatever rounding says: links first.
+        matrix, lead = structure(stacked, preference=np.linspace(1.0, 1.0 - 1e-4, len(places)))
+        kept = [int(places[k]) for k in lead]
     elif len(rigid):
         try:
             matrix, lead = base_parameters(model, problem.independent)

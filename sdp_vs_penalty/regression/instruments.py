@@ -22,7 +22,6 @@ of q into the motion, not into the command. How well a loop follows decides only
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,14 +40,9 @@ _RANK = 1e-6
 _PASSES = 4
 
 
-class Instrumented(NamedTuple):
-    """One joint's rows in one block: the parameters (k,) of Z and X, and both with their torques, which
-    differ where parameters are known: (r, k + 1) [Z, tau_Z] and [X, tau]."""
-
-    joint: int
-    indices: NDArray[np.intp]
-    Z: Array
-    X: Array
+#: One joint's rows in one block: the joint, the parameters (k,) of Z and X, and both with their torques,
+#: which differ where parameters are known: (r, k + 1) [Z, tau_Z] and [X, tau].
+Instrumented = tuple[int, NDArray[np.intp], Array, Array]
 
 
 def commanded_motion(measured: Measurements) -> Measurements:
@@ -98,42 +92,42 @@ def instrumented(
     parts = []
     for joint, indices, rows in factors:  # columns without instruments serve as their own
         k = len(indices) // 2 if np.any(indices >= p) else len(indices)
-        parts.append(Instrumented(joint, indices[-k:], rows[:, : k + 1], rows[:, -k - 1 :]))
+        parts.append((joint, indices[-k:], rows[:, : k + 1], rows[:, -k - 1 :]))
     own, theta = _estimate(model, parts)
     return [
-        (f.indices, np.column_stack([Z, f.X[:, -1] + (Z - f.X[:, :-1]) @ theta[f.indices]]))
-        for f, Z in zip(parts, own, strict=True)
+        (at, np.column_stack([Z, X[:, -1] + (Z - X[:, :-1]) @ theta[at]]))
+        for (_, at, _, X), Z in zip(parts, own, strict=True)
     ]
 
 
 def _instruments(f: Instrumented, model: Model, theta: Array | None) -> Array:
     """(r, k) Z, with the errors that the model of theta makes in place of the servo's."""
-    Z, at = f.Z[:, :-1], model.error_gains[f.joint]
-    own = np.flatnonzero(f.indices == at)
+    joint, indices, both, _ = f
+    Z, at = both[:, :-1], model.error_gains[joint]
+    own = np.flatnonzero(indices == at)
     if theta is None or not len(own) or not np.any(Z[:, own[0]]) or theta[at] <= 0.0:
         return Z
-    rest = theta[f.indices]
+    rest, Z = theta[indices], Z.copy()
     rest[own[0]] = 0.0
-    Z = Z.copy()
-    Z[:, own[0]] = (f.Z[:, -1] - Z @ rest) / theta[at]
+    Z[:, own[0]] = (both[:, -1] - Z @ rest) / theta[at]
     return Z
 
 
 def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array], Array]:
     """The instruments of each part, and theta^ (p,), joints weighted by their residuals."""
     theta, p = model.reference if model.drives.any() else None, len(model.parameters)
-    joints = sorted({f.joint for f in parts})
-    left = np.ones(len(joints)) if theta is None else _residuals(parts, joints, theta)
+    n = model.robot.n
+    left = np.ones(n) if theta is None else _residuals(parts, n, theta)
     known = np.array([q.name in model.known for q in model.parameters])
     for _ in range(_PASSES):
         Z = [_instruments(f, model, theta) for f in parts]
         weights = 1.0 / np.maximum(left, 1e-12 * (float(left.max()) or 1.0))
         zz, zx, right = np.zeros((p, p)), np.zeros((p, p)), np.zeros(p)
-        for f, own in zip(parts, Z, strict=True):
-            weight, at = weights[joints.index(f.joint)], np.ix_(f.indices, f.indices)
-            zz[at] += weight * own.T @ own
-            zx[at] += weight * own.T @ f.X[:, :-1]
-            right[f.indices] += weight * own.T @ f.X[:, -1]
+        for (joint, indices, _, X), own in zip(parts, Z, strict=True):
+            weighted, at = weights[joint] * own.T, np.ix_(indices, indices)
+            zz[at] += weighted @ own
+            zx[at] += weighted @ X[:, :-1]
+            right[indices] += weighted @ X[:, -1]
         size = np.sqrt(np.diag(zz))
         seen = np.flatnonzero(size > 1e-10 * size.max(initial=0.0))
         values, vectors = np.linalg.eigh(zz[np.ix_(seen, seen)] / np.outer(size[seen], size[seen]))
@@ -143,13 +137,13 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
         middle = V.T @ zx[np.ix_(seen, seen)] @ V
         found[seen] = V @ np.linalg.lstsq(middle, V.T @ right[seen], rcond=None)[0]
         theta = model.with_known(found)
-        left = _residuals(parts, joints, theta)
+        left = _residuals(parts, n, theta)
     return Z, np.where(known, 0.0, found)
 
 
-def _residuals(parts: Sequence[Instrumented], joints: Sequence[int], theta: Array) -> Array:
-    """(len(joints),) squares of what theta leaves of each joint's torque."""
-    out = np.zeros(len(joints))
-    for f in parts:
-        out[joints.index(f.joint)] += np.sum((f.X[:, :-1] @ theta[f.indices] - f.X[:, -1]) ** 2)
+def _residuals(parts: Sequence[Instrumented], n: int, theta: Array) -> Array:
+    """(n,) squares of what theta leaves of each joint's torque."""
+    out = np.zeros(n)
+    for joint, indices, _, X in parts:
+        out[joint] += np.sum((X[:, :-1] @ theta[indices] - X[:, -1]) ** 2)
     return out

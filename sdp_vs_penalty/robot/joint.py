@@ -167,9 +167,8 @@ class Transmission(Plain):
                 what = f"transmission: {name} does not fit {n} motors"
                 raise InputError(what, "write motor or joint for each")
         rows = np.linalg.norm(self.matrix, axis=1)
-        mixed = (self._position_rows, self._torque_rows)
         # Condition number from which the joints do not follow from the motors.
-        if not np.all(rows > 0.0) or any(np.linalg.cond(m) > 1e9 for m in mixed):
+        if not np.all(rows > 0.0) or any(np.linalg.cond(m) > 1e9 for m in self._rows):
             what = "transmission: the joints do not follow from the motors"
             raise InputError(what, "give independent motors")
 
@@ -179,27 +178,22 @@ class Transmission(Plain):
         return len(self.matrix)
 
     @property
-    def _position_rows(self) -> Array:
-        """S of channels = S q + (offset where they are a motor's)."""
-        at_motor = np.array(self.positions) == "motor"
-        return np.where(at_motor[:, None], self.matrix, np.eye(self.n))
-
-    @property
-    def _torque_rows(self) -> Array:
-        """T of channels = T tau_m."""
-        at_motor = np.array(self.torques) == "motor"
-        return np.where(at_motor[:, None], np.eye(self.n), self.matrix.T)
+    def _rows(self) -> tuple[Array, Array]:
+        """S, T of channels S q + (offset where they are a motor's), and T tau_m."""
+        at_motor = (np.array(sides)[:, None] == "motor" for sides in (self.positions, self.torques))
+        unit, (positions, torques) = np.eye(self.n), at_motor
+        return np.where(positions, self.matrix, unit), np.where(torques, unit, self.matrix.T)
 
     def joint_positions(self, channels: ArrayLike, rates: bool = False) -> Array:
         """(N, n) joint positions from logged channels (N, n); rates : these are velocities, so that no
         offset counts."""
         at_motor = np.array(self.positions) == "motor"
         offset = np.where(at_motor & (not rates), self.offset, 0.0)
-        return np.asarray(np.linalg.solve(self._position_rows, (np.asarray(channels) - offset).T).T)
+        return np.asarray(np.linalg.solve(self._rows[0], (np.asarray(channels) - offset).T).T)
 
     def joint_torques(self, channels: ArrayLike) -> Array:
         """(N, n) joint torques from logged channels (N, n)."""
-        motors = np.linalg.solve(self._torque_rows, np.asarray(channels, float).T)
+        motors = np.linalg.solve(self._rows[1], np.asarray(channels, float).T)
         return np.asarray((self.matrix.T @ motors).T)
 
 
