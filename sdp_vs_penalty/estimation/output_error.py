@@ -131,27 +131,18 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, 
 
 
 def _chosen(plant: Plant, courses: Sequence[Course], size: Array) -> tuple[list[_Window], float]:
-    """The longest windows in which the plant stays with the motion."""
+    """The courses in the longest windows in which the plant stays with the motion, and how long [s]."""
     for seconds in _WINDOWS:
-        windows = [w for course in courses for w in _cut(course, seconds)]
+        windows = list[_Window]()
+        for c in courses:
+            steps, torque = len(c.torque) - 1, 0.5 * (c.torque[:-1] + c.torque[1:])
+            count = int(min(steps, max(1, round(seconds / c.dt) if seconds < np.inf else steps)))
+            for k in range(0, steps - count + 1, count):
+                start, q = c.states.rows(np.array([k])), c.states.q[k + 1 : k + 1 + count]
+                windows.append(_Window(start, c.dt, torque[k : k + count], q))
         if windows and _rms(_errors(plant, windows, size)[0]) <= _STAYS:
             break
     return windows, float(min(seconds, max(len(w.torque) * w.h for w in windows)))
-
-
-def _cut(course: Course, seconds: float) -> list[_Window]:
-    """A course in windows."""
-    steps, torque = len(course.torque) - 1, 0.5 * (course.torque[:-1] + course.torque[1:])
-    count = int(min(steps, max(1, round(seconds / course.dt) if seconds < np.inf else steps)))
-    return [
-        _Window(
-            course.states.rows(np.array([first])),
-            course.dt,
-            torque[first : first + count],
-            course.states.q[first + 1 : first + 1 + count],
-        )
-        for first in range(0, steps - count + 1, count)
-    ]
 
 
 def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:

@@ -9,7 +9,7 @@ uniformly in its own scale.
 least squares leave, with the same columns; a step is a pass over the data.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -171,23 +171,20 @@ def settled(
     theta = solved(first)[1]
     if weighting == "noise":
         weights = joint_weights(first, theta)
-    found = (_descended(form, theta, keys, compressed, solved) for form in _forms(model, keys))
-    return min(found, key=lambda s: s.error)
-
-
-def _forms(model: Model, wanted: Collection[Key]) -> Iterator[Model]:
-    """The model with every choice of its wanted constants on a grid."""
     grids = {
         (k, key): effect.shapes[key].grid
         for k, effect in enumerate(model.effects)
         for key in free_constants(effect)
-        if (effect.name, effect.joints[0], key) in wanted and effect.shapes[key].bounds is None
+        if (effect.name, effect.joints[0], key) in keys and effect.shapes[key].bounds is None
     }
-    for values in product(*grids.values()):
+    found = []
+    for values in product(*grids.values()):  # every choice of the constants on a grid
         effects = list(model.effects)
         for (k, key), value in zip(grids, values, strict=True):
             effects[k] = effects[k].with_shape(**{key: value})
-        yield replace(model, effects=tuple(effects))
+        form = replace(model, effects=tuple(effects))
+        found.append(_descended(form, theta, keys, compressed, solved))
+    return min(found, key=lambda s: s.error)
 
 
 def _descended(

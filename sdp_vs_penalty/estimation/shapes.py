@@ -117,7 +117,15 @@ def estimate_shapes(
         whole = folds.least_squares()
         theta = scipy.linalg.lstsq(whole.R, whole.rho, 1e-10, lapack_driver="gelsy")[0]
         weights = joint_weights(folds, theta)
-    found = _confirmed(_Profile.of(folds, weights, base, banks), folds, weights)
+    profile = _Profile.of(folds, weights, base, banks)
+    u, moves, refused = profile.from_grid(), np.ones(len(banks), bool), np.ones(1, bool)
+    while refused.any():  # those that together explain most, and that folds that are left out confirm
+        u = profile.best(np.where(moves, u, profile.now), np.flatnonzero(moves))
+        found = profile.estimates(u)
+        gains, needed = _held_out(profile, found, folds, weights)
+        refused = moves & ~(gains > needed)
+        moves = moves & ~refused
+    found = [replace(s, gain=gain) for s, gain in zip(found, gains.tolist(), strict=True)]
     fine = {
         (s.effect, s.joint, s.shape)
         for s in found
@@ -353,21 +361,6 @@ class _Profile:
             one = bank.effect.name, bank.joint, bank.key
             out.append(ShapeEstimate(*one, bank.now, after, std, at_end=bool(end)))
         return out
-
-
-def _confirmed(profile: _Profile, folds: Regression, weights: Array) -> list[ShapeEstimate]:
-    """The constants that together explain most, of those that folds that are left out confirm; the
-    others as they are."""
-    u, moves = profile.from_grid(), np.ones(len(profile.banks), bool)
-    while True:
-        u = profile.best(np.where(moves, u, profile.now), np.flatnonzero(moves))
-        found = profile.estimates(u)
-        gains, needed = _held_out(profile, found, folds, weights)
-        refused = moves & ~(gains > needed)
-        if not refused.any():
-            break
-        moves &= ~refused
-    return [replace(s, gain=gain) for s, gain in zip(found, gains.tolist(), strict=True)]
 
 
 def _held_out(

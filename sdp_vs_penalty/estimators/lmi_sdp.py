@@ -128,14 +128,11 @@ class LmiSdpTwoStep(Estimator):
     solver: str = "clarabel"
     accuracy: float = 1e-10
 
-    #: What beta' and beta* are subject to.
-    _physics: ClassVar[tuple[str, ...]] = ("pseudo-inertia", "sign")
-
     def fit(self, task: Task) -> Fit:
-        # Families that only bound the feasible set stay: without them it is open to infinity.
-        physics = task.constraints.with_families(
-            lambda family: family in (*self._physics, "range", "trace", "bounding ellipsoid", "mass")
-        )
+        # beta' and beta* are subject to physics. Families that only bound the feasible set stay: without
+        # them it is open to infinity.
+        kept = ("pseudo-inertia", "sign", "range", "trace", "bounding ellipsoid", "mass")
+        physics = task.constraints.with_families(kept.__contains__)
         nearest = solve_sdp(task, Objective(task.base_distance), physics, self.solver, self.accuracy)
         torque = Objective(task.data)
         best = solve_sdp(task, torque, physics, self.solver, self.accuracy)

@@ -10,7 +10,6 @@ import numpy as np
 
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.estimator import Array, Fit, Task
-from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import TIGHT, repair
@@ -106,7 +105,15 @@ class PosedSdp:
         data, central = objective.least_squares, None if near is None else near.central
         found = None if central is None else minimise(cones, data, [central], accuracy)
         if found is None:
-            starts = [_start(self.task, data, self.interior), self.interior]
+            # What only has a sign (friction, rotor inertia) starts where it makes a tenth of the torque:
+            # next to zero its multiplier would be the first to block a step.
+            start, norms = self.interior.copy(), np.linalg.norm(data.R, axis=0)
+            lower = np.array([q.lower for q in self.task.model.parameters])
+            signed = np.isfinite(lower) & (norms > 0.0)
+            signed[self.task.model.rigid_indices] = False
+            size = _STARTING_SHARE * np.sqrt(data.tau_squared) / np.where(signed, norms, 1.0)
+            start[signed] = (lower + np.minimum(size, 0.5 * self.task.bound))[signed]
+            starts = [start, self.interior]
             found = minimise(cones, data, starts, accuracy)
         if found is None:
             return None
@@ -115,18 +122,6 @@ class PosedSdp:
         theta = repair(self.constraints, found.theta, self.interior)
         details = {"solver": OWN, "solver_said": [found.said]}
         return Fit(theta, objective, self.constraints, *own, details, found.central)
-
-
-def _start(task: Task, data: LeastSquares, interior: Array) -> Array:
-    """The interior point, with what only has a sign (friction, rotor inertia) where it makes a tenth of
-    the torque: next to zero its multiplier would be the first to block a step."""
-    start, norms = interior.copy(), np.linalg.norm(data.R, axis=0)
-    lower = np.array([q.lower for q in task.model.parameters])
-    signed = np.isfinite(lower) & (norms > 0.0)
-    signed[task.model.rigid_indices] = False
-    size = _STARTING_SHARE * np.sqrt(data.tau_squared) / np.where(signed, norms, 1.0)
-    start[signed] = (lower + np.minimum(size, 0.5 * task.bound))[signed]
-    return start
 
 
 def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:

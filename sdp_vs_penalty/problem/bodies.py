@@ -96,9 +96,9 @@ def _stroke(joint: Joint) -> list[float]:
 
 def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:
     """(6, 3) the ends of the axes of the ellipsoid of uniform density with these parameters (10,)."""
-    pseudo = inertia.pseudo_inertia(link)
     if not link[0] > 0.0:
         return None
+    pseudo = inertia.pseudo_inertia(link)
     centre = pseudo[:3, 3] / link[0]
     size, axes = np.linalg.eigh(pseudo[:3, :3] / link[0] - np.outer(centre, centre))
     ends = np.sqrt(5.0 * np.maximum(size, 0.0)) * axes
@@ -138,7 +138,7 @@ def plausible_links(
             drawn = _lump(DEFAULT_DENSITY * volume, body.centre, second)
         else:
             drawn = _tube(robot, i, reach, actuators)
-        known = bool(0.0 < mass < np.inf)
+        known = 0.0 < mass < np.inf
         sources.append("inertial" if known else "geometry" if seen else "kinematics")
         out[i] = inertia.from_pseudo_inertia(drawn * (mass / drawn[3, 3] if known else 1.0))
     return out, tuple(sources)

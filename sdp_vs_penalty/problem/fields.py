@@ -180,36 +180,32 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
     Raises InputError for bounds that contradict themselves or the robot, KeyError, TypeError or
     ValueError for a field that is missing or of another kind.
     """
-    places = entries(robot.links)
-    box = open_box(robot.links, -np.inf)
+    places, box = entries(robot.links), open_box(robot.links, -np.inf)
     for name, pair in data["bounds"].items():
         if name not in places:
             what = f"bounds: {name!r} is no parameter of a link of this robot"
             raise InputError(what, "write the file anew")
         box[places[name]] = _ends(pair)
-    texts, base = _texts(data["effects"]), data["base_parameters"]
+    texts, base, drawn = _texts(data["effects"]), data["base_parameters"], data["nominal_from"]
     parse_effects(texts, robot)
     defaults = _finite("link_defaults", [[d["mass"], d["radius"]] for d in data["link_defaults"]])
     if not np.all(defaults > 0.0):
         what = "link_defaults: a mass or a radius is not above 0"
         raise InputError(what, "correct it, or write the file anew")
-    cones = tuple(map(CentreOfMassCone.from_dict, data["centre_of_mass_cones"]))
-    stated = _finite("nominal_links", data["nominal_links"]), _ends(data["total_mass"]), cones
-    name, title = _texts([data["name"], data["title"]])
     return Problem(
-        name,
-        title,
+        *_texts([data["name"], data["title"]]),
         robot,
         box,
-        *stated,
+        _finite("nominal_links", data["nominal_links"]),
+        _ends(data["total_mass"]),
+        tuple(map(CentreOfMassCone.from_dict, data["centre_of_mass_cones"])),
         data["torque_side"],
         Preprocessing(**data["preprocessing"]),
         None if base is None else _texts(base),
         effects=texts,
         defaults=defaults,
-        # Files of earlier versions have neither: bodies are then those of the bounds and kinematics.
-        bodies=tuple(map(Body.from_dict, data["bodies"])) if "bodies" in data else None,
-        nominal_from=_texts(data["nominal_from"]) if data.get("nominal_from") else None,
+        bodies=tuple(map(Body.from_dict, data["bodies"])),
+        nominal_from=None if drawn is None else _texts(drawn),
         gains=tuple(_finite("gains", data["gains"]).tolist()) if data.get("gains") else None,
     )
 

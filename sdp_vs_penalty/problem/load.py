@@ -119,14 +119,11 @@ def _fill_box(box: Array, path: Path) -> None:
     for number, row in enumerate(read_table(path), start=2):
         name = row.get("parameter")
         try:
-            place = places[name or ""]
-            lower, upper = float(row["lower"]), float(row["upper"])
+            place, lower, upper = places[name or ""], float(row["lower"]), float(row["upper"])
         except (ValueError, KeyError, TypeError):
-            raise InputError(
-                f"row {number}: {name!r} has no bounds, or is no parameter of a link of this robot",
-                "write m1, c1x or I1xx under parameter, and numbers under lower and upper",
-                path,
-            ) from None
+            what = f"row {number}: {name!r} has no bounds, or is no parameter of a link of this robot"
+            remedy = "write m1, c1x or I1xx under parameter, and numbers under lower and upper"
+            raise InputError(what, remedy, path) from None
         if not lower <= upper:
             what = f"row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}"
             raise InputError(what, "swap them", path)

@@ -111,24 +111,22 @@ class Problem(Shown):
 
     def __post_init__(self) -> None:
         n, (low, high) = self.robot.links, self.total_mass
-        shapes: Sequence[tuple[str, Any, tuple[int, ...]]] = (
-            ("bounds", self.box, (n, 10, 2)),
-            ("nominal links", self.nominal_links, (n, 10)),
-            ("default bounds", self.defaults, (n, 2)),
-            ("bodies", self.bodies, (n,)),
-            ("nominal_from", self.nominal_from, (n,)),
-            ("gains", self.gains, (n,)),
-        )
-        for name, value, shape in shapes:
-            if value is not None and np.shape(value) != shape:
+        for name, value, *more in (
+            ("bounds", self.box, 10, 2),
+            ("nominal links", self.nominal_links, 10),
+            ("default bounds", self.defaults, 2),
+            ("bodies", self.bodies),
+            ("nominal_from", self.nominal_from),
+            ("gains", self.gains),
+        ):
+            if value is not None and np.shape(value) != (n, *more):
                 what = f"the {name} are of another robot than {self.robot.name} ({n} links)"
                 raise InputError(what, "give one a link")
         if not np.all(self.box[..., 0] <= self.box[..., 1]):
             raise InputError("a bound has its lower end above its upper", "swap them")
         if not low <= high:
-            raise InputError(
-                f"total_mass has its lower bound {low:g} above its upper {high:g}", "swap them"
-            )
+            what = f"total_mass has its lower bound {low:g} above its upper {high:g}"
+            raise InputError(what, "swap them")
         for link in (cone.link for cone in self.cones if not 0 <= cone.link < n):
             what = f"centre_of_mass_cone names link {link + 1}, there are {n}"
             raise InputError(what, "correct the link")

@@ -127,17 +127,11 @@ def base_parameter_symbols(problem: Problem) -> dict[str, str]:
     rigid = [name for link in range(1, problem.robot.links + 1) for name in parameter_names(link)]
     out = {}
     for row, lead in zip(base, kept, strict=True):
-        others = [
-            (v, name) for k, (v, name) in enumerate(zip(row, rigid, strict=True)) if v and k != lead
-        ]
-        out[rigid[lead]] = _written([(1.0, rigid[lead]), *others])
-    return out
-
-
-def _written(terms: list[tuple[float, str]]) -> str:
-    out = ""
-    for value, name in terms:
-        size = "" if abs(abs(value) - 1.0) < 1e-9 else f"{abs(value):.4g} "
-        sign = " + " if value > 0.0 else " - "
-        out += f"{sign if out else sign.strip().replace('+', '')}{size}{name}"
+        terms = enumerate(zip(row, rigid, strict=True))
+        others = [(v, name) for k, (v, name) in terms if v and k != lead]
+        said = rigid[lead]
+        for value, name in others:
+            size = "" if abs(abs(value) - 1.0) < 1e-9 else f"{abs(value):.4g} "
+            said += f"{' + ' if value > 0.0 else ' - '}{size}{name}"
+        out[rigid[lead]] = said
     return out

@@ -8,6 +8,7 @@ engineering of Gaz, Flacco, De Luca (ICRA 2014, 2016) and of Gaz et al. 2019, se
 from __future__ import annotations
 
 import zipfile
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -70,8 +71,13 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
     Raises InputError where an array is missing, has another shape or holds no finite numbers, where the
     inertia matrices are not symmetric, and where such a file is one of several.
     """
-    paths = list(source) if isinstance(source, list | tuple) else [source]
-    found = [Path(x) for x in paths if isinstance(x, str | Path) and _is_black_box(Path(x))]
+    paths, found = list(source) if isinstance(source, list | tuple) else [source], list[Path]()
+    for path in (Path(x) for x in paths if isinstance(x, str | Path)):
+        # Of a damaged file whoever reads it as measurements says what is wrong.
+        with suppress(zipfile.BadZipFile, NotImplementedError, ValueError, OSError):
+            if path.suffix == ".npz" and path.is_file():
+                with zipfile.ZipFile(path) as archive:
+                    found += [path] * ("mass_matrix.npy" in archive.namelist())
     if not found:
         return None
     path = found[0]
@@ -102,17 +108,6 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
         what = f"array mass_matrix, configuration {worst + 1}: not symmetric"
         raise InputError(what, "give M(q) in full", path)
     return BlackBox(q, arrays["gravity"], matrices, (path.name,))
-
-
-def _is_black_box(path: Path) -> bool:
-    """Whether a file holds a black box's answers rather than a measured run."""
-    if path.suffix != ".npz" or not path.is_file():
-        return False
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return "mass_matrix.npy" in archive.namelist()
-    except (zipfile.BadZipFile, NotImplementedError, ValueError, OSError):
-        return False  # whoever reads it as measurements says what is wrong
 
 
 def compress_black_box(box: BlackBox, model: Model) -> Regression:

@@ -52,14 +52,12 @@ class Robot(Plain):
         if self.mechanism is not None and self.mechanism.matrix.shape[1] != self.n:
             what = f"robot {self.name} has {self.n} joints, its mechanism others"
             raise InputError(what, "give it the same joints")
-        open_branch: list[int] = []  # from the base to the last joint
+        branch = [-1]  # from the base to the last joint
         for i, joint in enumerate(self.tree):
-            while open_branch and open_branch[-1] != joint.parent:
-                open_branch.pop()
-            if not open_branch and joint.parent != -1:
+            if joint.parent not in branch:
                 what = f"joint {joint.name} comes before its parent, or splits a branch"
                 raise InputError(f"robot {self.name}: {what}", "order the joints depth first")
-            open_branch.append(i)
+            branch = [*branch[: branch.index(joint.parent) + 1], i]
 
     @property
     def n(self) -> int:
@@ -269,12 +267,10 @@ class Robot(Plain):
         if self._link_maps is not None:
             links = np.einsum("lab,lb->la", self._link_maps, links)
         for i, row in zip(self.link_joints, links, strict=True):
-            # FromDynamicParameters divides by the mass: a massless link keeps its inertia this way.
-            model.inertias[i + 1] = (
-                pin.Inertia.FromDynamicParameters(row)
-                if row[0] != 0.0
-                else pin.Inertia(0.0, np.zeros(3), inertia.inertia_matrix(row[4:]))
-            )
+            if row[0] != 0.0:  # by which this divides
+                model.inertias[i + 1] = pin.Inertia.FromDynamicParameters(row)
+            else:
+                model.inertias[i + 1] = pin.Inertia(0.0, np.zeros(3), inertia.inertia_matrix(row[4:]))
         return model
 
     def inverse_dynamics(self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:

@@ -20,7 +20,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -150,26 +149,20 @@ class PointTrajectory:
 def shortest_moves(points: Array, velocity: Array, acceleration: Array, jerk: Array) -> Array:
     """(W - 1,) the shortest moves between points (W, n) within limits (n,) [s]."""
     d = np.abs(np.diff(points, axis=0))
-    limits = (velocity, acceleration, jerk)
     # Extremes of the smooth step's derivatives, one to three.
-    each = [
-        (c * d / limit) ** (1.0 / k)
-        for k, (c, limit) in enumerate(zip((35.0 / 16.0, 7.5132, 52.5), limits, strict=True), start=1)
-    ]
+    extremes = (35.0 / 16.0, velocity), (7.5132, acceleration), (52.5, jerk)
+    each = [(c * d / limit) ** (1.0 / k) for k, (c, limit) in enumerate(extremes, start=1)]
     return np.maximum(np.max(each, axis=(0, 2)), 1e-2)
 
 
 def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory, rate: float = 50.0) -> str:
     """A ROS trajectory_msgs/JointTrajectory as text: JSON, which YAML readers read as well."""
     t = np.arange(int(np.floor(trajectory.duration * rate + 1e-9)) + 1) / rate
-    states = np.stack(trajectory.states(t), axis=1)
-    points = []
-    for s, rows in zip(t.tolist(), states, strict=True):
-        point: dict[str, Any] = {
-            name: [float(f"{x:.9g}") for x in row]
-            for name, row in zip(("positions", "velocities", "accelerations"), rows, strict=True)
-        }
-        point["time_from_start"] = {"sec": int(s), "nanosec": round(1e9 * (s - int(s)))}
+    fields, points = ("positions", "velocities", "accelerations"), []
+    for s, rows in zip(t.tolist(), np.stack(trajectory.states(t), axis=1), strict=True):
+        numbers = [[float(f"{x:.9g}") for x in row] for row in rows]
+        clock = {"sec": int(s), "nanosec": round(1e9 * (s - int(s)))}
+        point = dict(zip(fields, numbers, strict=True)) | {"time_from_start": clock}
         points.append(f"  {json.dumps(point)}")
     lines = ",\n".join(points)
     return f'{{"joint_names": {json.dumps(list(names))},\n "points": [\n{lines}\n ]}}\n'

@@ -1,14 +1,17 @@
-"""Exciting trajectories: limits, gradient, conditioning, and the file that a robot plays."""
+"""Motions to record: exciting ones, those that weigh a load, and those that tell two effects apart."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import special
 
 from sdp_vs_penalty import Estimate, InputError, Problem, identify, load_problem
 from sdp_vs_penalty.estimation import Limits
+from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.excitation import (
     PayloadRun,
     Regressor,
@@ -16,8 +19,15 @@ from sdp_vs_penalty.estimation.excitation import (
     payload_run,
     save_trajectory,
 )
-from sdp_vs_penalty.estimation.separation import independent_rate
+from sdp_vs_penalty.estimation.separation import (
+    Hypotheses,
+    default_excitation,
+    independent_rate,
+    separate,
+)
 from sdp_vs_penalty.robot import FourierTrajectory, Robot, random_trajectory
+from sdp_vs_penalty.robot.geometry import self_collision
+from sdp_vs_penalty.robot.trajectory import PointTrajectory, joint_trajectory, shortest_moves
 from sdp_vs_penalty.simulation import experiment
 
 
@@ -136,3 +146,117 @@ def test_its_deviations_are_those_of_loads_that_are_estimated(estimate, run):
 def test_a_joint_that_does_not_exist_is_refused(estimate):
     with pytest.raises(InputError, match="joints that move: 9"):
         payload_run(estimate, joints=[8])
+
+
+PAIR = "torque_ripple:2@k=2,joint_spring:2"
+
+
+@pytest.fixture(scope="module")
+def small() -> Estimate:
+    problem = load_problem("two_link")
+    return identify(problem, experiment(problem).training_run(), "ols")
+
+
+def test_states_are_derivatives_of_each_other_and_moves_keep_the_limits():
+    rng = np.random.default_rng(0)
+    points, limits = rng.uniform(-1.0, 1.0, (5, 3)), np.array([[1.0], [4.0], [40.0]]) * [1.0, 2.0, 0.5]
+    trajectory = PointTrajectory(points, shortest_moves(points, *limits), rng.uniform(0.1, 0.4, 5))
+    t = np.arange(0.0, trajectory.duration, 1e-3)
+    q, dq, ddq = trajectory.states(t)
+    np.testing.assert_allclose(np.gradient(q, t, axis=0)[1:-1], dq[1:-1], atol=2e-4)
+    np.testing.assert_allclose(np.gradient(dq, t, axis=0)[1:-1], ddq[1:-1], atol=2e-2)
+    extremes = [np.abs(x).max(axis=0) for x in (dq, ddq, np.gradient(ddq, t, axis=0))]
+    shares = np.array(extremes) / limits
+    assert 0.99 < shares.max() < 1.001
+
+
+def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small):
+    found = separate(small, PAIR, duration=10.0, level=0.5, iterations=30)
+    limits = Limits.of_robot(small.robot)
+    t = np.linspace(0.0, 10.0, 4001)
+    q, dq, ddq = found.trajectory.states(t)
+    assert np.all((q >= limits.lower) & (q <= limits.upper))
+    assert np.all(np.abs(dq) <= limits.velocity)
+    assert np.all(np.abs(ddq) <= limits.acceleration)
+    assert found.delta2 > 2.0 * found.default_delta2
+    assert found.seconds < found.default_seconds
+    content = json.loads(joint_trajectory(small.robot.joint_names, found.trajectory))
+    assert content["joint_names"] == list(small.robot.joint_names)
+    assert len(content["points"]) == 501
+    np.testing.assert_allclose(content["points"][-1]["positions"], q[-1], atol=1e-3)
+
+
+def test_the_stated_length_decides_rightly_as_often_as_stated(small):
+    """Least squares of both models on noise drawn anew, beside a calculation of the distance by QR."""
+    hypotheses = Hypotheses.of(small, PAIR, 0.5)
+    trajectory = separate(small, PAIR, duration=10.0, level=0.5, iterations=5).trajectory
+    motion = hypotheses.motion(trajectory.states, 10.0)
+    columns = zip(small.model.columns(motion), hypotheses.noise, strict=True)
+    X = np.vstack([c.wide(len(small.theta)) / noise for c, noise in columns])
+    A, B = (
+        hypotheses._white(e, motion).reshape(len(X), -1) * s
+        for e, s in zip(hypotheses.effects, hypotheses.scale, strict=True)
+    )
+
+    def basis(columns: np.ndarray) -> np.ndarray:
+        norms = np.linalg.norm(columns, axis=0)
+        columns = columns[:, norms > 0.0] / norms[norms > 0.0]
+        u, values, _ = np.linalg.svd(columns, full_matrices=False)
+        return u[:, values > 1e-6 * values[0]]
+
+    Q = {"A": basis(np.hstack([X, A])), "B": basis(np.hstack([X, B]))}
+    left = A - Q["B"] @ (Q["B"].T @ A)
+    value, direction = (x[..., 0] for x in np.linalg.eigh(left.T @ left))
+    rows = hypotheses.row_rate / 20.0
+    other = B - Q["A"] @ (Q["A"].T @ B)
+    expected = rows * min(float(value), float(np.sum(other**2)))
+    assert hypotheses.distance(motion) == pytest.approx(expected, rel=1e-3)
+    # At the length that is stated, over and above chance: the sum of squares decides.
+    seconds = hypotheses.needed(float(value) * rows, 10.0)
+    delta = np.sqrt(float(value) * rows * seconds / 10.0)
+    strength = delta / np.sqrt(float(value))
+    rng, price, right = np.random.default_rng(1), np.log(hypotheses.row_rate * seconds), 0
+    for _ in range(300):
+        y = strength * (A @ direction) + rng.normal(size=len(A))
+        squares = {k: float(y @ y - np.sum((q.T @ y) ** 2)) for k, q in Q.items()}
+        right += squares["A"] + price < squares["B"]
+    spread = 3.0 * np.sqrt(LEVEL * (1.0 - LEVEL) / 300)
+    assert abs(right / 300 - LEVEL) < spread + 0.02
+    assert special.ndtr(delta / 2.0) > LEVEL
+
+
+def test_one_effect_is_told_from_nothing_more_easily_than_from_its_rival(small):
+    motion = Hypotheses.of(small, PAIR, 0.5).motion(default_excitation(small, 10.0, 0), 10.0)
+    both, one = (Hypotheses.of(small, text, 0.5) for text in (PAIR, "joint_spring:2"))
+    assert one.distance(motion) > both.distance(motion)
+    # A size of half a noise deviation on every row, less what the model's columns make of it.
+    assert one.distance(motion) < 0.25 * one.row_rate * 10.0 * 1.5
+
+
+def test_what_cannot_be_separated_is_refused(small):
+    with pytest.raises(InputError, match="names 3 effects"):
+        separate(small, f"{PAIR},joint_spring:1")
+    with pytest.raises(InputError, match="has viscous_friction already"):
+        separate(small, "viscous_friction:1,joint_spring:1")
+
+
+_ARM = """<robot name="folding">{links}{joints}</robot>"""
+
+
+def test_an_arm_that_folds_back_onto_its_base_is_seen(tmp_path):
+    box = '<collision><origin xyz="0.25 0 0"/><geometry><box size="0.5 0.1 0.1"/></geometry></collision>'
+    links = "".join(f'<link name="l{k}">{box}</link>' for k in range(4))
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        '<origin xyz="0.6 0 0"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" velocity="1" effort="10"/></joint>'
+        for k in range(3)
+    )
+    path = tmp_path / "arm.urdf"
+    path.write_text(_ARM.format(links=links, joints=joints))
+    free = self_collision(path, 3)
+    assert free(np.zeros((1, 3)))
+    assert not free(np.array([[0.0, 0.0, 0.0], [0.0, 2.2, 2.2]]))
+    bare = tmp_path / "bare.urdf"
+    bare.write_text(_ARM.format(links="".join(f'<link name="l{k}"/>' for k in range(4)), joints=joints))
+    assert self_collision(bare, 3) is None

@@ -1,7 +1,6 @@
 """The convex estimators: against CVXPY with two solvers, known robots, and their own laws."""
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,6 @@ from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimation.pose import pose
 from sdp_vs_penalty.estimators import (
     LmiSdp,
-    LmiSdpEntropic,
     Task,
     interior_point,
     make_estimator,
@@ -130,30 +128,6 @@ def test_a_solver_without_the_cone_of_the_prior_is_named(toy_task):
 
 
 # --- laws -------------------------------------------------------------------------------------------
-
-
-def test_loss_rises_with_what_is_demanded(toy_task):
-    def loss(thickness: float) -> float:
-        return toy_task.data.loss(LmiSdpThickness(thickness=thickness).fit(toy_task).theta)
-
-    losses = [toy_task.data.loss(toy_task.ols), *(loss(r) for r in (0.0, 0.01, 0.02, 0.04, 0.06))]
-    tolerance = 1e-8 * losses[0]
-    assert all(a <= b + tolerance for a, b in pairwise(losses))
-    assert losses[1] > losses[0] * (1 + 1e-6), "no constraint binds: this test shows nothing"
-    assert losses[-1] > losses[1] * (1 + 1e-6)
-
-
-def test_an_entropic_pull_of_growing_weight_reaches_the_nominal_robot(toy_task):
-    nominal = toy_task.nominal[toy_task.links]
-
-    def distance(entropy: float) -> float:
-        fit = LmiSdpEntropic(entropy=entropy).fit(toy_task)
-        return fit.objective.entropy.value(fit.theta) / fit.objective.entropy.weight
-
-    distances = [distance(w) for w in (1e-2, 1.0, 1e2, 1e6)]
-    assert distances == sorted(distances, reverse=True)
-    assert distances[-1] < 0.5 * distances[1]
-    assert np.all(inertia.consistency_margin(nominal) > 0.0)
 
 
 def test_the_two_step_chain_is_what_it_says(toy_task):

@@ -77,29 +77,6 @@ def test_given_inertials_are_kept_where_they_are_consistent(seed):
     np.testing.assert_array_equal(plausible_links(robot, found)[0], found)
 
 
-PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"/>
-<joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint>
-</robot>"""
-
-
-def test_a_single_pendulum_is_not_shut_out_by_defaults(tmp_path):
-    """Its kinematics show no reach at all; 2.5 kg half a metre down the rod must remain admissible."""
-    path = tmp_path / "pendulum.urdf"
-    path.write_text(PENDULUM)
-    problem = load_problem(path)
-    truth = inertia.standard_from_barycentric([2.5, 0.0, 0.0, -0.5, 0.06, 0.0, 0.06, 0.0, 0.0, 0.01])
-    model = problem.model()
-    theta = np.concatenate([truth, [0.1, 0.2, 0.3]])
-    assert problem.constraints(model).margin(theta) >= 0.0
-    motion = sines(np.random.default_rng(0), 1, np.arange(0.0, 20.0, 2e-3), 0.2, 4)
-    run = Measurements(motion.t, motion.q, model.torque(theta, motion))
-    estimate = identify(problem, run)
-    known = {p.name: x for p, x in zip(model.parameters, estimate.theta, strict=True)}
-    assert known["mz1"] == pytest.approx(-1.25, rel=1e-5)
-    assert known["Iyy1"] == pytest.approx(truth[6], rel=1e-4)
-    assert [known[f"f_{k}1"] for k in "vco"] == pytest.approx([0.1, 0.2, 0.3], rel=1e-3)
-
-
 @pytest.mark.parametrize("name", ["panda", "two_link"])
 def test_nominal_robots_of_built_in_problems_come_from_their_bounds(name, request):
     """Never from the published estimates: those are what the tables compare with."""
