@@ -8,14 +8,16 @@ For W(x), the stacked base regressor of a trajectory with coefficients x = (a, b
 
 subject to limits of position, velocity and acceleration at every instant (Swevers et al., T-RA 1997;
 Gautier, Khalil, IJRR 1992): linear inequalities in x, which every step of the sequential linear
-programming keeps. Collisions are not looked at: choose position limits within which the robot is free.
-:func:`payload_run` weighs a load: a short motion of the wrist, d-optimal for its ten parameters.
+programming (in a trust region, x in units of the limits) keeps. Collisions are not looked at: choose
+position limits within which the robot is free. :func:`payload_run` weighs a load: a short motion of the
+wrist, d-optimal for its ten parameters.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -197,15 +199,80 @@ def optimised(
     moving : the joints (from 0) whose motion is free, default all; the others move as in the start.
     """
     joints = range(start.a.shape[0]) if moving is None else moving
-    search = _Search(regressor, limits, shrunk(start, limits), objective, joints)
-    history = [regressor.condition(search.trajectory(search.x))]
-    for k in range(iterations):
-        if not search.step():
-            break
-        history.append(regressor.condition(search.trajectory(search.x)))
-        progress(f"excitation: iteration {k + 1}, condition number {history[-1]:.2f}")
-    best = shrunk(search.trajectory(search.x), limits)
+    start = shrunk(start, limits)
+    # Instants at which the regressor is sampled, and twice as many at which limits are kept.
+    t = np.linspace(0.0, start.duration, 160)
+    kept = np.union1d(np.linspace(0.0, start.duration, 2 * len(t) - 1), _blend_instants(start))
+    maps, wide = _state_maps(start, t), _state_maps(start, kept)
+    units = np.column_stack([limits.half, limits.velocity, limits.acceleration])
+    # (n, K, 2 L + 1) states over their limits, and the middle of the range.
+    rows = np.concatenate(wide) / np.repeat(units, len(kept), axis=1)[:, :, None]
+    offset = np.outer(-limits.middle / limits.half, np.arange(3 * len(kept)) < len(kept))
+    x = np.column_stack([start.a, start.b, start.q_0])
+    # A joint's amplitudes of velocity are of the size of its limit, its centre of the range.
+    unit = np.column_stack([*[limits.velocity] * (x.shape[1] - 1), limits.half])
+
+    def trajectory(x: Array) -> FourierTrajectory:
+        a, b = np.split(x[:, :-1], 2, axis=1)
+        return replace(start, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
+
+    def at(x: Array) -> tuple[Array, float, Array]:
+        """States, the objective and its gradient with respect to W, in the shape of the regressor."""
+        states = np.stack([linear @ x.T for linear in maps])
+        whole = regressor.at(t, *states)
+        value, outer = _objective(whole.reshape(-1, whole.shape[2]), objective)
+        return states, value, outer.reshape(whole.shape)
+
+    def evaluated(x: Array) -> tuple[float, Array]:
+        """The objective and its gradient with respect to x."""
+        states, value, outer = at(x)
+        slope = np.zeros_like(x)
+        for (which, linear), j in product(enumerate(maps), joints):
+            step = np.zeros_like(states)
+            step[which, :, j] = _DIFFERENCE
+            above, below = (regressor.at(t, *(states + s * step)) for s in (1.0, -1.0))
+            rate = np.einsum("kjc,kjc->k", outer, above - below) / (2.0 * _DIFFERENCE)
+            slope[j] += rate @ linear
+        return value, slope
+
+    def best_of_linear_model(x: Array, slope: Array, radius: float) -> Array:
+        """Within the trust region; limits do not couple joints."""
+        out = x.copy()
+        for j in joints:
+            scaled, now = rows[j] * unit[j], x[j] / unit[j]
+            # A share is kept for what happens between the instants; what the start uses, it may.
+            room = np.maximum(0.998, np.abs(rows[j] @ x[j] + offset[j]))
+            both = np.vstack([scaled, -scaled]), np.concatenate([room - offset[j], room + offset[j]])
+            near = np.column_stack([now - radius, now + radius])
+            found = optimize.linprog(slope[j] * unit[j], *both, bounds=near, method="highs-ds")
+            if found.status == 0:
+                out[j] = found.x * unit[j]
+        return out
+
+    history, radius, (value, slope) = [regressor.condition(trajectory(x))], 0.2, evaluated(x)
+    # A trust region smaller than this share of the limits ends the search.
+    while len(history) <= iterations and radius > 1e-4:
+        candidate = best_of_linear_model(x, slope, radius)
+        predicted, new = float(np.sum(slope * (candidate - x))), at(candidate)[1]
+        if not new < value + 0.05 * predicted < value:
+            radius *= 0.4
+            continue
+        radius *= 2.0 if new < value + 0.5 * predicted else 1.0
+        x, (value, slope) = candidate, evaluated(candidate)
+        history.append(regressor.condition(trajectory(x)))
+        progress(f"excitation: iteration {len(history) - 1}, condition number {history[-1]:.2f}")
+    best = shrunk(trajectory(x), limits)
     return Excitation(best, regressor.condition(best), tuple(history))
+
+
+def _objective(w: Array, objective: str) -> tuple[float, Array]:
+    """The objective and its gradient (rows, p) with respect to W."""
+    gram = w.T @ w
+    inverse, p = np.linalg.pinv(gram, hermitian=True), len(gram)
+    if objective == "d-optimal":
+        return -float(np.linalg.slogdet(gram)[1]) / p, -2.0 / p * (w @ inverse)
+    outer, inner = float(np.trace(gram)), float(np.trace(inverse))
+    return 0.5 * float(np.log(outer * inner)), w / outer - w @ (inverse @ inverse) / inner
 
 
 def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
@@ -226,94 +293,6 @@ def save_trajectory(trajectory: FourierTrajectory | PointTrajectory, path: str |
     rows = np.column_stack([t, *trajectory.states(t)])
     lines = [",".join(header), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
     write_text(path, "\n".join(lines) + "\n")
-
-
-class _Search:
-    """Sequential linear programming with a trust region; x (n, 2 L + 1) in units of the limits."""
-
-    def __init__(
-        self,
-        regressor: Regressor,
-        limits: Limits,
-        start: FourierTrajectory,
-        objective: str,
-        moving: Sequence[int],
-    ) -> None:
-        self.regressor, self.start, self.objective, self.moving = regressor, start, objective, moving
-        # Instants at which the regressor is sampled, and twice as many at which limits are kept.
-        self.t = np.linspace(0.0, start.duration, 160)
-        self.maps = _state_maps(start, self.t)
-        grid = np.linspace(0.0, start.duration, 2 * len(self.t) - 1)
-        maps = _state_maps(start, np.union1d(grid, _blend_instants(start)))
-        units = np.column_stack([limits.half, limits.velocity, limits.acceleration])
-        # (n, K, 2 L + 1) states over their limits, and the middle of the range.
-        self.rows = np.concatenate(maps) / np.repeat(units, len(maps[0]), axis=1)[:, :, None]
-        self.offset = np.outer(-limits.middle / limits.half, np.arange(3 * len(maps[0])) < len(maps[0]))
-        self.x = np.column_stack([start.a, start.b, start.q_0])
-        # A joint's amplitudes of velocity are of the size of its limit, its centre of the range.
-        self.unit = np.column_stack([*[limits.velocity] * (self.x.shape[1] - 1), limits.half])
-        self.radius = 0.2
-        self.value, self.slope = self._evaluate(self.x)
-
-    def trajectory(self, x: Array) -> FourierTrajectory:
-        a, b = np.split(x[:, :-1], 2, axis=1)
-        return replace(self.start, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
-
-    def step(self) -> bool:
-        """One accepted step; False where the trust region has become too small."""
-        # A trust region smaller than this share of the limits ends the search.
-        while self.radius > 1e-4:
-            candidate = self.x.copy()
-            for j in self.moving:  # the linear model's best point; limits do not couple joints
-                scaled, offset = self.rows[j] * self.unit[j], self.offset[j]
-                now = self.x[j] / self.unit[j]
-                # A share is kept for what happens between the instants; what the start uses, it may.
-                room = np.maximum(0.998, np.abs(self.rows[j] @ self.x[j] + offset))
-                both = np.vstack([scaled, -scaled]), np.concatenate([room - offset, room + offset])
-                near = np.column_stack([now - self.radius, now + self.radius])
-                slope = self.slope[j] * self.unit[j]
-                found = optimize.linprog(slope, *both, bounds=near, method="highs-ds")
-                if found.status == 0:
-                    candidate[j] = found.x * self.unit[j]
-            predicted = float(np.sum(self.slope * (candidate - self.x)))
-            value = self._at(candidate)[1]
-            if value < self.value + 0.05 * predicted < self.value:
-                self.radius *= 2.0 if value < self.value + 0.5 * predicted else 1.0
-                self.x = candidate
-                self.value, self.slope = self._evaluate(candidate)
-                return True
-            self.radius *= 0.4
-        return False
-
-    def _at(self, x: Array) -> tuple[Array, float, Array]:
-        """States, the objective and its gradient with respect to W, in the shape of the regressor."""
-        states = np.stack([linear @ x.T for linear in self.maps])
-        rows = self.regressor.at(self.t, *states)
-        w = rows.reshape(-1, rows.shape[2])
-        gram = w.T @ w
-        inverse, p = np.linalg.pinv(gram, hermitian=True), len(gram)
-        if self.objective == "d-optimal":
-            value, outer = -float(np.linalg.slogdet(gram)[1]) / p, -2.0 / p * (w @ inverse)
-        else:
-            whole, inner = float(np.trace(gram)), float(np.trace(inverse))
-            value, outer = (
-                0.5 * float(np.log(whole * inner)),
-                w / whole - w @ (inverse @ inverse) / inner,
-            )
-        return states, value, outer.reshape(rows.shape)
-
-    def _evaluate(self, x: Array) -> tuple[float, Array]:
-        """The objective and its gradient with respect to x."""
-        states, value, outer = self._at(x)
-        slope = np.zeros_like(x)
-        for which, linear in enumerate(self.maps):
-            for j in self.moving:
-                step = np.zeros((3, *states[0].shape))
-                step[which, :, j] = _DIFFERENCE
-                above, below = (self.regressor.at(self.t, *(states + s * step)) for s in (1.0, -1.0))
-                rate = np.einsum("kjc,kjc->k", outer, above - below) / (2.0 * _DIFFERENCE)
-                slope[j] += rate @ linear
-        return value, slope
 
 
 def _state_maps(like: FourierTrajectory, t: Array) -> tuple[Array, Array, Array]:

@@ -12,7 +12,7 @@ about the last T), are compressed together: each law at each delay is a small pr
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,9 +36,9 @@ from sdp_vs_penalty.estimation.constants import (
 from sdp_vs_penalty.estimation.drive_torque import with_simulated_motion
 from sdp_vs_penalty.estimation.known_load import balanced, with_scale
 from sdp_vs_penalty.estimation.shape_constants import prior_deviation, with_sensitivities
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, with_shapes
+from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Progress, make_task
+from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.partial import deviations, smallest, visible
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
@@ -237,7 +237,6 @@ def servo_log(
         raise InputError(
             "this log holds neither torque nor commands", "log tau1..taun or qcmd1..qcmdn", data.names[0]
         )
-    log = _Log(problem, data, settings, weighting)
     drives = [e for e in effects if e.forward == "drive"]
     load = tuple(e for e in effects if e.forward != "drive")
     if not drives:  # kd and viscous friction have one column: kd is their sum
@@ -253,17 +252,47 @@ def servo_log(
     progress("choosing the servo law")
     law, delay, errors = find_law(load, data, settings, names, given)
     own_drives = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
-    late = given is None and delay > 0.0
+
+    def balanced_at(delay: float) -> Model:
+        """The model whose commands act late by ``delay`` [s], up to a factor, in which links weigh as
+        stated: its reference is what it fits best, its strongest position gain is given."""
+        late = [e.with_shape(T=float(f"{delay:.6g}")) for e in own_drives]
+        began = {"servo_integral", "torque_offset"} & {e.name for e in (*load, *late)}
+        offset = [effect_types()["torque_offset"](problem.robot)] * (began == {"servo_integral"})
+        model = Model(problem.robot, (*load, *offset, *late), gains=problem.gains)
+        theta = balanced(problem, model, compress(data, model, settings))
+        strongest = max(model.error_gains, key=lambda k: float(theta[k]))
+        gain = {model.parameters[strongest].name: float(theta[strongest])}
+        return replace(model, known=gain, reference=theta)
+
+    def task_of(model: Model) -> Task:
+        return make_task(problem, model, compress(rows, model, settings), weighting)
+
     progress("balancing the gains")
-    shapes = log.shapes(log.balanced((*load, *own_drives), delay))
+    model, least, rows, used, motion = balanced_at(delay), np.inf, data, data, np.zeros(0)
+    assert model.reference is not None
+    # Where all position gains are given, errors stand for a torque, of which shape constants are.
+    errors_of = zip(model.error_gains, model.reference[list(model.error_gains)].tolist(), strict=True)
+    stated = replace(model, known={model.parameters[k].name: x for k, x in errors_of})
+    shapes = estimate_shapes(stated, data, settings, weighting, widest=TURNS[-1])
     load = tuple(with_shapes(load, shapes))
-    model, least = log.balanced((*load, *own_drives), delay), np.inf
-    rows, used, motion = data, data, np.zeros(0)
+    model = balanced_at(delay)
     for k in range(SIMULATIONS if instruments else 1):
-        better = log.later(model, rows) if late else model
+        better = model
+        if (
+            given is None and delay > 0.0
+        ):  # a step of Gauss and Newton, in which joints share their links
+            assert model.reference is not None
+            wide = with_sensitivities(model, model.reference, lambda e: bool(e.position_gains))
+            (drive,) = (e for e in model.effects if e.position_gains)
+            step = float(task_of(wide).ols[-1]) * prior_deviation(drive, "T")
+            better = balanced_at(float(np.clip(drive.shape["T"] + step, 0.0, LATEST)))
         if instruments:
             progress(f"simulating the command, pass {k + 1}")
-            simulated, apart = log.simulated(better, rows)
+            theta = better.with_known(make_estimator(DEFAULT_METHOD).fit(task_of(better)).theta)
+            with np.errstate(over="ignore", invalid="ignore"):  # a wrong model may fly away
+                simulated = with_simulated_motion(data, better, theta)
+                apart = np.sqrt(np.mean((simulated.commanded["qsim"] - data.q) ** 2, axis=0))
             error = float(np.mean(np.log(or_least(apart))))
             before, least = least, min(error, least)
             if not error < before + np.log(FEWER_GAINS):
@@ -329,52 +358,3 @@ def loop_beside_torque(
         },
         "share": (1.0 - losses / or_least(rows.joint_losses(alone))).tolist(),
     }
-
-
-@dataclass(frozen=True)
-class _Log:
-    """Measurements without torque, whose models have the scale in which links weigh as stated."""
-
-    problem: Problem
-    data: Measurements
-    settings: Preprocessing
-    weighting: str
-
-    def balanced(self, effects: Sequence[Effect], delay: float) -> Model:
-        """The model of a load and drives whose commands act late by ``delay`` [s]: its reference is what
-        it fits best, its strongest position gain is given."""
-        load = tuple(e for e in effects if e.forward != "drive")
-        late = [e.with_shape(T=float(f"{delay:.6g}")) for e in effects if e.forward == "drive"]
-        if {"servo_integral", "torque_offset"} & {e.name for e in (*load, *late)} == {"servo_integral"}:
-            load = (*load, effect_types()["torque_offset"](self.problem.robot))  # where that began
-        model = Model(self.problem.robot, (*load, *late), gains=self.problem.gains)
-        theta = balanced(self.problem, model, compress(self.data, model, self.settings))
-        strongest = max(model.error_gains, key=lambda k: float(theta[k]))
-        name = model.parameters[strongest].name
-        return replace(model, known={name: float(theta[strongest])}, reference=theta)
-
-    def shapes(self, model: Model) -> list[ShapeEstimate]:
-        """The open shape constants, where all position gains are given: errors stand for a torque."""
-        assert model.reference is not None
-        gains = {model.parameters[k].name: float(model.reference[k]) for k in model.error_gains}
-        free = replace(model, known=gains)
-        return estimate_shapes(free, self.data, self.settings, self.weighting, widest=TURNS[-1])
-
-    def later(self, model: Model, rows: Measurements) -> Model:
-        """The model with a better delay of its command, by a Gauss-Newton step in which joints share
-        their links."""
-        assert model.reference is not None
-        (drive,) = (e for e in model.effects if e.position_gains)
-        wide = with_sensitivities(model, model.reference, lambda e: bool(e.position_gains))
-        task = make_task(self.problem, wide, compress(rows, wide, self.settings), self.weighting)
-        late = drive.shape["T"] + float(task.ols[-1]) * prior_deviation(drive, "T")
-        return self.balanced(model.effects, float(np.clip(late, 0.0, LATEST)))
-
-    def simulated(self, model: Model, rows: Measurements) -> tuple[Measurements, Array]:
-        """The motion that the model, fitted to the rows, makes of the command, and (n,) how far that is
-        from the measured one in root mean square [rad, m]."""
-        task = make_task(self.problem, model, compress(rows, model, self.settings), self.weighting)
-        theta = model.with_known(make_estimator(DEFAULT_METHOD).fit(task).theta)
-        with np.errstate(over="ignore", invalid="ignore"):  # a wrong model may fly away
-            made = with_simulated_motion(self.data, model, theta)
-            return made, np.sqrt(np.mean((made.commanded["qsim"] - made.q) ** 2, axis=0))

@@ -192,8 +192,10 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
     if not np.all(defaults > 0.0):
         what = "link_defaults: a mass or a radius is not above 0"
         raise InputError(what, "correct it, or write the file anew")
+    name, title = _texts([data["name"], data["title"]])
     return Problem(
-        *_texts([data["name"], data["title"]]),
+        name,
+        title,
         robot,
         box,
         _finite("nominal_links", data["nominal_links"]),

@@ -111,14 +111,15 @@ class Problem(Shown):
 
     def __post_init__(self) -> None:
         n, (low, high) = self.robot.links, self.total_mass
-        for name, value, *more in (
-            ("bounds", self.box, 10, 2),
-            ("nominal links", self.nominal_links, 10),
-            ("default bounds", self.defaults, 2),
-            ("bodies", self.bodies),
-            ("nominal_from", self.nominal_from),
-            ("gains", self.gains),
-        ):
+        shapes: dict[str, tuple[Any, ...]] = {
+            "bounds": (self.box, 10, 2),
+            "nominal links": (self.nominal_links, 10),
+            "default bounds": (self.defaults, 2),
+            "bodies": (self.bodies,),
+            "nominal_from": (self.nominal_from,),
+            "gains": (self.gains,),
+        }
+        for name, (value, *more) in shapes.items():
             if value is not None and np.shape(value) != (n, *more):
                 what = f"the {name} are of another robot than {self.robot.name} ({n} links)"
                 raise InputError(what, "give one a link")
