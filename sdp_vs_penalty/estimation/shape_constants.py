@@ -95,10 +95,9 @@ class ShapeSensitivity(Effect):
     @cached_property
     def _varied(self) -> list[tuple[Effect, Effect, float]]:
         """For each constant the effect a step above and below, and the unit over their distance."""
-        e = self.effect
-        units = [0.5 * prior_deviation(e, k) / _STEP for k in self.keys]
-        pairs = [(moved(e, k, _STEP), moved(e, k, -_STEP)) for k in self.keys]
-        return [(*pair, unit) for pair, unit in zip(pairs, units, strict=True)]
+        e, step = self.effect, _STEP
+        ends = [(moved(e, k, step), moved(e, k, -step)) for k in self.keys]
+        return [(*x, 0.5 * prior_deviation(e, k) / step) for x, k in zip(ends, self.keys, strict=True)]
 
 
 def moved(effect: Effect, key: str, step: float) -> Effect:
@@ -177,65 +176,56 @@ def settled(
         for key in free_constants(effect)
         if (effect.name, effect.joints[0], key) in keys and effect.shapes[key].bounds is None
     }
+
+    def names(effect: Effect) -> list[Key]:
+        """Of an effect with a wanted constant all."""
+        own = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
+        return [] if keys.isdisjoint(own) else own
+
+    def descended(model: Model) -> Settled:
+        """From one choice of the constants on a grid."""
+        effects, latest, variances = model.effects, theta, dict[bytes, float]()
+        every = [(k, name) for k, e in enumerate(effects) for name in names(e)]
+        mine = np.array([x in keys and effects[k].shapes[x[2]].bounds is not None for k, x in every])
+        own = [x for (_, x), moves in zip(every, mine, strict=True) if moves]
+        free = [(k, x[2]) for (k, x), moves in zip(every, mine, strict=True) if moves]
+        unit = np.array([prior_deviation(effects[k], key) for k, key in free])
+
+        def at(steps: Array) -> Model:
+            out = list(effects)
+            for (k, key), step in zip(free, steps.tolist(), strict=True):
+                out[k] = moved(out[k], key, step)
+            return replace(model, effects=tuple(out))
+
+        def left(steps: Array) -> tuple[Array, Array]:
+            nonlocal latest
+            wide = compressed(with_sensitivities(at(steps), latest, lambda e: bool(names(e))))
+            data, latest = solved(wide.keeping(np.append(np.ones(p, bool), mine)))
+            variances[steps.tobytes()] = white_variance(data, wide.oversampling)
+            columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
+            rest = np.append(data.rho - data.R[:, :p] @ latest, data.residual_norm)
+            return rest, np.vstack([columns, np.zeros((1, len(free)))])
+
+        start = np.zeros(len(free))
+        if not free:
+            return Settled(model, {}, float(np.sum(left(start)[0] ** 2)))
+        low, high = np.transpose([_room(effects[k], key) for k, key in free])
+        best, rest, slopes = least_squares(left, start, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
+        spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
+        std = np.sqrt(variances[best.tobytes()] * spread)
+        # With as many digits of its constants as a written effect has.
+        digits = [{key: float(f"{x:.6g}") for key, x in e.shape.items()} for e in at(best).effects]
+        both = zip(effects, digits, strict=True)
+        found = replace(model, effects=tuple(e.with_shape(**own) for e, own in both))
+        return Settled(found, dict(zip(own, std.tolist(), strict=True)), float(rest @ rest))
+
     found = []
     for values in product(*grids.values()):  # every choice of the constants on a grid
         effects = list(model.effects)
         for (k, key), value in zip(grids, values, strict=True):
             effects[k] = effects[k].with_shape(**{key: value})
-        form = replace(model, effects=tuple(effects))
-        found.append(_descended(form, theta, keys, compressed, solved))
+        found.append(descended(replace(model, effects=tuple(effects))))
     return min(found, key=lambda s: s.error)
-
-
-def _descended(
-    model: Model,
-    theta: Array,
-    wanted: frozenset[Key],
-    compressed: Callable[[Model], Regression],
-    solved: Callable[[Regression], tuple[LeastSquares, Array]],
-) -> Settled:
-    """From one choice of the constants on a grid; theta (p,) : the parameters there."""
-
-    def names(effect: Effect) -> list[Key]:
-        """Of an effect with a wanted constant all."""
-        own = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
-        return [] if wanted.isdisjoint(own) else own
-
-    p, effects = len(theta), model.effects
-    every = [(k, name) for k, e in enumerate(effects) for name in names(e)]
-    mine = np.array([x in wanted and effects[k].shapes[x[2]].bounds is not None for k, x in every])
-    own = [x for (_, x), moves in zip(every, mine, strict=True) if moves]
-    free = [(k, x[2]) for (k, x), moves in zip(every, mine, strict=True) if moves]
-    unit = np.array([prior_deviation(effects[k], key) for k, key in free])
-    latest, variances = theta, dict[bytes, float]()
-
-    def at(steps: Array) -> Model:
-        out = list(effects)
-        for (k, key), step in zip(free, steps.tolist(), strict=True):
-            out[k] = moved(out[k], key, step)
-        return replace(model, effects=tuple(out))
-
-    def left(steps: Array) -> tuple[Array, Array]:
-        nonlocal latest
-        wide = compressed(with_sensitivities(at(steps), latest, lambda e: bool(names(e))))
-        data, latest = solved(wide.keeping(np.append(np.ones(p, bool), mine)))
-        variances[steps.tobytes()] = white_variance(data, wide.oversampling)
-        columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
-        rest = np.append(data.rho - data.R[:, :p] @ latest, data.residual_norm)
-        return rest, np.vstack([columns, np.zeros((1, len(free)))])
-
-    start = np.zeros(len(free))
-    if not free:
-        return Settled(model, {}, float(np.sum(left(start)[0] ** 2)))
-    low, high = np.transpose([_room(effects[k], key) for k, key in free])
-    best, rest, slopes = least_squares(left, start, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
-    spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
-    std = np.sqrt(variances[best.tobytes()] * spread)
-    # With as many digits of its constants as a written effect has.
-    digits = [{key: float(f"{x:.6g}") for key, x in e.shape.items()} for e in at(best).effects]
-    both = zip(effects, digits, strict=True)
-    found = replace(model, effects=tuple(e.with_shape(**own) for e, own in both))
-    return Settled(found, dict(zip(own, std.tolist(), strict=True)), float(rest @ rest))
 
 
 def _room(effect: Effect, key: str) -> tuple[float, float]:

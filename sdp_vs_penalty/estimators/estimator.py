@@ -178,7 +178,9 @@ def make_task(
     nominal = model.with_known(nominal)
     data = with_plausible(regression.least_squares(), model, regression.oversampling)
     known = problem.constraints(model), bound, nominal, problem.box, problem.independent
-    plain = Task(model, data, *known, seed, progress, bodies=problem.body_constraints(model))
+    pairs = enumerate(zip(links, problem.link_bodies, strict=False), start=1)
+    bodies = tuple(build.density_in_ellipsoid("body", f"link {k}", i, b.quadric) for k, (i, b) in pairs)
+    plain = Task(model, data, *known, seed, progress, bodies=bodies)
     scale, weights = joint_scale(regression, model, plain.ols), np.ones(regression.joints)
     plain = replace(plain, joint_scale=scale, weights=weights)
     if weighting not in ("noise", "none"):

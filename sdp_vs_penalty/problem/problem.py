@@ -169,14 +169,6 @@ class Problem(Shown):
         sources = self.nominal_from or ("inertial",) * self.robot.links
         return np.array([source in ("geometry", "kinematics") for source in sources])
 
-    def body_constraints(self, model: Model) -> tuple[Constraint, ...]:
-        """One a link of a model: its mass lies inside of its body."""
-        links = model.rigid_indices.reshape(-1, 10)
-        return tuple(
-            build.density_in_ellipsoid("body", f"link {k + 1}", indices, body.quadric)
-            for k, (indices, body) in enumerate(zip(links, self.link_bodies, strict=False))
-        )
-
     @property
     def default_effects(self) -> tuple[str, ...]:
         """Those that the problem names, else the usual four and the rotors' inertia, unless the torque
