@@ -20,7 +20,7 @@ from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.pose import Posed
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit
 from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
@@ -117,7 +117,15 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, 
     begin = error
     for k in range(12):
         task.progress(f"output error, step {k + 1}: {1e3 * _rms(error * size):.4g} thousandths")
-        linearised = replace(task, data=_linearised(task, theta, directions, windows, size))
+        # The simulation's errors as least squares in theta, in units of the torque's variance.
+        found = _errors(Plant(model, np.vstack([theta, theta + _SLOPE * directions.T])), windows, size)
+        slopes = (found[1:] - found[0]).T / _SLOPE
+        rows = slopes @ np.linalg.pinv(
+            directions
+        )  # d theta = directions x has x = pinv(directions) d theta
+        scale = np.sqrt(task.data.loss(task.ols) / task.data.rows / np.mean(found[0] ** 2))
+        both = scale * np.column_stack([rows, rows @ theta - found[0]])
+        linearised = replace(task, data=LeastSquares.stacked([both], len(both)))
         fit = estimator.fit(linearised)
         tried = np.array([theta + share * (fit.theta - theta) for share in (1.0, 0.5, 0.25, 0.1)])
         errors = _errors(Plant(model, tried), windows, size)
@@ -161,20 +169,6 @@ def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:
             out.append(np.where([k < len(w.q) for w in windows], 1.0, 0.0)[:, None] * (q - real) / size)
     errors = np.swapaxes(np.array(out), 0, 1).reshape(count, -1)
     return np.clip(np.nan_to_num(errors, nan=1e3), -1e3, 1e3)
-
-
-def _linearised(
-    task: Task, theta: Array, directions: Array, windows: Sequence[_Window], size: Array
-) -> LeastSquares:
-    """The simulation's errors as least squares in theta, in units of the torque's variance."""
-    step = _SLOPE * directions.T
-    found = _errors(Plant(task.model, np.vstack([theta, theta + step])), windows, size)
-    error, slopes = found[0], (found[1:] - found[0]).T / _SLOPE
-    # d theta = directions x has x = pinv(directions) d theta.
-    rows = slopes @ np.linalg.pinv(directions)
-    scale = np.sqrt(task.data.loss(task.ols) / task.data.rows / np.mean(error**2))
-    both = np.column_stack([rows, rows @ theta - error])
-    return LeastSquares.stacked([scale * both], len(both))
 
 
 def _rms(error: Array) -> float:

@@ -94,33 +94,39 @@ def instrumented(
         k = len(indices) // 2 if np.any(indices >= p) else len(indices)
         parts.append((joint, indices[-k:], rows[:, : k + 1], rows[:, -k - 1 :]))
     own, theta = _estimate(model, parts)
+    pairs = zip(parts, own, strict=True)
     return [
-        (at, np.column_stack([Z, X[:, -1] + (Z - X[:, :-1]) @ theta[at]]))
-        for (_, at, _, X), Z in zip(parts, own, strict=True)
+        (at, np.column_stack([Z, X[:, -1] + (Z - X[:, :-1]) @ theta[at]])) for (_, at, _, X), Z in pairs
     ]
-
-
-def _instruments(f: Instrumented, model: Model, theta: Array | None) -> Array:
-    """(r, k) Z, with the errors that the model of theta makes in place of the servo's."""
-    joint, indices, both, _ = f
-    Z, at = both[:, :-1], model.error_gains[joint]
-    own = np.flatnonzero(indices == at)
-    if theta is None or not len(own) or not np.any(Z[:, own[0]]) or theta[at] <= 0.0:
-        return Z
-    rest, Z = theta[indices], Z.copy()
-    rest[own[0]] = 0.0
-    Z[:, own[0]] = (both[:, -1] - Z @ rest) / theta[at]
-    return Z
 
 
 def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array], Array]:
     """The instruments of each part, and theta^ (p,), joints weighted by their residuals."""
     theta, p = model.reference if model.drives.any() else None, len(model.parameters)
-    n = model.robot.n
-    left = np.ones(n) if theta is None else _residuals(parts, n, theta)
+
+    def residuals(theta: Array) -> Array:
+        """(n,) squares of what theta leaves of each joint's torque."""
+        out = np.zeros(model.robot.n)
+        for joint, indices, _, X in parts:
+            out[joint] += np.sum((X[:, :-1] @ theta[indices] - X[:, -1]) ** 2)
+        return out
+
+    def instruments(f: Instrumented) -> Array:
+        """(r, k) Z, with the errors that the model of theta makes in place of the servo's."""
+        joint, indices, both, _ = f
+        Z, at = both[:, :-1], model.error_gains[joint]
+        own = np.flatnonzero(indices == at)
+        if theta is None or not len(own) or not np.any(Z[:, own[0]]) or theta[at] <= 0.0:
+            return Z
+        rest, Z = theta[indices], Z.copy()
+        rest[own[0]] = 0.0
+        Z[:, own[0]] = (both[:, -1] - Z @ rest) / theta[at]
+        return Z
+
+    left = np.ones(model.robot.n) if theta is None else residuals(theta)
     known = np.array([q.name in model.known for q in model.parameters])
     for _ in range(_PASSES):
-        Z = [_instruments(f, model, theta) for f in parts]
+        Z = [instruments(f) for f in parts]
         weights = 1.0 / np.maximum(left, 1e-12 * (float(left.max()) or 1.0))
         zz, zx, right = np.zeros((p, p)), np.zeros((p, p)), np.zeros(p)
         for (joint, indices, _, X), own in zip(parts, Z, strict=True):
@@ -137,13 +143,5 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
         middle = V.T @ zx[np.ix_(seen, seen)] @ V
         found[seen] = V @ np.linalg.lstsq(middle, V.T @ right[seen], rcond=None)[0]
         theta = model.with_known(found)
-        left = _residuals(parts, n, theta)
+        left = residuals(theta)
     return Z, np.where(known, 0.0, found)
-
-
-def _residuals(parts: Sequence[Instrumented], n: int, theta: Array) -> Array:
-    """(n,) squares of what theta leaves of each joint's torque."""
-    out = np.zeros(n)
-    for joint, indices, _, X in parts:
-        out[joint] += np.sum((X[:, :-1] @ theta[indices] - X[:, -1]) ** 2)
-    return out
