@@ -297,7 +297,12 @@ def fit_penalty(
         random = box.theta(rng.uniform(box.lower, box.upper)) if run else interior
         start = repair(constraints, random, interior) if run else interior
         x, shifts, spent = minimise(penalty, start / penalty.theta_scale, tolerance)
-        theta = feasible(constraints, penalty.theta_scale * x, interior)
+        repaired = repair(constraints, penalty.theta_scale * x, interior)
+        # The nearest point towards the interior where bounds that are not convex hold too; if they hold
+        # nowhere on the way, the convex repair alone.
+        way = (repaired + s * (interior - repaired) for s in (0.0, *np.logspace(-14, 0, 57)))
+        holds = (p for p in way if all(bound.margin(p) >= 0.0 for bound in constraints.nonconvex))
+        theta = next(holds, repaired)
         objective, violation = data.loss(theta), max(constraints.worst(theta).values(), default=0.0)
         found = {"loss": task.data.loss(theta), "objective": objective, "violation": violation}
         runs.append({**found, **spent})
@@ -312,16 +317,3 @@ def fit_penalty(
     _, theta, shifts = best
     multipliers, details = penalty.multipliers(constraints, shifts), {"runs": runs}
     return Fit(theta, Objective(data), constraints, multipliers, interior=interior, details=details)
-
-
-def feasible(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
-    """The nearest point towards the interior that satisfies all constraints, convex or not.
-
-    Where a bound that is not convex holds nowhere on the way, the convex repair alone.
-    """
-    repaired = repair(constraints, theta, interior)
-    for step in (0.0, *np.logspace(-14, 0, 57)):
-        point = repaired + step * (interior - repaired)
-        if all(bound.margin(point) >= 0.0 for bound in constraints.nonconvex):
-            return point
-    return repaired

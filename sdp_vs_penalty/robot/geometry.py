@@ -7,6 +7,7 @@ body is then taken from what else is known.
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,8 +48,21 @@ def link_hulls(path: str | Path) -> list[list[Array]]:
 
     Raises InputError as :func:`link_geometry`.
     """
-    shapes = [[s for part in found for s in part or []] for found in _link_shapes(Path(path))]
-    return [[hull for s in some if (hull := _hull(s.points)) is not None] for some in shapes]
+    from scipy.spatial import ConvexHull, QhullError
+
+    out: list[list[Array]] = []
+    for found in _link_shapes(Path(path)):
+        out.append([])
+        for cloud in (shape.points for part in found for shape in part or []):
+            points = cloud[np.unique(np.argmax(cloud @ directions().T, axis=0))]  # the farthest ones
+            with suppress(QhullError, ValueError):  # points in a plane have none
+                hull = ConvexHull(points)
+                corners = points[hull.simplices]
+                normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+                inward = np.einsum("ki,ki->k", normal, hull.equations[:, :3]) < 0.0
+                corners[inward] = corners[inward][:, ::-1]
+                out[-1].append(corners)
+    return out
 
 
 def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
@@ -93,22 +107,6 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
         if len(geometry.collisionPairs)
         else None
     )
-
-
-def _hull(points: Array) -> Array | None:
-    """Triangles (k, 3, 3) around what reaches farthest; None for points in a plane."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    points = points[np.unique(np.argmax(points @ directions().T, axis=0))]
-    try:
-        hull = ConvexHull(points)
-    except (QhullError, ValueError):
-        return None
-    corners = points[hull.simplices]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("ki,ki->k", normal, hull.equations[:, :3]) < 0.0
-    corners[inward] = corners[inward][:, ::-1]
-    return corners
 
 
 def _link_shapes(path: Path) -> list[list[list[Geometry] | None]]:

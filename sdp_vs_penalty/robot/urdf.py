@@ -94,23 +94,23 @@ class _Reader:
             if not places or len(places) != len(joints) or len(joints) != len(actuators):
                 continue  # of a fixed or following joint, or of no motor
             kind = (element.findtext("type") or element.get("type") or "").rpartition("/")[2]
-            n_j, n_a = ([self.reduction(e) for e in part] for part in (joints, actuators))
+            ratios = []
+            for part in (*joints, *actuators):
+                (value,) = numbers_of(part.findtext("mechanicalReduction", "1"), 1).tolist()
+                if not np.isfinite(value) or value == 0.0:
+                    where = f"line {part.sourceline}, <mechanicalReduction>"
+                    raise self.fail(f"{where} must hold a number other than 0")
+                ratios.append(value)
+            n_j, n_a = np.split(np.array(ratios), 2)
             block = np.diag(n_j)
             if len(places) == 2 and kind == "DifferentialTransmission":
                 block = np.array([[n_j[0], n_j[1]], [n_j[0], -n_j[1]]])
             elif len(places) == 2 and kind == "FourBarLinkageTransmission":
                 block[1, 0] = 1.0
-            matrix[np.ix_(places, places)] = np.array(n_a)[:, None] * block
+            matrix[np.ix_(places, places)] = n_a[:, None] * block
             named = True
         sides = ("joint",) * len(names)
         return Transmission(matrix, np.zeros(len(names)), sides, sides) if named else None
-
-    def reduction(self, element: Any) -> float:
-        (value,) = numbers_of(element.findtext("mechanicalReduction", "1"), 1).tolist()
-        if not np.isfinite(value) or value == 0.0:
-            where = f"line {element.sourceline}, <mechanicalReduction>"
-            raise self.fail(f"{where} must hold a number other than 0")
-        return float(value)
 
     def pose(self, element: Any) -> Array:
         origin = element.find("origin")
