@@ -74,6 +74,9 @@ CVXPY_SOLVERS = {"CLARABEL": {}, "SCS": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_
 def test_the_readable_model_has_the_same_optimum(method, solver, toy_task, two_link):
     estimator: Any = make_estimator(method)
     fit = estimator.fit(toy_task)
+    row = toy_task.data.loss(toy_task.ols) / toy_task.data.rows
+    weight = 0.0 if fit.objective.entropy is None else fit.objective.entropy.weight
+    assert weight == pytest.approx(estimator.entropy * row)
     theta, certificate = certify(toy_task, fit)
     model = cvxpy_model(two_link, toy_task, fit.objective, estimator.thickness, estimator.body)
     found, value = model.solve(solver, **CVXPY_SOLVERS[solver])

@@ -59,6 +59,19 @@ def test_masses_of_least_squares_may_be_negative(seed):
         np.testing.assert_allclose(by[:, :, 0], slope, atol=1e-5 * (np.abs(slope).max() + scale))
 
 
+def test_dh_tables_place_frames_as_craig_and_the_standard_do():
+    a, alpha, d = 0.3, 0.7, 0.2
+    c, s = np.cos(alpha), np.sin(alpha)
+    (craig,), (far,) = (
+        Robot.from_dh("r", [a], [alpha], [d], k).joints for k in ("modified", "standard")
+    )
+    np.testing.assert_allclose(craig.placement[:3, 3], [a, -s * d, c * d])
+    np.testing.assert_allclose(far.link_frame[:3, 3], [a, 0.0, d])
+    for turned in (craig.placement, far.link_frame):
+        np.testing.assert_allclose(turned[:3, :3], [[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    np.testing.assert_array_equal([craig.link_frame, far.placement], [np.eye(4)] * 2)
+
+
 @pytest.fixture(scope="module")
 def paper(panda: Problem) -> FourierTrajectory:
     return experiment(panda).trajectory
