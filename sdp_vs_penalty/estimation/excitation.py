@@ -148,6 +148,10 @@ class Excitation(Shown):
         rows = [("length", f"{self.trajectory.duration:g} s"), ("joints", str(n))]
         return f"Excitation: condition number {self.condition:.4g} of the base regressor", rows
 
+    def save(self, path: str | Path) -> None:
+        """Write t, q, dq, ddq at 1 kHz as CSV, whole or not at all."""
+        save_trajectory(self.trajectory, path)
+
 
 def excite(
     problem: str | Path | Problem,

@@ -50,12 +50,12 @@ def verb(
     if payload:
         _payload(Path(problem), joints, out, **how)
         return
-    from sdp_vs_penalty.estimation.excitation import excite, save_trajectory
+    from sdp_vs_penalty.estimation.excitation import excite
 
     how |= {"objective": objective, "harmonics": harmonics, "frequency": frequency}
     with console.progress("excitation") as progress:
         found = excite(problem, progress=progress, **how)
-    save_trajectory(found.trajectory, out)
+    found.save(out)
     console.say(
         f"condition number of the base regressor: {found.history[0]:.1f} at the start, "
         f"{found.condition:.1f} after {len(found.history) - 1} iterations"
