@@ -80,7 +80,7 @@ def around(
         weights[farthest] += step
         # The moment changes by a matrix of rank one (Sherman, Morrison).
         push, share = inverse @ lifted[farthest], step / (1.0 - step + step * excess)
-        inverse = (inverse - np.outer(share * push, push)) / (1.0 - step)
+        inverse = (inverse - (share * push)[:, None] * push) / (1.0 - step)
         distance = (distance - share * (lifted @ push) ** 2) / (1.0 - step)
     centre = weights @ extremes
     second = (extremes * weights[:, None]).T @ extremes - np.outer(centre, centre)
