@@ -33,8 +33,8 @@ Run = Callable[..., str]
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
     """Run a line, in an empty folder, then every command that it prints; what it printed itself."""
     monkeypatch.chdir(tmp_path)
-    search = separation._Search.run  # that a motion is found, not how good a one
-    monkeypatch.setattr(separation._Search, "run", lambda s, _, progress: search(s, 20, progress))
+    search = separation.separate  # that a motion is found, not how good a one
+    monkeypatch.setattr(separation, "separate", lambda *a, **b: search(*a, **{**b, "iterations": 20}))
     reported: set[tuple[str, ...]] = set()
 
     def call(line: str) -> str:
