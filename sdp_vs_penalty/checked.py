@@ -33,8 +33,9 @@ def refuse_meaningless(
     otherwise: str = "pass check=False to",
     gains: bool = False,
     warn: Callable[[str], Any] = warnings.warn,
-) -> None:
-    """Ask the fast part of the check first.
+) -> dict[str, list[dict[str, Any]]]:
+    """All that the fast part of the check says of each run, by the run's hash, as a model keeps it for a
+    report.
 
     otherwise : how to do ``verb`` all the same, in words; gains : whether its work determines the
     torque channels' gains, so that the check need not; warn : hears its warnings, a sentence each.
@@ -53,8 +54,13 @@ def refuse_meaningless(
             f"fix the data (`check --fix`), or {otherwise} {verb} anyway",
             run,
         )
+    runs = list(measurements.runs())
+    said = {
+        run.data_hash: [f.to_dict() for f in r.issues] for run, r in zip(runs, reports, strict=False)
+    }
     for run, f in found:
         warn(f"{f.severity}: {run}: {f.what} (details: `check`)")
+    return said if len(runs) == len(reports) else {}
 
 
 def consented(estimate: Estimate, measurements: Measurements) -> bool:
@@ -83,13 +89,14 @@ def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
             measurements = as_measurements(measurements, names=names, what="diagnose(measurements=...)")
             first.require_joints(measurements, "measurements")
             ask = check and not consented(first, measurements)
+        said: dict[str, Any] = {}
         if ask:
             gains = bool(settings.get("known_loads"))
             warn = functools.partial(warnings.warn, stacklevel=3)  # where the verb was called
-            refuse_meaningless(problem, measurements, name, gains=gains, warn=warn)
+            said = refuse_meaningless(problem, measurements, name, gains=gains, warn=warn)
         made = verb(first, measurements, *more, **settings)
         if name == "identify":
-            made.provenance["checked"] = check
+            made.provenance.update(checked=check, checks=said)
         return made
 
     given = inspect.signature(verb)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.data.files import Source, as_measurements
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, load_diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
@@ -112,12 +112,24 @@ def _material(
         for name in dict.fromkeys((next(iter(models)), list(models)[-1]))
     }
     plant = moved[list(models)[-1]][0]
-    progress("checking the measurements")
-    from sdp_vs_penalty.checks import check  # takes longer to import than to draw
+    return Material(models, plant, runs, comparisons, judged, failures, _checks(models, runs), (), ahead)
 
-    checked = check(last.problem, runs, thorough=False)
-    checks = {said.run: [f.to_dict() for f in said.issues] for said in checked}
-    return Material(models, plant, runs, comparisons, judged, failures, checks, (), ahead)
+
+def _checks(models: Mapping[str, Estimate], runs: Measurements) -> dict[str, list[dict[str, Any]]]:
+    """What the check says of each run: as a model keeps it of its own, else asked now."""
+    kept: dict[str, Any] = {}
+    for model in models.values():
+        known = model.provenance.get("checks")
+        kept |= known if isinstance(known, dict) else {}
+    fresh = [run for run in runs.runs() if run.data_hash not in kept]
+    problem = list(models.values())[-1].problem
+    asked = []
+    if fresh:
+        from sdp_vs_penalty.checks import check  # takes longer to import than to draw
+
+        asked = check(problem, concatenate(fresh), thorough=False)
+    said = {run.names[0]: kept[run.data_hash] for run in runs.runs() if run.data_hash in kept}
+    return said | {report.run: [f.to_dict() for f in report.issues] for report in asked}
 
 
 def check_name(out: Path) -> None:

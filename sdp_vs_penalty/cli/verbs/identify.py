@@ -48,9 +48,12 @@ def verb(
     robot = as_told(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
         whole, given = runs_as_told(robot, data, window)
+        checks: dict[str, Any] = {}
         if isinstance(given, Measurements) and not no_check:
             progress("checking the measurements")
-            refuse_meaningless(robot, given, "identify", NO_CHECK, bool(known_load), console.warn)
+            checks = refuse_meaningless(
+                robot, given, "identify", NO_CHECK, bool(known_load), console.warn
+            )
         begin = time.perf_counter()
         how: dict[str, Any] = {"effects": effects, "instruments": instruments, "proof": proof}
         how |= {"seed": seed, "gain_uncertainty": gain_uncertainty or 0.0, "progress": progress}
@@ -64,7 +67,7 @@ def verb(
                 console.written(proof, "it proves that nothing satisfies all constraints")
             raise
         seconds = time.perf_counter() - begin
-        estimate.provenance.update(data=words(data, window), checked=not no_check)
+        estimate.provenance.update(data=words(data, window), checked=not no_check, checks=checks)
         estimate.save(out)
     printing.estimate(estimate, fit, seconds)
     for path in filter(None, (out, proof)):
