@@ -9,7 +9,6 @@ doubt.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -42,15 +41,9 @@ from sdp_vs_penalty.diagnosis.where_it_fails import carriers
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums, model_columns, spread_columns
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_constants import (
-    ShapeSensitivity,
-    free_constants,
-    prior_deviation,
-    sensitivities,
-)
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
+from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, sensitivities
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -256,13 +249,11 @@ def _standstill(data: WhiteData, residual: Array) -> str:
 
 @dataclass(frozen=True)
 class Size:
-    """beta (k,) with covariance (k, k) of an effect's parameters, and that of ``given`` shape constants;
-    constants : standard deviation of each free one, in its own scale (its logarithm, or the value)."""
+    """beta (k,) and covariance (k, k) of an effect's parameters; the latter of ``given`` constants."""
 
     beta: Array
     covariance: Array
     given: Array
-    constants: dict[str, float]
 
 
 #: What an error of an effect's free shape constants makes of torque, white.
@@ -275,11 +266,8 @@ def shape_columns(search: Search) -> list[Moved]:
     data, terms = search.data, search.terms
     effects, thetas = [t.form.effect for t in terms], [t.beta for t in terms]
     if not data.frozen:
-        model, there = data.estimate.model, {t.key for t in terms if t.form.own}
-        own = zip(model.effects, model.indices, strict=True)
-        rest = [(e, k) for e, k in own if (e.name, e.joints[0]) not in there]
-        effects += [e for e, _ in rest]
-        thetas += [data.estimate.theta[k] for _, k in rest]
+        effects += data.estimate.model.effects
+        thetas += [data.estimate.theta[k] for k in data.estimate.model.indices]
     return [(s, data.columns(s)) for s in sensitivities(effects, thetas)]
 
 
@@ -289,15 +277,9 @@ def size_of_term(search: Search, term: Term, errors: Array, moved: Sequence[Move
     data, k = search.data, term.form.k
     others = [t for t in search.terms if t != term]
     fit = search.score.fit(others, search.fit)
-    if term.form.own:
-        fit = fit.without_own(term.form) or fit
     apart, known = search.score.apart(fit, term.form, term.columns)
-    columns = [apart]
-    own = free_constants(term.form.effect)
-    first = sorted(moved, key=lambda m: m[0].effect is not term.form.effect)
-    near = [z for _, z in first if not term.joints.isdisjoint(z)]
-    columns += [fit.beside(fit.scaled(z)) for z in near]
-    T = np.concatenate(columns, axis=2)
+    near = [fit.beside(fit.scaled(z)) for _, z in moved if not term.joints.isdisjoint(z)]
+    T = np.concatenate([apart, *near], axis=2)
     prior = np.concatenate([known**-2.0, np.ones(T.shape[2] - k)])
     A = np.tensordot(T, T, axes=((0, 1), (0, 1))) + np.diag(prior)
     inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
@@ -316,13 +298,8 @@ def size_of_term(search: Search, term: Term, errors: Array, moved: Sequence[Move
     variances = np.diagonal(covariance)
     grown = np.maximum(variances, np.diagonal(least)) / np.maximum(variances, 1e-300)
     covariance = covariance * np.sqrt(grown[:, None] * grown)
-    deviations = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))[k : k + len(own)]
-    constants = {
-        name: float(d * prior_deviation(term.form.effect, name))
-        for name, d in zip(own, deviations, strict=False)
-    }
     given = np.linalg.pinv(np.linalg.pinv(covariance, hermitian=True)[:k, :k], hermitian=True)
-    return Size(beta, covariance[:k, :k], given, constants)
+    return Size(beta, covariance[:k, :k], given)
 
 
 def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Array:
@@ -347,41 +324,18 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
     return np.stack(parts)
 
 
-def shape_estimate(term: Term, estimate: Estimate, size: Size) -> ShapeEstimate:
-    """A nuisance of the search as an estimate of the model's shape constant."""
-    effect, name, (joint,) = term.form.effect, term.form.moves, term.form.effect.joints
-    now = next(e for e in estimate.model.effects if e.name == effect.name and joint in e.joints)
-    after = float(f"{effect.shape[name]:.6g}")
-    shape = effect.shapes[name].on(estimate.robot.joints[joint].kind)
-    bounds = shape.bounds or (1e-9, 1e9)
-    ends = at_end(*map(math.log, (after, bounds[0], shape.earned or bounds[1])))
-    std = after * size.constants.get(name, np.inf)
-    return ShapeEstimate(effect.name, joint, name, now.shape[name], after, std, term.J, ends)
-
-
-def told(s: ShapeEstimate, before: Array, after: Array) -> bool:
-    """Whether the data tell a constant from the model's, and its joint's held-out error falls."""
-    spread = s.std / s.after if np.isfinite(s.std) else 0.0
-    moves = abs(np.log(s.after / s.before)) >= max(FAR * spread, CHANGES)
-    return bool(moves and s.gain > APART and after[s.joint] < before[s.joint])
-
-
 def retunes(
     found: Sequence[ShapeEstimate], robot: Robot, before: Array, after: Array
 ) -> tuple[Retune, ...]:
     """before, after (n,) : held-out errors with the model's own constants, and with the new ones."""
     out = []
-    for s in (s for s in found if told(s, before, after)):
+    for s in found:
         shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
         values = [shape.said(v, kind) for v in (s.after, s.before)]
         unit = plain_unit(robot.torque_units[s.joint])
         errors = float(before[s.joint]), float(after[s.joint])
         said = f"joint {s.joint + 1}: {s.effect} has {s.shape} = {values[0]}, not {values[1]}"
         said += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
-        remarks = []
-        if s.at_end:
-            remarks.append("it lies at the end of the range in which it was looked for")
-        if s.gain <= 2.0 * APART:
-            remarks.append("its gain is small")
+        remarks = ["it lies at the end of the range in which it was looked for"] * s.at_end
         out.append(Retune(s, "weak" if remarks else "confident", *errors, said, tuple(remarks)))
     return tuple(out)

@@ -11,13 +11,9 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.conclude import (
     Found,
     conclude,
-    shape_columns,
-    shape_estimate,
-    size_of_term,
-    told,
     what_is_left,
 )
-from sdp_vs_penalty.diagnosis.constants import APART, RAISES
+from sdp_vs_penalty.diagnosis.constants import APART
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import Judge, lowers, raises
@@ -25,17 +21,24 @@ from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
+from sdp_vs_penalty.estimation.constants import CHANGES, TURNS
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, with_shapes
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.noise import REPETITION
-from sdp_vs_penalty.signals.segments import segmented, subsample_sentence, window_subsample
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.segments import (
+    SegmentedRuns,
+    segmented,
+    subsample_sentence,
+    window_subsample,
+)
 
 
 def diagnose(
@@ -87,12 +90,16 @@ def diagnose(
         estimate.require_joints(given, "runs for the noise")
         _, given = driven(whole_estimate, given)
         whole = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
+    judge, shapes, before = Judge(estimate, measurements, test, frozen), list[ShapeEstimate](), None
+    if not frozen:
+        progress("the model's own shape constants")
+        estimate, shapes, before = retuned(judge, rows, settings)
     progress("noise, and columns of all candidates")
-    data = prepare(rows, estimate, frozen, whole)
+    data = prepare(with_estimate(rows, estimate) if shapes else rows, estimate, frozen, whole)
     search = Search(data, library(data))
     search.run(progress)
     progress("held-out errors")
-    found = _offered(search, Judge(estimate, measurements, test, frozen))
+    found = _offered(search, judge, shapes, before)
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
@@ -105,20 +112,14 @@ def diagnose(
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
 
-def _offered(search: Search, judge: Judge) -> Found:
-    """What data left out do not speak against: constants of the model's own, then findings in order."""
-    now, shapes, before = _retuned(search, judge)
-    beside = search
-    if shapes:
-        beside = search.carried(now)
-        # A finding that only mended the old constants goes.
-        beside.terms = beside.settled(beside.terms)
-        beside.fit = beside.score.fit(beside.terms)
-    now, beside = referred(beside, now)
-    named = [t for t in beside.terms if not t.form.own]
-    terms = sorted(beside.limited(named).terms, key=lambda t: -t.J)
+def _offered(
+    search: Search, judge: Judge, shapes: Sequence[ShapeEstimate], before: Array | None
+) -> Found:
+    """Findings in order that data left out do not speak against."""
+    now, beside = referred(search)
+    terms = sorted(beside.limited(beside.terms).terms, key=lambda t: -t.J)
     terms = [t for t in terms if t.J > APART]
-    held_out = judge.of(beside.data, [t.form.effect for t in terms], now)
+    held_out = judge.of(beside.data.rows, [t.form.effect for t in terms], now)
     # Evidence against a noise that is guessed proves nothing by itself.
     order = held_out.offered(len(terms), needed=beside.data.noise.source != REPETITION)
     final = beside.limited([terms[k] for k in order])
@@ -138,22 +139,24 @@ def _offered(search: Search, judge: Judge) -> Found:
     return _with_curves(found, curves, judge) if curves else found
 
 
-def _retuned(search: Search, judge: Judge) -> tuple[Estimate, list[ShapeEstimate], Array | None]:
-    """The model with those constants of its own which data left out confirm; these; and the errors of
-    the model as it was given, where it had others."""
-    first, data = judge.first, search.data
-    none = np.zeros((data.n, len(data.rows.t), 0))
-    own = [t for t in search.terms if t.form.own]
-    moved = shape_columns(search) if own else []
-    shapes = [shape_estimate(t, first, size_of_term(search, t, none, moved)) for t in own]
-    before = judge.of(data, (), first).errors(()) if shapes else None
+def retuned(
+    judge: Judge, rows: SegmentedRuns, settings: Preprocessing
+) -> tuple[Estimate, list[ShapeEstimate], Array | None]:
+    """The model with those constants of its own that `identify` would estimate from these runs, and data
+    left out do not speak against; these; and the errors of the model as it was given, if it has
+    others."""
+    first = judge.first
+    every = replace(first.model, effects=tuple(e.opened(e.shapes) for e in first.model.effects))
+    found = estimate_shapes(every, judge.data, settings, first.weighting, widest=TURNS[-1])
+    shapes = [s for s in found if abs(np.log(s.after / s.before)) > CHANGES]
+    before = judge.of(rows, (), first).errors(()) if shapes else None
     while shapes and before is not None:
         now = adopted(first, shapes, judge.data)
-        after = judge.of(data, (), now).errors(())
-        kept = [s for s in shapes if told(s, before, after)]
-        if len(kept) == len(shapes) and np.all(after <= (1.0 + RAISES) * before):
+        after = judge.of(rows, (), now).errors(())
+        kept = [s for s in shapes if after[s.joint] < before[s.joint]]
+        if len(kept) == len(shapes):
             return now, shapes, before
-        shapes = kept if len(kept) < len(shapes) else []
+        shapes = kept
     return first, [], None
 
 
@@ -164,7 +167,7 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: Judge) -> Foun
     places = range(len(named), len(named) + len(curves))
     effects = [*named, *(c.table for c in curves)]
     by_fold = {k: c.by_fold for k, c in zip(places, curves, strict=True)}
-    held = judge.of(found.search.data, effects, found.estimate, by_fold)
+    held = judge.of(found.search.data.rows, effects, found.estimate, by_fold)
     before, taken = held.errors(range(len(named))), list[int]()
     for k, curve in zip(places, curves, strict=True):
         gone = {t for c in (*out, curve) for t in c.replaced}
@@ -186,11 +189,11 @@ def adopted(estimate: Estimate, shapes: Sequence[ShapeEstimate], measurements: M
     return replace(estimate, model=model, theta=theta)
 
 
-def referred(search: Search, estimate: Estimate) -> tuple[Estimate, Search]:
+def referred(search: Search) -> tuple[Estimate, Search]:
     """Where columns refer to the model: that with the parameters that it has beside the findings, and
     these carried on (a step of Gauss and Newton). Fitted without them it has taken a part of their
     torque; of play in a gear 14 % of the size were left out."""
-    effects = [t.form.effect for t in search.terms]
+    effects, estimate = [t.form.effect for t in search.terms], search.data.estimate
     if not search.data.frozen and any(e.needs_torque or e.needs_links for e in effects):
         theta = refitted(search.data, effects)[0][: len(estimate.theta)]
         estimate = replace(estimate, theta=theta)

@@ -14,7 +14,6 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import MINOR, RAISES, REPAID
 from sdp_vs_penalty.diagnosis.whitening import (
-    WhiteData,
     folds_of,
     model_columns,
     spread_columns,
@@ -42,7 +41,7 @@ from sdp_vs_penalty.regression.regression import (
 )
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
-from sdp_vs_penalty.signals.segments import segmented
+from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
 
 
 @dataclass(frozen=True)
@@ -120,7 +119,7 @@ class Judge:
 
     def of(
         self,
-        white: WhiteData,
+        rows: SegmentedRuns,
         effects: Sequence[Effect],
         estimate: Estimate,
         by_fold: Mapping[int, Sequence[Effect]] | None = None,
@@ -128,7 +127,7 @@ class Judge:
         """Errors of models fitted to the runs that were searched, on the test run, or to all folds but
         one, on that one; by_fold : at an effect's place, what rows outside of each fold make of it."""
         if self.test is None:
-            splits = _folds(white, estimate, effects, by_fold or {})
+            splits = _folds(rows, self.frozen, estimate, effects, by_fold or {})
             return HeldOut(estimate, self.frozen, splits, "folds")
         model = model_beside(estimate, effects, changes=self.frozen)
         runs, settings = (self.data, self.test), estimate.preprocessing
@@ -148,14 +147,12 @@ class Judge:
 
 
 def _folds(
-    data: WhiteData,
+    rows: SegmentedRuns,
+    frozen: bool,
     estimate: Estimate,
     effects: Sequence[Effect],
     by_fold: Mapping[int, Sequence[Effect]],
 ) -> list[Split]:
-    rows, frozen = data.rows, data.frozen
-    if estimate is not data.estimate:
-        rows = with_estimate(rows, estimate)
     columns = [model_columns(rows, estimate, frozen), *(spread_columns(rows, e) for e in effects)]
     torque = rows.residual.T if frozen else rows.torque.T
     own = () if frozen else estimate.model.effects

@@ -1,9 +1,4 @@
-"""The library: every effect on every joint or on the robot, and the model's own shape constants.
-
-A form is one candidate with one set of shape constants. A form that stands in the place of columns which
-the model has already (``own``: the same effect with another shape constant) is a nuisance: it competes
-like all others, and is never a finding.
-"""
+"""The library: every effect on every joint or on the robot; a form has one set of shape constants."""
 
 from __future__ import annotations
 
@@ -18,8 +13,6 @@ from sdp_vs_penalty.diagnosis.whitening import WhiteData, filled
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import STANDS, Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shapes import alone
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
@@ -29,13 +22,10 @@ Key = tuple[str, int | None]
 
 @dataclass(frozen=True)
 class Form:
-    """key : of its candidate; own : places in theta of the model's columns that it stands for; moves :
-    the shape constant that differs, of an own one."""
+    """A candidate with one set of shape constants."""
 
     key: Key
     effect: Effect
-    own: tuple[int, ...] = ()
-    moves: str = ""
 
     @cached_property
     def k(self) -> int:
@@ -44,8 +34,6 @@ class Form:
     @cached_property
     def constants(self) -> int:
         """Continuous shape constants."""
-        if self.own:
-            return 1
         return sum(self.effect.shapes[x].bounds is not None for x in self.effect.searched)
 
     @cached_property
@@ -70,7 +58,7 @@ class Form:
         return self.key[1] == other.key[1] and other.key[0] in self.effect.refines
 
     def with_shape(self, **shape: float) -> Form:
-        return Form(self.key, self.effect.with_shape(**shape), self.own, self.moves)
+        return Form(self.key, self.effect.with_shape(**shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +69,6 @@ class Batch:
     joints: tuple[int, ...]
     forms: tuple[Form, ...]
     white: Array
-
-    @property
-    def own(self) -> tuple[int, ...]:
-        """The model's columns that all of its forms stand for."""
-        return self.forms[0].own
 
     @cached_property
     def signed(self) -> NDArray[np.bool_]:
@@ -112,27 +95,23 @@ class Batch:
 
 @dataclass(frozen=True)
 class Library:
-    """batches : of forms that are missing effects; own : the model's with other shape constants;
-    candidates : how many they are, whatever their forms."""
+    """candidates : how many there are, whatever their forms."""
 
     batches: tuple[Batch, ...] = ()
-    own: tuple[Batch, ...] = ()
     candidates: int = 0
 
 
 def library(data: WhiteData) -> Library:
     """All candidates beside the model; their columns white."""
     forms = list(_forms(data.rows, data.estimate.model, data.frozen))
-    if not data.frozen:
-        forms += own_forms(data.estimate)
     blocks = data.rows.blocks_of([f.effect for f in forms])
-    groups: dict[tuple[tuple[int, ...], int, tuple[int, ...]], list[int]] = {}
+    groups: dict[tuple[tuple[int, ...], int], list[int]] = {}
     for at, (form, own) in enumerate(zip(forms, blocks, strict=True)):
         if own:
             joints = tuple(sorted(b.joint for b in own))
-            groups.setdefault((joints, form.k, form.own), []).append(at)
+            groups.setdefault((joints, form.k), []).append(at)
     batches = []
-    for (joints, k, _), members in groups.items():
+    for (joints, k), members in groups.items():
         white = []
         for j in joints:
             parts = [
@@ -140,29 +119,7 @@ def library(data: WhiteData) -> Library:
             ]
             white.append(data.white(np.hstack(parts), j))
         batches.append(Batch(joints, tuple(forms[at] for at in members), np.stack(white)))
-    missing, changed = (tuple(b for b in batches if bool(b.own) == own) for own in (False, True))
-    return Library(missing, changed, len({f.key for b in batches for f in b.forms}))
-
-
-def own_forms(estimate: Estimate) -> Iterator[Form]:
-    """The effects that the model has, joint by joint, each with other values of a shape constant."""
-    model = estimate.model
-    for effect, indices in zip(model.effects, model.indices, strict=True):
-        if effect.whole_robot or effect.spreads or effect.several or len(indices) > len(effect.joints):
-            continue
-        for joint, place in zip(effect.joints, indices.tolist(), strict=False):
-            for name in effect.searched:
-                shape = effect.shapes[name].on(estimate.robot.joints[joint].kind)
-                if shape.bounds is None:
-                    continue
-                now = effect.shape[name]
-                values = shape.grid or tuple(now * 2.0 ** np.linspace(-2.0, 2.0, 5))
-                if shape.earned is not None:
-                    values = (*values, float(np.sqrt(values[-1] * shape.earned)), shape.earned)
-                for v in values:
-                    if abs(np.log(v / now)) > 0.2:
-                        other = alone(effect, joint, **{name: float(v)})
-                        yield Form((effect.name, joint), other, (place,), name)
+    return Library(tuple(batches), len({f.key for b in batches for f in b.forms}))
 
 
 def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
@@ -198,7 +155,7 @@ def _at_rest(kind: type[Effect], rows: SegmentedRuns, joint: int | None) -> bool
 
 def eligible(forms: Sequence[Form], picked: Sequence[Form], model: Model) -> list[bool]:
     """Which forms may join: nothing twice, a finer form only where what it refines is there."""
-    taken = {p.key for p in picked if p.own or not p.effect.several}
+    taken = {p.key for p in picked if not p.effect.several}
     present = {p.key for p in picked} | {(e.name, j) for e in model.effects for j in e.joints}
     return [
         f.key not in taken

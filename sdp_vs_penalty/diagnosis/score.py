@@ -64,23 +64,20 @@ class Term:
 @dataclass(frozen=True, eq=False)
 class Design:
     """White columns A (n, M, p) of the model, in a basis of r, and of terms, of unit length; y (n, M)
-    the torque; gram (n, p, p), pull (n, p) : A'A, A'y; duals (P, r) : of each of the model's own columns
-    what is orthogonal to its others, zero where they make it; dropped : those that terms stand for; at :
-    each term's columns of A, by text.
+    the torque; gram (n, p, p), pull (n, p) : A'A, A'y; own : r; at : each term's columns of A, by text.
     """
 
     A: Array
     y: Array
     gram: Array
     pull: Array
-    duals: Array
-    dropped: tuple[int, ...]
+    own: int
     at: dict[str, list[int]]
     fits: dict[tuple[int, ...], Fit] = field(default_factory=dict)
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
     def holds(self, terms: Sequence[Term]) -> bool:
-        return _dropped(terms) == self.dropped and all(t.text in self.at for t in terms)
+        return all(t.text in self.at for t in terms)
 
     def of(self, batch: Batch) -> list[tuple[Array, Array]]:
         """By joint, A'Z (p, F k) and Z'y (F k,) of a batch's columns Z."""
@@ -88,10 +85,6 @@ class Design:
             pairs = zip(batch.joints, batch.white, strict=True)
             self.products[batch] = [(self.A[j].T @ Z, Z.T @ self.y[j]) for j, Z in pairs]
         return self.products[batch]
-
-
-def _dropped(terms: Sequence[Term]) -> tuple[int, ...]:
-    return tuple(sorted({i for t in terms for i in t.form.own}))
 
 
 @dataclass(frozen=True)
@@ -143,19 +136,6 @@ class Fit:
         """Weighted squares of what the fit leaves of a term."""
         return float(np.sum((self.beside(self.scaled(term.columns)) @ term.beta) ** 2))
 
-    def without_own(self, form: Form) -> Fit | None:
-        """The fit without the model's own column that a form stands for; None where others make it."""
-        design, (place,) = self.design, form.own
-        direction = design.duals[place] @ self.W[: design.duals.shape[1]]
-        if not direction.any():
-            return None
-        u = direction / np.linalg.norm(direction)
-        W = self.W - np.outer(self.W @ u, u)
-        theta = W @ (W.T @ (self.level**-2.0 @ design.pull))
-        residual = self.target - design.A @ theta / self.level[:, None]
-        rss = np.sum(residual**2, axis=1) * self.level**2
-        return replace(self, W=W, theta=theta, residual=residual, rss=rss)
-
 
 class Score:
     """The score of forms on some rows; looked : candidates that there are."""
@@ -163,42 +143,27 @@ class Score:
     def __init__(self, data: WhiteData, looked: int) -> None:
         self.data, self.looked = data, max(looked, 1)
         self.floor = 1.0 if data.known else 1e-12
-        self._bases: dict[tuple[int, ...], tuple[Array, Array, Array]] = {}
 
-    def _basis(self, dropped: tuple[int, ...]) -> tuple[Array, Array, Array]:
-        """(n, M, r) a basis of the model's columns without some, its products (n, r, r), and (p, r) the
-        dual of each column in it, zero of what others make."""
-        if dropped not in self._bases:
-            n, M, p = self.data.X.shape
-            X = self.data.X.reshape(n * M, p)
-            norms = np.linalg.norm(X, axis=0)
-            norms[list(dropped)] = 0.0
-            seen = norms > 1e-12 * norms.max(initial=0.0)  # others are rounding
-            unit = X[:, seen] / norms[seen]
-            B = orthonormal(unit)
-            T = B.T @ unit
-            inverse = np.linalg.pinv(T, rcond=1e-9)
-            told = np.max(np.abs(inverse @ T - np.eye(len(inverse))), axis=1, initial=0.0) < 1e-6
-            duals = np.zeros((p, B.shape[1]))
-            duals[np.flatnonzero(seen)[told]] = inverse[told]
-            B = B.reshape(n, M, B.shape[1])
-            self._bases[dropped] = B, B.transpose(0, 2, 1) @ B, duals
-        return self._bases[dropped]
+    @cached_property
+    def _basis(self) -> tuple[Array, Array]:
+        """(n, M, r) a basis of the model's columns, and its products (n, r, r)."""
+        n, M, p = self.data.X.shape
+        B = orthonormal(self.data.X.reshape(n * M, p))
+        B = B.reshape(n, M, B.shape[1])
+        return B, B.transpose(0, 2, 1) @ B
 
     def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
         """The model with the terms, each joint's rows weighted by what is left of them; near : a fit
         whose columns serve where they hold the terms', and at whose levels it begins."""
         design = near.design if near is not None and near.design.holds(terms) else self._design(terms)
-        basis = range(design.duals.shape[1])
-        kept = (*basis, *sorted(i for t in terms for i in design.at[t.text]))
+        kept = (*range(design.own), *sorted(i for t in terms for i in design.at[t.text]))
         if kept not in design.fits:
             level = np.ones(len(design.y)) if near is None else near.level
             design.fits[kept] = self._fitted(design, np.array(kept, int), level)
         return design.fits[kept]
 
     def _design(self, terms: Sequence[Term]) -> Design:
-        dropped = _dropped(terms)
-        B, gram, own = self._basis(dropped)
+        B, gram = self._basis
         n, M, r = B.shape
         ends = np.cumsum([r, *(t.form.k for t in terms)]).tolist()
         A = np.zeros((n, M, ends[-1]))
@@ -214,7 +179,7 @@ class Score:
         cross = A.transpose(0, 2, 1) @ A[:, :, r:]
         G[:, :, r:], G[:, r:, :r] = cross, cross[:, :r].transpose(0, 2, 1)
         y = self.data.y
-        return Design(A, y, G, (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0], own, dropped, at)
+        return Design(A, y, G, (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0], r, at)
 
     def _fitted(self, design: Design, kept: NDArray[np.intp], level: Array) -> Fit:
         G, pull = design.gram[:, kept[:, None], kept], design.pull[:, kept]
@@ -237,14 +202,6 @@ class Score:
 
     def judged(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
         """A form beside a fit."""
-        if form.own:
-            return self._retuned(fit, form, columns)
-        return self._judged(fit, fit.deviance(fit.rss), form, columns)
-
-    def _judged(
-        self, fit: Fit, before: Array, form: Form, columns: dict[int, Array], spent: float = 0.0
-    ) -> Term:
-        """spent : coefficients that the fit to compare with has, of the form's."""
         none = Term(form, columns, beta=np.zeros(form.k))
         T, known = self.apart(fit, form, columns)
         flat = T.reshape(-1, form.k)
@@ -255,13 +212,13 @@ class Score:
         inverse = np.asarray(np.linalg.inv(_ridged(A)))
         beta = _bounded(A, flat.T @ fit.residual.ravel(), form.nonnegative)
         left = fit.residual - T @ beta
-        drop = before - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
+        drop = fit.deviance(fit.rss) - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
         drop -= float(np.sum((beta / known) ** 2))
         on = list(columns)
         count = float(fit.degrees[on].mean())
         v = self.worth_of_one(T, left, inverse, form.k) + count / ALPHA
         N = max(count * len(on) / v, 3.0)
-        size = float(np.trace(inverse @ D)) - spent
+        size = float(np.trace(inverse @ D))
         J = float(drop) / v - (size + form.constants) * np.log(N) - 2.0 * np.log(self.looked)
         return replace(none, J=J, beta=beta)
 
@@ -291,13 +248,6 @@ class Score:
         whole = float(np.sum(fit.target[joints] ** 2))
         return np.where(np.isnan(plausible), np.sqrt(whole / np.maximum(energy, 1e-200)), plausible)
 
-    def _retuned(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
-        """A form in the place of the model's own column, of which the fit has one."""
-        bare = fit.without_own(form)
-        if bare is None:
-            return Term(form, columns, beta=np.zeros(form.k))
-        return self._judged(bare, fit.deviance(fit.rss), form, columns, float(form.k))
-
     def absorbed(self, fit: Fit, batch: Batch) -> Array:
         """(F,) share of each form's energy that the fit's columns make; 1 where it has none."""
         G, _, raw = self._products(fit, batch)
@@ -316,21 +266,15 @@ class Score:
         return np.reshape(fit.W.T @ cross, (-1, F, k)), np.reshape(pull, (F, k)), raw
 
     def screened(self, fit: Fit, batch: Batch) -> Array:
-        """(F,) drop of the weighted squared error less k log N, of a batch's forms; of those that
-        stand for the model's own columns, less what these take."""
-        k, F, on = batch.forms[0].k, len(batch.forms), list(batch.joints)
-        lost, price = 0.0, np.log(max(float(fit.degrees[on].sum()), 3.0))
-        if batch.own:
-            bare = fit.without_own(batch.forms[0])
-            if bare is None:
-                return np.full(F, -np.inf)
-            lost, fit = float(np.sum((bare.rss - fit.rss) / fit.level**2)), bare
+        """(F,) drop of the weighted squared error less k log N, of a batch's forms."""
+        k, on = batch.forms[0].k, list(batch.joints)
+        price = np.log(max(float(fit.degrees[on].sum()), 3.0))
         G, pull, raw = self._products(fit, batch)
         if k == 1:
             energy = raw[:, 0, 0]
             D = energy - np.sum(G[:, :, 0] ** 2, axis=0)
             good = (ABSORBED * energy < D) & ~(batch.signed & (pull[:, 0] < 0.0))
-            return np.where(good, pull[:, 0] ** 2 / np.where(good, D, 1.0), 0.0) - price - lost
+            return np.where(good, pull[:, 0] ** 2 / np.where(good, D, 1.0), 0.0) - price
         G = G.transpose(1, 2, 0)
         D = raw - G @ G.transpose(0, 2, 1)
         energy = np.diagonal(raw, axis1=1, axis2=2)

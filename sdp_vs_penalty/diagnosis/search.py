@@ -55,7 +55,7 @@ class Search:
         """Each continuous shape constant but the fixed ones in turn where the score is highest, on a
         lattice of its scale: the same values come back in every step of the search."""
         best = start
-        for name in [start.form.moves] if start.form.own else start.form.effect.searched:
+        for name in start.form.effect.searched:
             if name not in fixed:
                 best = self._along(fit, best, name)
         sized = best.form.effect.sized_shape
@@ -74,8 +74,6 @@ class Search:
         if shape.bounds is None:
             return start
         low, high = shape.bounds
-        if start.form.own and shape.earned is not None:
-            high = max(high, shape.earned)
         linear = shape.scale == "linear"
         there, back = (float, float) if linear else (np.log, np.exp)
         starts = type(effect).starts(effect.robot, effect.joints[0])
@@ -121,21 +119,19 @@ class Search:
         """The most likely form of each candidate, refined, the best first; beyond : what has to be
         reached, nearly, to be of use."""
         found = self._screened(fit, [t.form for t in terms], on)
-        top = max((t.J for t in found if not t.form.own), default=0.0)
+        top = max((t.J for t in found), default=0.0)
         # A width that is far from those on the grid says little there, and all where it is right.
         least = 0.5 * max(top, beyond) - 3.0 * APART
         best = {t.key: t for t in sorted(found, key=lambda t: t.J)}
         found = [t for t in found if _as_good(t, best[t.key])]
-        likely = [t for t in found if (0.0 if t.form.own else least) < t.J]
-        ranked = sorted((self.refined(fit, t) for t in likely), key=lambda t: -t.J)
+        ranked = sorted((self.refined(fit, t) for t in found if least < t.J), key=lambda t: -t.J)
         first = {t.key: t for t in reversed(ranked)}
         return [t for t in ranked if first[t.key] is t]
 
     def _screened(self, fit: Fit, picked: Sequence[Form], on: frozenset[int] | None) -> list[Term]:
-        """The best form of each law on the grids: of so many candidates that take most, and of each own
-        shape constant."""
+        """The best form of each law on the grids, of so many candidates that take most."""
         best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
-        for batch in (*self.library.batches, *self.library.own):
+        for batch in self.library.batches:
             if on is not None and not on & set(batch.joints):
                 continue
             values = self.score.screened(fit, batch)
@@ -147,8 +143,8 @@ class Search:
                 if free[f] and values[f] > best.get(form.law, (0.0,))[0]:
                     best[form.law] = float(values[f]), form, batch.columns(int(f))
         ranked = sorted(best.values(), key=lambda b: -b[0])
-        close = list(dict.fromkeys(form.key for _, form, _ in ranked if not form.own))[:CLOSELY]
-        found = [(form, z) for _, form, z in ranked if form.own or form.key in close]
+        close = list(dict.fromkeys(form.key for _, form, _ in ranked))[:CLOSELY]
+        found = [(form, z) for _, form, z in ranked if form.key in close]
         for form, columns in found:
             self._kept.setdefault(form.effect.text, columns)
         return [self.score.judged(fit, form, columns) for form, columns in found]
@@ -226,7 +222,7 @@ class Search:
             more |= len(t.joints) > len(term.joints)
             return J + (EQUIVALENT if more else -EQUIVALENT) < t.J
 
-        return tuple(t for t in found if t.key != term.key and not t.form.own and rivals(t))
+        return tuple(t for t in found if t.key != term.key and rivals(t))
 
     def run(self, progress: Progress = no_progress) -> list[Term]:
         """Add, exchange, drop until nothing changes."""
@@ -264,9 +260,8 @@ class Search:
         if without is not None:
             rows = rows.with_masked(rows.masked | without if rows.masked.size else without)
         data = whitened(rows, data.noise, estimate, data.frozen)
-        named = [t for t in self.terms if not t.form.own]
-        out = Search(data, replace(self.library, own=()))
-        out.terms = [Term(t.form, data.columns(t.form.effect), t.J, t.beta, t.rivals) for t in named]
+        out = Search(data, self.library)
+        out.terms = [replace(t, columns=data.columns(t.form.effect)) for t in self.terms]
         out.fit = out.score.fit(out.terms)
         return out
 
@@ -286,6 +281,6 @@ def _as_good(term: Term, best: Term) -> bool:
     return bool(best.J - term.J < EQUIVALENT + FORM * best.J)
 
 
-def simplicity(form: Form) -> tuple[bool, int, int, int]:
-    """What the model has already, then fewest constants, fewest joints, what refines nothing else."""
-    return not form.own, form.k + form.constants, len(form.effect.joints), len(form.effect.refines)
+def simplicity(form: Form) -> tuple[int, int, int]:
+    """Fewest constants, fewest joints, what refines nothing else."""
+    return form.k + form.constants, len(form.effect.joints), len(form.effect.refines)

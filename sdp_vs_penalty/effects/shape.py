@@ -22,7 +22,6 @@ class Shape:
     grid : the values that a search starts from; bounds : the range in which it refines them (None: it
         stays on the grid); scale : how neighbours are spaced there: widths, exponents and times by a
         ratio ("log"), numbers of waves by a difference ("linear").
-    earned : how far beyond the bounds it may lie where that explains as much as another effect does.
     metres : how many metres (per second) on a prismatic joint stand for a radian of grid and bounds.
     signed : whether it may be zero or negative.
     role : "searched", found from measurements by `diagnose` and `add` where it is not given;
@@ -36,7 +35,6 @@ class Shape:
     bounds: tuple[float, float] | None = None
     scale: Literal["log", "linear"] = "log"
     choices: tuple[float, ...] = ()
-    earned: float | None = None
     metres: float = 1.0
     words: tuple[str, ...] = ()
     signed: bool = False
@@ -51,8 +49,7 @@ class Shape:
             tuple(float(f"{self.metres * x:.6g}") for x in xs) for xs in (self.grid, self.bounds or ())
         )
         ends = (bounds[0], bounds[1]) if bounds else None
-        earned = None if self.earned is None else self.metres * self.earned
-        return replace(self, grid=grid, bounds=ends, earned=earned, metres=1.0)
+        return replace(self, grid=grid, bounds=ends, metres=1.0)
 
     def complaint(self, value: float) -> str | None:
         """What is wrong with a value, or None: the end of a sentence that begins with its name."""

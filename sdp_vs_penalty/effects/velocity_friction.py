@@ -39,7 +39,6 @@ class CoulombFriction(JointEffect):
             # Wider transitions are another law (a sigmoid, a hysteresis): they have to earn their name.
             grid=(0.00002, 0.0001, 0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
             bounds=(0.00002, 0.032),
-            earned=0.64,
             metres=0.1,
             role="estimated",
         )

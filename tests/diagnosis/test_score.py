@@ -26,11 +26,11 @@ from sdp_vs_penalty.signals.coloured_noise import (
 n, M, p = 2, 300, 5
 
 
-def form(k: int = 1, lower: float = -np.inf, own: tuple[int, ...] = (), name: str = "made") -> Form:
+def form(k: int = 1, lower: float = -np.inf, name: str = "made") -> Form:
     effect: Any = SimpleNamespace(
         parameters=[SimpleNamespace(lower=lower)] * k, plausible=None, searched=(), shapes={}, text=name
     )
-    return Form((name, 0), effect, own)
+    return Form((name, 0), effect)
 
 
 def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
@@ -106,24 +106,6 @@ def test_more_rows_of_a_law_that_is_only_nearly_right_do_not_make_it_sure():
         score = Score(d, 10)
         scores.append(score.judged(score.fit(()), form(), {0: own}).J)
     assert scores[1] < 2.5 * max(scores[0], 10.0)
-
-
-def test_an_own_constant_is_judged_in_the_place_of_the_models_column():
-    data, z = made()
-    data.X[1, :, 1] = 0.0
-    data.X[:, :, 4] *= 1e-19  # rounding, as of a mass that gravity does not see
-    theta = np.where(np.arange(p) == 1, 0.0, 1.0)
-    data.y = data.X @ theta + np.random.default_rng(3).normal(size=(n, M))
-    data.y[0] += 2.0 * z[:, 0]  # what should be in the place of the model's second column
-    score = Score(data, 10)
-    fit = score.fit(())
-    term = score.judged(fit, form(own=(1,)), {0: z})
-    left = plain(data, fit, z, drop=(1,))
-    drop = fit.deviance(fit.rss) - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
-    assert term.J > 100.0
-    assert drop > 0.0
-    again = score.fit([term])
-    np.testing.assert_allclose(again.residual, plain(data, again, z, drop=(1,)), atol=1e-8)
 
 
 def test_what_the_model_makes_itself_is_no_candidate():
@@ -237,13 +219,13 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
     ],
 )
 def test_a_rival_is_what_the_rows_do_not_tell_from_a_term(k, constants, joints, lead, rival):
-    def term(name: str, k: int, constants: int, joints: tuple[int, ...], J: float, own: Any = ()) -> Any:
-        form = SimpleNamespace(k=k, constants=constants, own=own)
+    def term(name: str, k: int, constants: int, joints: tuple[int, ...], J: float) -> Any:
+        form = SimpleNamespace(k=k, constants=constants)
         return SimpleNamespace(key=(name, 0), form=form, joints=joints, J=J)
 
     mine = term("mine", 1, 0, (0,), 50.0)
     other = (k, constants, joints, 50.0 + EQUIVALENT * lead)
-    others = [mine, term("other", *other), term("retuned", *other, own=(1,))]
+    others = [mine, term("other", *other)]
     assert [t.key[0] for t in Search.equivalent(mine, 50.0, others)] == ["other"] * rival
 
 
