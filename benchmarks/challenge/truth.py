@@ -17,7 +17,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.score import orthonormal
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, model_columns, white_rows, whitened
-from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import Noise, noise_in

@@ -10,8 +10,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli.console import aligned, details, explain, say, table
 from sdp_vs_penalty.diagnosis.comparison import Comparison
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
-from sdp_vs_penalty.diagnosis.sentences import event_lines
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, event_lines
 from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure, dependences, sentences
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
@@ -195,7 +194,7 @@ def diagnosis(result: Diagnosis, units: Sequence[str], found: bool, verbose: boo
     found : whether there is anything to be added; verbose : the weak findings at the end as well.
     """
     say(result.headline, style="bold")
-    if result.left or not found:
+    if result.unknown or not found:
         explain(result.advice)
     for retune in result.retuned:
         weak = f" (weak: {'; '.join(retune.remarks)})" if retune.remarks else ""

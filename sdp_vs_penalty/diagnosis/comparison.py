@@ -16,7 +16,6 @@ from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.store import Growing, parts
-from sdp_vs_penalty.diagnosis.sentences import new_motion, plot_errors
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
@@ -168,6 +167,25 @@ class Comparison(Shown):
             "outside": dict(self.outside),
             "judged_on": self.judged_on,
         }
+
+
+def new_motion(new_share: float | None) -> str:
+    """The share of the judged motion that the model has not been trained on, as text."""
+    return "not recorded" if new_share is None else f"{100.0 * new_share:.0f} %"
+
+
+def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> Any:
+    """RMSE of each joint as bars, models side by side, with the noise floor as steps."""
+    axes = formatting.axes(axes)
+    width = 0.8 / len(errors)
+    for k, (name, rmse) in enumerate(errors.items()):
+        x = np.arange(1, len(rmse) + 1) + (k - 0.5 * (len(errors) - 1)) * width
+        axes.bar(x, rmse, width, label=name)
+    if floor is not None:
+        axes.step(np.arange(1, len(floor) + 1), floor, where="mid", color="black", label="noise floor")
+    axes.set(xlabel="joint", ylabel="RMSE [N m or N]")
+    axes.legend()
+    return axes
 
 
 class Comparisons(list[Comparison]):

@@ -9,7 +9,7 @@ doubt.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,6 +26,7 @@ from sdp_vs_penalty.diagnosis.constants import (
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.findings import (
+    REASONS,
     Diagnosis,
     Finding,
     Invisible,
@@ -36,14 +37,13 @@ from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
 from sdp_vs_penalty.diagnosis.remaining import Remainder, events, outliers, refitted, remainder
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.sentences import REASONS, repeatability_warning, sentence, size_of
-from sdp_vs_penalty.diagnosis.where_it_fails import carriers
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums, model_columns, spread_columns
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, sensitivities
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
+from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -90,7 +90,19 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     retuned = retunes(found.shapes, found.estimate.robot, found.before, errors[0])
     doubt = torque_errors(data, found.estimate, gain_errors)
     moved = shape_columns(search)
-    findings = tuple(_finding(found, k, t, errors, doubt, moved) for k, t in enumerate(search.terms))
+    sizes = [size_of_term(search, t, doubt, moved) for t in search.terms]
+    weak = [
+        _reasons(found, *both, errors[k : k + 2])
+        for k, both in enumerate(zip(search.terms, sizes, strict=True))
+    ]
+    # Data left out have the last word on those that are sure, too, as a whole.
+    sure = [k for k, why in zip(found.offered, weak, strict=True) if not why]
+    for k in set(sure).difference(found.held_out.offered(sure)):
+        weak[found.offered.index(k)]["alone"] = REASONS["alone"]
+    findings = tuple(
+        _finding(*each, errors[k : k + 2])
+        for k, each in enumerate(zip(search.terms, sizes, weak, strict=True))
+    )
     floor = noise.floor if data.known else np.zeros(data.n)
     curves = tuple(c.told(seed + k, float(floor[c.joint])) for k, c in enumerate(found.curves))
     nameless = {j: float(left.beyond[j]) for j in left.matters}
@@ -113,20 +125,16 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         new_share,
         retuned,
         curves,
-        tuple(carriers(rows, residual, left.matters)),
         tuple(Remaining(j + 1, size) for j, size in sorted(nameless.items())),
     )
 
 
-def _finding(
-    found: Found, k: int, term: Term, errors: Array, doubt: Array, moved: Sequence[Moved]
-) -> Finding:
-    search, effect = found.search, term.form.effect
-    known = size_of_term(search, term, doubt, moved)
+def _finding(term: Term, known: Size, weak: Mapping[str, str], errors: Array) -> Finding:
+    """errors (2, n) : held out, before and after it."""
+    effect = term.form.effect
     size, std = size_of(effect, known.beta, known.covariance)
     joints = () if effect.whole_robot else tuple(j + 1 for j in effect.joints)
     rivals = tuple(dict.fromkeys(_rival_name(effect, r.form.effect) for r in term.rivals))
-    weak = _reasons(found, term, known, errors[k : k + 2])
     curve = (CURVE,) if "curve" in weak else ()
     return Finding(
         effect.name,
@@ -138,8 +146,8 @@ def _finding(
         {p.name: float(b) for p, b in zip(effect.parameters, known.beta, strict=True)},
         "weak" if weak else "confident",
         (*rivals, *curve),
-        errors[k],
-        errors[k + 1],
+        errors[0],
+        errors[1],
         sentence(effect, size, std, rivals),
         effect.text,
         term.J,
@@ -339,3 +347,49 @@ def retunes(
         remarks = ["it lies at the end of the range in which it was looked for"] * s.at_end
         out.append(Retune(s, "weak" if remarks else "confident", *errors, said, tuple(remarks)))
     return tuple(out)
+
+
+# In words.
+
+
+def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, float]:
+    """One number for the size of an effect, and its standard deviation.
+
+    The parameter that the effect is sized by, with its sign; the norm where it is several.
+    """
+    b, c = beta[effect.sized_by], covariance[effect.sized_by, effect.sized_by]
+    if len(b) == 1:
+        return float(b[0]), float(max(c[0, 0], 0.0) ** 0.5)
+    size = float(np.linalg.norm(b))
+    if size == 0.0:
+        return 0.0, float(np.sqrt(np.trace(c)))
+    direction = b / size
+    return size, float(max(float(direction @ c @ direction), 0.0) ** 0.5)
+
+
+def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> str:
+    """What was found, in one or two sentences."""
+    unit = formatting.plain_unit(effect.parameters[effect.sized_by][0].unit)
+    where = (
+        "the whole robot"
+        if effect.whole_robot
+        else "joint " + "+".join(str(j + 1) for j in effect.joints)
+    )
+    amount = f"{size:.4g} ± {std:.1g} {unit}".rstrip()
+    head = f"{effect.name} on {where}: {amount}"
+    head += f" ({effect.constants})" if effect.constants else ""
+    text = f"{head}. {effect.explanation} {effect.remark(size)}".rstrip()
+    if rivals:
+        text += f" Indistinguishable in these data from {', '.join(rivals)}."
+    return text
+
+
+def repeatability_warning(new_share: float | None) -> str | None:
+    """One sentence where most of the judged motion is the training motion again, else None."""
+    if new_share is None or new_share >= MOSTLY_NEW:
+        return None
+    percent = f"{100.0 * new_share:.0f}"
+    return (
+        f"{'None' if percent == '0' else f'Only {percent} %'} of the judged motion is new to the model: "
+        "these errors show repeatability; judge on another motion to see how it generalises."
+    )

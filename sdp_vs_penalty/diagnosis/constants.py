@@ -29,19 +29,13 @@ EQUIVALENT = 6.0
 FORM = 0.04
 #: Candidates that are looked at closely.
 CLOSELY = 4
-#: Steps at most until nothing changes.
-STEPS = 30
 
 # Data left out.
 
 #: Folds by phase (five or ten: Hastie, Tibshirani, Friedman, Elements of Statistical Learning, 7.10).
 FOLDS = 5
-#: Share by which a finding, a curve or a retuned constant may raise the held-out error of any joint; and
-#: how many times as much those of the others have to fall (in logarithms) where one rises by more: on
-#: the Panda the hysteresis of joint 7 takes 63 % of its error, and a refit adds 17 % to joint 6.
-RAISES, REPAID = 0.02, 3.0
-#: Share by which a held-out error has to fall, less is minor; and of the squares of an event's window
-#: that its extent may leave out.
+#: Share by which a held-out error has to fall or rise, less is minor; and of the squares of an event's
+#: window that its extent may leave out.
 MINOR = 0.01
 
 # What is left.

@@ -13,10 +13,10 @@ from sdp_vs_penalty.diagnosis.conclude import (
     conclude,
     what_is_left,
 )
-from sdp_vs_penalty.diagnosis.constants import APART
+from sdp_vs_penalty.diagnosis.constants import APART, MINOR
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.held_out import Judge, lowers, raises
+from sdp_vs_penalty.diagnosis.held_out import Judge, harm, lowers
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.search import Search
@@ -117,11 +117,13 @@ def _offered(
 ) -> Found:
     """Findings in order that data left out do not speak against."""
     now, beside = referred(search)
-    terms = sorted(beside.limited(beside.terms).terms, key=lambda t: -t.J)
-    terms = [t for t in terms if t.J > APART]
+    # What the model's own shape constants could make as well is none.
+    doubted = beside.limited(beside.terms, beside.data.doubted).terms
+    named = [t for t, d in zip(beside.terms, doubted, strict=True) if d.J > APART]
+    terms = sorted(beside.limited(named).terms, key=lambda t: -t.J)
     held_out = judge.of(beside.data.rows, [t.form.effect for t in terms], now)
     # Evidence against a noise that is guessed proves nothing by itself.
-    order = held_out.offered(len(terms), needed=beside.data.noise.source != REPETITION)
+    order = held_out.offered(range(len(terms)), needed=beside.data.noise.source != REPETITION)
     final = beside.limited([terms[k] for k in order])
     left = what_is_left(final)
     if left.matters and left.odd.any():  # what happens once is no evidence, if it is that alone
@@ -173,7 +175,7 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: Judge) -> Foun
         gone = {t for c in (*out, curve) for t in c.replaced}
         terms = [i for i, t in enumerate(found.search.terms) if t not in gone]
         after, on = held.errors([*terms, *taken, k]), [curve.joint]
-        helps = lowers(before[on], after[on]) and not raises(before, after)
+        helps = lowers(before[on], after[on]) and harm(before, after) < MINOR
         # Most of the test run has to be where the table is no constant.
         if helps and judge.outside(curve.table) <= MOSTLY_NEW:
             out.append(replace(curve, before=float(before[curve.joint]), errors=after))

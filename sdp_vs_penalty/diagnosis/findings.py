@@ -13,7 +13,6 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.remaining import Event
-from sdp_vs_penalty.diagnosis.sentences import NOISE_UNKNOWN
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
@@ -22,6 +21,22 @@ from sdp_vs_penalty.files.plain import Plain
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
+
+#: What is said where no motion repeats: the residual was taken for noise, which it then equals.
+NOISE_UNKNOWN = "is not known: no motion repeats, so noise and model error cannot be separated."
+#: What is said of a weak finding, by the name of the reason; a finding with none is confident.
+REASONS: Mapping[str, str] = {
+    "rivals": "another effect fits as well",
+    "uncertain": "its size is uncertain by > 20 %",
+    "small": "its gain is small",
+    "not_held_out": "no joint's held-out error falls by 1 %",
+    "alone": "the confident findings alone raise a held-out error with it",
+    "more_left": "more error is left on its joints than it explains",
+    "shared": "other findings share most of its torque: only their sum is known",
+    "implausible": "its size is not plausible",
+    "looks_like": "something else looks so",
+    "curve": "a measured curve explains the joint better",
+}
 
 
 @dataclass(frozen=True)
@@ -50,6 +65,11 @@ class Finding(Plain):
     gain: float
     remarks: tuple[str, ...] = ()
     constants: str = ""
+
+    @property
+    def plausible(self) -> bool:
+        """Whether machines have it of this size."""
+        return REASONS["implausible"] not in self.remarks
 
     @property
     def undecided(self) -> str | None:
@@ -88,15 +108,6 @@ class Invisible(Plain):
 
 
 @dataclass(frozen=True)
-class Carrier(Plain):
-    """A variable that carries a part of a joint's error (from 1): rmse [N m or N] of what follows it."""
-
-    joint: int
-    variable: str
-    rmse: float
-
-
-@dataclass(frozen=True)
 class Remaining(Plain):
     """Something unknown on a joint (from 1), of this size [N m or N]."""
 
@@ -117,7 +128,7 @@ class Diagnosis(Shown, Plain):
     has no name, as functions of one variable or two;
     remarks : sentences; frozen : whether the model's parameters were kept, and are kept by :func:`add`;
     new_motion_share : of the test run's rows, those whose motion is not in the runs that were searched;
-    remains : what repeats and is unknown; left : the variables that carry most of it.
+    remains : what repeats and is unknown.
     """
 
     verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
@@ -136,7 +147,6 @@ class Diagnosis(Shown, Plain):
     new_motion_share: float | None = None
     retuned: tuple[Retune, ...] = ()
     curves: tuple[Curve, ...] = ()
-    left: tuple[Carrier, ...] = ()
     remains: tuple[Remaining, ...] = ()
 
     def selected(self, numbers: Sequence[float] | None = None, confident: bool = False) -> Diagnosis:
@@ -219,9 +229,8 @@ class Diagnosis(Shown, Plain):
     @property
     def advice(self) -> str:
         """What to do next, in one sentence."""
-        if self.unknown and self.left:
-            said = ", ".join(f"{c.variable} on joint {c.joint} ({c.rmse:.2g} N m)" for c in self.left)
-            return f"Look first at what carries most of the error that is left: {said}."
+        if self.unknown:
+            return "Look first at what the error that is left depends on: `compare` says it."
         if self.noise_source != REPETITION:
             record = "record a run with more than one period: only repetition tells noise from error."
             confident = [f for f in self.effects if f.confidence == "confident"]
@@ -350,3 +359,23 @@ class Retune(Plain):
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What :meth:`to_dict` wrote."""
         return super().from_dict({**data, "estimate": {"at_end": False, **data}})
+
+
+def event_lines(events: Sequence[Any], every: bool = False, most: int = 3) -> list[str]:
+    """A line an event; one for all of them where they are more than ``most``, unless ``every``.
+
+    events : with ``joint`` (from 1), ``t_start``, ``t_end`` [s] and ``frequency`` [Hz] or None.
+    """
+    if len(events) > most and not every:
+        where = formatting.joints(sorted({e.joint for e in events}))
+        hums = sum(e.frequency is not None for e in events)
+        hum = f", {hums} of them a hum" if hums else ""
+        first, last = min(e.t_start for e in events), max(e.t_end for e in events)
+        return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hum}"]
+    kinds = (
+        "one-off event" if e.frequency is None else f"a hum of {e.frequency:.3g} Hz" for e in events
+    )
+    return [
+        f"{kind} on joint {e.joint}: {e.t_start:.2f} s to {e.t_end:.2f} s"
+        for kind, e in zip(kinds, events, strict=True)
+    ]

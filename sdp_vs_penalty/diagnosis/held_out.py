@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.constants import MINOR, RAISES, REPAID
+from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.whitening import (
     folds_of,
     model_columns,
@@ -82,15 +82,18 @@ class HeldOut:
             self._known[key] = np.sqrt(squares / np.maximum(rows, 1))
         return self._known[key]
 
-    def offered(self, count: int, needed: bool = False) -> list[int]:
-        """Of effects, the likeliest first, those that do no harm beside the ones before them, and lower
-        an error where that is ``needed``; asked twice: what was refused may need what came after it."""
-        kept = list[int]()
-        for k in (*range(count), *range(count)):
-            if k not in kept:
-                before, after = self.errors(kept), self.errors([*kept, k])
-                if not raises(before, after) and (lowers(before, after) or not needed):
-                    kept.append(k)
+    def offered(self, every: Sequence[int], needed: bool = False) -> list[int]:
+        """Of effects those that do no harm beside all others, and lower an error where that is
+        ``needed``: the least useful of those that do is left out, and the rest is asked again."""
+        kept = list(every)
+        while kept:
+            now = self.errors(kept)
+            without = {k: self.errors([i for i in kept if i != k]) for k in kept}
+            harms = {k: harm(e, now) for k, e in without.items()}
+            worst = max(kept, key=harms.__getitem__)
+            if harms[worst] < (-MINOR if needed else MINOR):
+                break
+            kept.remove(worst)
         return kept
 
 
@@ -99,12 +102,9 @@ def lowers(before: Array, after: Array) -> bool:
     return bool(np.any(after <= (1.0 - MINOR) * before))
 
 
-def raises(before: Array, after: Array) -> bool:
-    """Whether a change does harm: a joint's error rises by RAISES, and the others' fall does not repay
-    it."""
-    change = np.log(np.maximum(after, 1e-300) / np.maximum(before, 1e-300))
-    most, fall = float(np.max(change)), -float(np.sum(np.minimum(change, 0.0)))
-    return most > np.log1p(RAISES) and fall <= REPAID * most
+def harm(before: Array, after: Array) -> float:
+    """By what share errors rise, added up over the joints."""
+    return float(np.sum(np.log(np.maximum(after, 1e-300) / np.maximum(before, 1e-300))))
 
 
 @dataclass(frozen=True)

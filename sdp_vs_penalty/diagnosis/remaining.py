@@ -218,22 +218,16 @@ def spectral_lines(
     series : records of the same channel, each at least 2 s long; lowest [Hz] : below, lines are the
     motion's own harmonics; smooth [Hz] : the width over which the noise's spectrum is taken as flat.
     """
-    from scipy.ndimage import median_filter
+    from scipy import ndimage, signal
 
     length = min((len(s) for s in series), default=0)
     if length < 2.0 * rate:
         return []
-    window = np.hanning(length)
-    power = np.zeros(length // 2 + 1)
-    pooled = 0
-    for s in series:
-        for first in range(0, len(s) - length + 1, length):
-            piece = s[first : first + length]
-            power += np.abs(np.fft.rfft(window * (piece - piece.mean()))) ** 2
-            pooled += 1
-    frequency = np.fft.rfftfreq(length, 1.0 / rate)
+    pieces = [s[k : k + length] for s in series for k in range(0, len(s) - length + 1, length)]
+    frequency, each = signal.periodogram(np.array(pieces), rate, "hann")
+    power, pooled = each.sum(axis=0), len(pieces)
     half = max(8, min(int(smooth / frequency[1]), length))  # a clock may say anything
-    level = median_filter(power, size=2 * half + 1, mode="nearest")
+    level = ndimage.median_filter(power, size=2 * half + 1, mode="nearest")
     level = level / float(special.gammaincinv(pooled, 0.5)) * pooled
     with np.errstate(divide="ignore", invalid="ignore"):
         excess = np.where(level > 0.0, power / level, 0.0) * 2 * pooled
@@ -241,5 +235,5 @@ def spectral_lines(
     # The median of 2 half + 1 values is itself uncertain by about 1 / sqrt(half).
     limit *= 1.0 + 4.0 / np.sqrt(2.0 * half * pooled)
     found = (excess > limit) & (frequency > lowest)
-    peaks = [k for k in np.flatnonzero(found) if excess[k] >= excess[max(k - 3, 0) : k + 4].max()]
-    return [float(frequency[k]) for k in peaks]
+    peaks = found & (excess >= ndimage.maximum_filter1d(excess, 7))
+    return [float(f) for f in frequency[peaks]]

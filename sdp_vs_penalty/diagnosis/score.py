@@ -28,7 +28,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import ABSORBED, ALPHA, STEPS
+from sdp_vs_penalty.diagnosis.constants import ABSORBED, ALPHA
 from sdp_vs_penalty.diagnosis.library import Batch, Form
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums
 from sdp_vs_penalty.robot.arrays import Array, or_one
@@ -184,7 +184,7 @@ class Score:
     def _fitted(self, design: Design, kept: NDArray[np.intp], level: Array) -> Fit:
         G, pull = design.gram[:, kept[:, None], kept], design.pull[:, kept]
         square, degrees = np.sum(design.y**2, axis=1), self.data.count
-        for _ in range(STEPS):
+        while True:  # each round raises the likelihood
             L = _triangle(np.tensordot(level**-2.0, G, axes=1))
             theta = scipy.linalg.cho_solve((L, True), level**-2.0 @ pull, check_finite=False)
             rss = np.maximum(square - 2.0 * pull @ theta + (G @ theta) @ theta, 0.0)

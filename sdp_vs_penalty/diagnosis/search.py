@@ -13,7 +13,6 @@ from sdp_vs_penalty.diagnosis.constants import (
     CLOSELY,
     EQUIVALENT,
     FORM,
-    STEPS,
 )
 from sdp_vs_penalty.diagnosis.library import Form, Key, Library, eligible
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
@@ -227,7 +226,7 @@ class Search:
     def run(self, progress: Progress = no_progress) -> list[Term]:
         """Add, exchange, drop until nothing changes."""
         seen, refused = set[tuple[str, ...]](), set[Key]()
-        for _ in range(STEPS):
+        while True:  # no state comes twice
             self.fit = self.score.fit(self.terms, self.fit)
             found = self.top_candidates(self.fit, self.terms)
             enough = (t for t in found if self.margin(t.joints, self.terms) < t.J)
@@ -265,9 +264,10 @@ class Search:
         out.fit = out.score.fit(out.terms)
         return out
 
-    def limited(self, terms: Sequence[Term]) -> Search:
-        """The search with some of its terms only, each judged beside those."""
-        out = Search(self.data, self.library)
+    def limited(self, terms: Sequence[Term], data: WhiteData | None = None) -> Search:
+        """The search with some of its terms only, each judged beside those; data : white rows in the
+        place of its own."""
+        out = Search(data or self.data, self.library)
         out.fit = out.score.fit(terms)
         for t in terms:
             again = out.score.judged(

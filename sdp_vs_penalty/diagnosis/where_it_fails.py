@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import WITHIN
-from sdp_vs_penalty.diagnosis.findings import Carrier
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, with_estimate
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
@@ -196,26 +195,6 @@ def where_it_fails(
     return out
 
 
-def carriers(rows: SegmentedRuns, error: Array, joints: Iterable[int], most: int = 3) -> list[Carrier]:
-    """The ``most`` variables that carry the error (M, n) of some joints (from 0): what follows a smooth
-    function of them on stretches left out."""
-    folds, keep = folds_of(rows), np.asarray(rows.keep.all(axis=1), bool)
-    known = states(rows)
-    of_joints = {
-        f"{short}{i + 1}": hats(known[name][:, i])
-        for i in range(rows.n)
-        for short, name in (("q", POSITION), ("dq", VELOCITY))
-    }
-    found = []
-    for j in joints:
-        own = error[:, j] - error[keep, j].mean()
-        size = float(np.sqrt(np.mean(own[keep] ** 2)))
-        for name, features in {**of_joints, f"ddq{j + 1}": hats(known[ACCELERATION][:, j])}.items():
-            share = held_out_share(features[keep], own[keep], folds[keep])
-            found.append(Carrier(j + 1, name, size * float(np.sqrt(share))))
-    return [c for c in sorted(found, key=lambda c: -c.rmse)[:most] if c.rmse > 0.0]
-
-
 def _reversal_lift(velocity: Array, error: Array, rows: SegmentedRuns, keep: NDArray[np.bool_]) -> float:
     """RMS near velocity reversals over elsewhere; NaN where one of them does not occur."""
     near = np.abs(from_reversal(velocity, rows)[0]) <= NEAR
@@ -299,17 +278,16 @@ def hats(x: Array, knots: Array | None = None) -> Array:
 def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
     """(M,) seconds from the nearest reversal, below zero before it, infinite where there is none; and
     the direction after it."""
-    away, direction = np.full(len(velocity), np.inf), np.zeros(len(velocity))
-    span = max(1, round(FOLLOWS * rows.rate))
+    every, segment = np.arange(len(velocity)), rows.segment
     turns = np.sign(velocity[1:]) != np.sign(velocity[:-1])
-    for k in np.flatnonzero(turns & (rows.segment[1:] == rows.segment[:-1])).tolist():
-        at = np.arange(max(k - span + 1, 0), min(k + 1 + span, len(velocity)))
-        at = at[rows.segment[at] == rows.segment[k]]
-        seconds = rows.t[at] - 0.5 * (rows.t[k] + rows.t[k + 1])
-        closer = np.abs(seconds) < np.abs(away[at])
-        away[at[closer]] = seconds[closer]
-        direction[at[closer]] = np.sign(velocity[k + 1])
-    return away, direction
+    at = np.flatnonzero(turns & (segment[1:] == segment[:-1]))
+    if not len(at):
+        return np.full(len(velocity), np.inf), np.zeros(len(velocity))
+    middle = 0.5 * (rows.t[at] + rows.t[at + 1])
+    sides = np.clip(np.searchsorted(at, every) + np.array([[-1], [0]]), 0, len(at) - 1)
+    seconds = np.where(segment[at[sides]] == segment, rows.t - middle[sides], np.inf)
+    best = np.argmin(np.abs(seconds), axis=0)
+    return seconds[best, every], np.sign(velocity[at[sides[best, every]] + 1])
 
 
 def _after_reversals(velocity: Array, rows: SegmentedRuns) -> Array:

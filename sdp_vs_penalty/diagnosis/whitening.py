@@ -1,6 +1,8 @@
 """White rows: the log's rows in units of their noise, the model's own columns on them, and their
 clusters."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,6 +15,7 @@ from sdp_vs_penalty.diagnosis.constants import CLUSTERS, FOLDS
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.shape_constants import sensitivities
 from sdp_vs_penalty.estimation.verdict import with_parameters
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
@@ -71,6 +74,18 @@ class WhiteData:
         """Whether the size of the noise is known, rather than taken from what the model leaves."""
         return self.noise.source != RESIDUAL
 
+    @property
+    def doubted(self) -> WhiteData:
+        """The same where the shape constants of the model's own effects are open, to first order: those
+        that the rows tell better than their priors."""
+        model, theta, wide = self.estimate.model, self.estimate.theta, [self.X]
+        for s in sensitivities(model.effects, [theta[k] for k in model.indices]):
+            white = white_rows(self.rows, self.noise, spread_columns(self.rows, s), self.rows.residual)[
+                0
+            ]
+            wide.append(white[:, :, np.sum(white**2, axis=(0, 1)) > 1.0])
+        return self if self.frozen else replace(self, X=np.concatenate(wide, axis=2))
+
     @cached_property
     def raw(self) -> Array:
         """(n, M, p) the model's own columns, not white."""
@@ -115,7 +130,7 @@ def whitened(
 ) -> WhiteData:
     """The same where the noise is known."""
     X, y = white_rows(rows, noise, model_columns(rows, estimate, frozen), rows.residual)
-    if not frozen:  # the torque itself: some of the model's own columns may be replaced
+    if not frozen:  # the torque itself
         y = y + X @ estimate.theta
     clusters = time_clusters(rows), stretches(rows, CLUSTERS, whole)[1]
     # Rows behind the past that whitening needs, each by its worth.

@@ -101,6 +101,10 @@ class GlobalDelay(Delay):
         return -motion.late_torque_rate(self.shape["T"])[:, :, None]
 
 
+#: Time constant of a drive's filter that is nothing odd [s]: a bandwidth of 8 Hz.
+_FILTER = 0.02
+
+
 class TorqueFilter(Effect):
     equation = "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s) or H(T) H(-T)"
     explanation = (
@@ -122,6 +126,10 @@ class TorqueFilter(Effect):
         "phase": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")),
     }
     sized_shape = "T"
+
+    @property
+    def plausible(self) -> Array:
+        return np.array([_FILTER])
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 

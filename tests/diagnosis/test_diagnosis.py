@@ -70,7 +70,7 @@ def test_findings_json_is_the_interface(found):
     assert set(data) == {
         *("verdict", "frozen", "effects", "noise_floor", "noise_source", "unexplained", "band_hz"),
         *("held_out_source", "held_out_rmse_before", "held_out_rmse", "invisible", "events", "remarks"),
-        *("new_motion_share", "retuned", "curves", "left", "remains"),
+        *("new_motion_share", "retuned", "curves", "remains"),
     }
     assert data["held_out_source"] == "test"
     # identify had no Stribeck friction to blame: its Coulomb turned too early, on that joint only.

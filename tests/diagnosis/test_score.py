@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ALPHA, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.measure import _instead
+from sdp_vs_penalty.diagnosis.findings import event_lines
 from sdp_vs_penalty.diagnosis.library import Batch, Form
 from sdp_vs_penalty.diagnosis.remaining import spectral_lines
 from sdp_vs_penalty.diagnosis.score import Fit, Score
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.sentences import event_lines
 from sdp_vs_penalty.signals.coloured_noise import (
     Pieces,
     autoregression,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.diagnosis.conclude import _reasons, _standstill
-from sdp_vs_penalty.diagnosis.held_out import HeldOut, raises
+from sdp_vs_penalty.diagnosis.held_out import HeldOut, harm
 from sdp_vs_penalty.diagnosis.remaining import remainder
 from sdp_vs_penalty.signals.noise import REPETITION
 
@@ -89,27 +89,24 @@ class Told(HeldOut):
         return np.array(self.rule(frozenset(chosen)), float)
 
 
-def test_what_raises_any_joint_is_not_offered():
-    judge = Told(lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.05 * (1 in c)])
-    assert judge.offered(2) == [0]
-    assert Told(lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.01 * (1 in c)]).offered(2) == [0, 1]
-    assert Told(lambda c: [1.0]).offered(0) == []
+@pytest.mark.parametrize(
+    ("rule", "needed", "kept"),
+    [
+        (lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.05 * (1 in c)], False, [0]),
+        (lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.01 * (1 in c)], False, [0, 1]),
+        (lambda c: [1.0 - 0.3 * (0 in c), 1.0 - 0.005 * (1 in c)], True, [0]),  # the noise is a guess
+        (lambda c: [1.1 if c == {0} else 1.0 - 0.1 * len(c)], False, [0, 1]),  # beside a later one
+        (lambda c: [1.0 - 0.7 * (0 in c), 1.0 + 0.04 * (0 in c)], False, [0, 1]),  # repaid elsewhere
+        (lambda c: [1.0 - 0.1 * bool(c) + 0.1 * (1 in c)], False, [0]),  # the least useful one goes
+    ],
+)
+def test_what_raises_errors_beside_all_others_is_not_offered(rule, needed, kept):
+    assert Told(rule).offered(range(2), needed) == kept
 
 
-def test_where_the_noise_is_a_guess_a_finding_has_to_lower_an_error():
-    judge = Told(lambda c: [1.0 - 0.3 * (0 in c), 1.0 - 0.005 * (1 in c)])
-    assert judge.offered(2) == [0, 1]
-    assert judge.offered(2, needed=True) == [0]
-
-
-def test_what_helps_only_beside_a_later_one_is_asked_again():
-    assert Told(lambda c: [1.1 if c == {0} else 1.0 - 0.1 * len(c)]).offered(2) == [1, 0]
-
-
-def test_a_rise_is_of_any_joint():
-    assert raises(np.array([1.0, 1.0]), np.array([0.95, 1.021]))
-    assert not raises(np.array([1.0, 1.0]), np.array([0.95, 1.019]))
-    assert not raises(np.array([1.0, 1.0]), np.array([0.3, 1.04]))  # repaid by the other joint
+def test_harm_is_added_up_over_joints():
+    assert harm(np.array([1.0, 1.0]), np.array([0.5, 1.1])) < 0.0
+    assert harm(np.array([1.0, 1.0]), np.array([0.99, 1.1])) > 0.0
 
 
 #: What is changed of a finding that nothing speaks against, and what then does.

@@ -9,7 +9,7 @@ from random_robots import sines
 
 from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.effects import CurrentModel, Model, Motion, Seen, parse_effects
-from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.effects.measured_curve import Variable
 
 
 def current_motion(problem: Problem, rate: float = 200.0, duration: float = 4.0) -> Motion:

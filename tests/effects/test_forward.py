@@ -8,9 +8,8 @@ from scipy.integrate import solve_ivp
 
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.effects import Model, effect_types, parse_effects
-from sdp_vs_penalty.effects.dry_friction import _solved
 from sdp_vs_penalty.effects.effect import Array
-from sdp_vs_penalty.effects.forward import Plant, State, advance
+from sdp_vs_penalty.effects.forward import Plant, State, _solved, advance
 from sdp_vs_penalty.exporters.content import Content
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.robot import inertia

@@ -14,7 +14,7 @@ import numpy as np
 from effect_contract import Array, wide_columns
 
 from sdp_vs_penalty import Problem, load_problem
-from sdp_vs_penalty.diagnosis.sentences import size_of
+from sdp_vs_penalty.diagnosis.conclude import size_of
 from sdp_vs_penalty.effects import CurrentModel, Effect, Motion, effect_types
 from sdp_vs_penalty.robot import FourierTrajectory, Robot, random_trajectory
 from sdp_vs_penalty.simulation import MAKERS, experiment

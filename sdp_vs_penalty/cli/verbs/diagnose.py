@@ -46,12 +46,13 @@ def verb(
     asked = {"--test": test, "--test-window": test_window, "--gain-uncertainty": gain}
     words += [str(word) for pair in asked.items() if pair[1] is not None for word in pair]
     shown, what = printing.worth_showing(result.effects), list[str]()
-    if json_ is not None and (result.effects or result.retuned or result.curves):
+    offered = {str(k): f.text for k, f in enumerate(shown, start=1) if f.plausible}
+    if json_ is not None and (offered or result.retuned or result.curves):
         what = ["--from", str(json_)]
-        if len(shown) < len(result.effects) and not result.curves:
-            what += ["--only", ",".join(str(k + 1) for k in range(len(shown)))]
-    elif result.effects or result.retuned:
-        what = [",".join([*(r.text for r in result.retuned), *(f.text for f in shown)])]
+        if 0 < len(offered) < len(result.effects) and not result.curves:
+            what += ["--only", ",".join(offered)]
+    elif offered or result.retuned:
+        what = [",".join([*(r.text for r in result.retuned), *offered.values()])]
     printing.diagnosis(result, estimate.robot.torque_units, bool(what), verbose)
     printing.undecided(result, model)
     console.save_json(json_, result.to_dict())

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED_CURVE, ALPHA
 from sdp_vs_penalty.diagnosis.score import Fit, Score
-from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.effects.transmission import combinations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot

@@ -5,7 +5,7 @@ a = c_g's / c_g'D c_g. The best of these are fitted once more on the rows themse
 about as much as the curve does, the simplest that explains about as much as any is named.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
@@ -15,21 +15,41 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.constants import CLOSELY, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Axis, Basis, Columns, SplineFit
 from sdp_vs_penalty.diagnosis.score import DEPENDENT, Score
-from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Steps of a scan over a constant; a quarter as many over each of two.
 _SCAN = 56
 
+Function = Callable[[Array], Array]
+#: Functions of a variable, of one in units of a constant, and of each of a pair, as they read.
+_PLAIN: Mapping[str, Function] = {
+    "{x}": lambda v: v,
+    "{x}^2": np.square,
+    "{x}^3": lambda v: v**3,
+    "|{x}|": np.abs,
+    "sign({x})": np.sign,
+    "{x} |{x}|": lambda v: v * np.abs(v),
+    "sign({x}) sqrt(|{x}|)": lambda v: np.sqrt(np.abs(v)) * np.sign(v),
+}
+_SCALED: Mapping[str, Function] = {
+    "tanh({x} / {b})": np.tanh,
+    "sat({x} / {b})": lambda v: np.clip(v, -1.0, 1.0),
+    "exp(-|{x} / {b}|)": lambda v: np.exp(-np.abs(v)),
+    "sign({x}) exp(-|{x} / {b}|)": lambda v: np.sign(v) * np.exp(-np.abs(v)),
+}
+_OF_A_PAIR = "{x}", "|{x}|", "sign({x})", "{x}^2"
+
 
 @dataclass(frozen=True)
 class Law:
-    """terms(variables, constants) -> its m columns, by broadcasting; starts : constants that a fit
-    begins with, and within whose ends it stays; text(amplitudes, constants) -> how it reads."""
+    """terms(variables, constants) -> its m columns, by broadcasting; reads : what follows each
+    amplitude, with {x}, {y} for the variables and {b}, {c} for the constants, and once for the sine and
+    cosine of a wave, with {phase}; starts : constants that a fit begins with, its bounds their ends."""
 
     terms: Callable[[Array, Array], Sequence[Array]]
-    text: Callable[[Array, Array], str]
+    reads: tuple[str, ...]
     starts: Sequence[tuple[float, ...]] = ((),)
 
     @cached_property
@@ -46,30 +66,95 @@ class Law:
         shape = (len(points), *constants.shape[1:])
         return np.stack([np.broadcast_to(g, shape) for g in terms], axis=-1)
 
-
-def dictionary(axes: Sequence[Axis]) -> list[Law]:
-    """Over one variable, or a pair."""
-    return _of_one(axes[0]) if len(axes) == 1 else _of_two(axes[0], axes[1])
-
-
-def _name(axis: Axis) -> str:
-    name = axis.variable.name
-    return name if axis.variable.other < 0 else f"({name})"
+    def text(self, names: Sequence[str], amplitudes: Array, constants: Array) -> str:
+        """How it reads with these numbers; names : of the variables."""
+        known = dict(zip("xy", names, strict=False)) | dict(
+            zip("bc", map(_number, constants), strict=False)
+        )
+        if len(self.reads) < len(amplitudes):
+            known["phase"] = _number(np.arctan2(amplitudes[1], amplitudes[0]))
+            amplitudes = np.hypot(*amplitudes)[None]
+        parts = zip(amplitudes, self.reads, strict=True)
+        return " + ".join(f"{_number(a)} {r.format(**known)}" for a, r in parts).replace("+ -", "- ")
 
 
 def _number(x: float) -> str:
     return f"{x:.4g}"
 
 
-def _terms(amplitudes: Array, names: Sequence[str]) -> str:
-    parts = [f"{_number(abs(a))} {name}" for a, name in zip(amplitudes, names, strict=True)]
-    signs = ["-" if a < 0.0 else "+" for a in amplitudes]
-    text = " ".join(f"{s} {p}" for s, p in zip(signs, parts, strict=True))
-    return text[2:] if text.startswith("+") else f"-{text[2:]}"
+def dictionary(axes: Sequence[Axis]) -> list[Law]:
+    """Over one variable, or a pair."""
+    return _of_one(axes[0]) if len(axes) == 1 else _of_two(*axes)
 
 
-def _sum(functions: Sequence[Callable[[Array], Array]], names: Sequence[str]) -> Law:
-    return Law(lambda p, _: [g(p[0]) for g in functions], lambda a, _: _terms(a, names))
+def _of_one(axis: Axis) -> list[Law]:
+    def plain(*reads: str) -> Law:
+        return Law(lambda p, _: [_PLAIN[r](p[0]) for r in reads], reads)
+
+    def scaled(g: Function, reads: str, starts: Array) -> Law:
+        return Law(lambda p, b: [g(p[0] / b[0])], (reads,), [(float(w),) for w in starts])
+
+    if axis.is_sign:
+        return [plain("{x}")]
+    largest, span = max(abs(axis.low), abs(axis.high)), axis.high - axis.low
+    widths = np.geomspace(0.01, 3.0, 20) * largest
+    wide = widths[widths > 0.05 * largest]
+    places = product(np.linspace(axis.low, axis.high, _SCAN // 2), np.geomspace(0.03, 0.5, 8) * span)
+    return [
+        *map(plain, _PLAIN),
+        plain("{x}", "{x}^2"),
+        plain("{x}", "{x}^2", "{x}^3"),
+        *(scaled(g, reads, widths) for reads, g in _SCALED.items()),
+        scaled(np.exp, "exp({x} / {b})", np.concatenate([wide, -wide])),
+        _wave(lambda p, b: b[0] * p[0], "{b} {x}", [(float(k),) for k in _waves(axis, _SCAN)]),
+        Law(
+            lambda p, b: [np.exp(-(((p[0] - b[0]) / b[1]) ** 2))],
+            ("exp(-(({x} - {b}) / {c})^2)",),
+            [(float(c), float(w)) for c, w in places],
+        ),
+    ]
+
+
+def _of_two(first: Axis, second: Axis) -> list[Law]:
+    def factors(axis: Axis) -> Sequence[str]:
+        return _OF_A_PAIR[:1] if axis.is_sign else _OF_A_PAIR
+
+    def both(u: str, v: str) -> Law:
+        return Law(lambda p, _: [_PLAIN[u](p[0]) * _PLAIN[v](p[1])], (f"{u} {_other(v)}",))
+
+    def waving(k: int, v: str) -> Law:
+        starts = [(float(w),) for w in _waves((first, second)[k], _SCAN // 2)]
+        phase, rest = ("{b} {x}", _other(v)) if k == 0 else ("{b} {y}", v)
+        return _wave(lambda p, b: b[0] * p[k], phase, starts, lambda p: _PLAIN[v](p[1 - k]), f" {rest}")
+
+    out = [both(u, v) for u in factors(first) for v in factors(second)]
+    for k, (axis, other) in enumerate(((first, second), (second, first))):
+        out += [waving(k, v) for v in factors(other) if not axis.is_sign]
+    if not (first.is_sign or second.is_sign):
+        one, two = (_fastest(axis) for axis in (first, second))
+        starts = product(np.linspace(0.0, one, _SCAN // 4)[1:], np.linspace(-two, two, _SCAN // 2))
+        pairs = [(float(k), float(w)) for k, w in starts]
+        out.append(_wave(lambda p, b: b[0] * p[0] + b[1] * p[1], "{b} {x} + {c} {y}", pairs))
+    return out
+
+
+def _other(reads: str) -> str:
+    return reads.replace("{x}", "{y}")
+
+
+def _wave(
+    phase: Callable[[Array, Array], Array],
+    reads: str,
+    starts: Sequence[tuple[float, ...]],
+    factor: Function = lambda p: np.ones_like(p[0]),
+    rest: str = "",
+) -> Law:
+    """Sine and cosine of a phase, times a function of the variables."""
+
+    def terms(p: Array, b: Array) -> list[Array]:
+        return [g(phase(p, b)) * factor(p) for g in (np.sin, np.cos)]
+
+    return Law(terms, (f"sin({reads} + {{phase}}){rest}",), starts)
 
 
 def _fastest(axis: Axis) -> float:
@@ -81,122 +166,6 @@ def _waves(axis: Axis, count: int) -> Array:
     """Waves that a scan begins with: from a tenth of one over the range."""
     slowest = 2.0 * np.pi / (axis.high - axis.low)
     return np.append([0.1 * slowest, 0.25 * slowest], np.linspace(0.5 * slowest, _fastest(axis), count))
-
-
-def _wave(a: Array, phase: str, rest: str = "") -> str:
-    """a_0 sin + a_1 cos of one phase as one sine."""
-    size, shift = float(np.hypot(*a)), float(np.arctan2(a[1], a[0]))
-    sign = "-" if shift < 0.0 else "+"
-    return f"{_number(size)} sin({phase} {sign} {_number(abs(shift))}){rest}"
-
-
-def _of_one(axis: Axis) -> list[Law]:
-    x = _name(axis)
-    if axis.is_sign:
-        return [_sum([lambda v: v], [x])]
-    span, largest = axis.high - axis.low, max(abs(axis.low), abs(axis.high))
-    widths = [(float(w),) for w in np.geomspace(0.01, 3.0, 20) * largest]
-    names = [x, f"{x}^2", f"{x}^3"]
-    functions: list[Callable[[Array], Array]] = [lambda v: v, np.square, lambda v: v**3]
-    plain: list[tuple[Callable[[Array], Array], str]] = [
-        *zip(functions, names, strict=True),
-        (np.abs, f"|{x}|"),
-        (np.sign, f"sign({x})"),
-        (lambda v: v * np.abs(v), f"{x} |{x}|"),
-        (lambda v: np.sqrt(np.abs(v)) * np.sign(v), f"sign({x}) sqrt(|{x}|)"),
-    ]
-    out = [_sum([g], [name]) for g, name in plain]
-    out += [_sum(functions[:2], names[:2]), _sum(functions, names)]
-
-    def scaled(g: Callable[[Array], Array], text: Callable[[str], str]) -> Law:
-        return Law(
-            lambda p, b: [g(p[0] / b[0])],
-            lambda a, b: f"{_number(a[0])} {text(f'{x} / {_number(b[0])}')}",
-            widths,
-        )
-
-    out += [
-        scaled(np.tanh, lambda v: f"tanh({v})"),
-        scaled(lambda v: np.clip(v, -1.0, 1.0), lambda v: f"sat({v})"),
-        scaled(lambda v: np.exp(-np.abs(v)), lambda v: f"exp(-|{v}|)"),
-        scaled(lambda v: np.sign(v) * np.exp(-np.abs(v)), lambda v: f"sign({x}) exp(-|{v}|)"),
-        Law(
-            lambda p, b: [np.exp(p[0] / b[0])],
-            lambda a, b: f"{_number(a[0])} exp({x} / {_number(b[0])})",
-            [(s * w,) for (w,) in widths if w > 0.05 * largest for s in (1.0, -1.0)],
-        ),
-        Law(
-            lambda p, b: [np.sin(b[0] * p[0]), np.cos(b[0] * p[0])],
-            lambda a, b: _wave(a, f"{_number(b[0])} {x}"),
-            [(float(k),) for k in _waves(axis, _SCAN)],
-        ),
-        Law(
-            lambda p, b: [np.exp(-(((p[0] - b[0]) / b[1]) ** 2))],
-            lambda a, b: f"{_number(a[0])} exp(-(({x} - {_number(b[0])}) / {_number(abs(b[1]))})^2)",
-            [
-                (float(c), float(w))
-                for c in np.linspace(axis.low, axis.high, _SCAN // 2)
-                for w in np.geomspace(0.03, 0.5, 8) * span
-            ],
-        ),
-    ]
-    return out
-
-
-def _of_two(first: Axis, second: Axis) -> list[Law]:
-    x, y = _name(first), _name(second)
-
-    def simple(name: str, sign: bool) -> list[tuple[Callable[[Array], Array], str]]:
-        if sign:
-            return [(lambda v: v, name)]
-        return [
-            (lambda v: v, name),
-            (np.abs, f"|{name}|"),
-            (np.sign, f"sign({name})"),
-            (np.square, f"{name}^2"),
-        ]
-
-    out = [
-        Law(
-            lambda p, _, g=g, h=h: [g(p[0]) * h(p[1])],  # type: ignore[misc]
-            lambda a, _, u=u, v=v: f"{_number(a[0])} {u} {v}",  # type: ignore[misc]
-        )
-        for g, u in simple(x, first.is_sign)
-        for h, v in simple(y, second.is_sign)
-    ]
-    for k, (axis, name, other, rest) in enumerate(((first, x, second, y), (second, y, first, x))):
-        if axis.is_sign:
-            continue
-        starts = [(float(w),) for w in _waves(axis, _SCAN // 2)]
-        out += [
-            Law(
-                lambda p, b, k=k, h=h: [  # type: ignore[misc]
-                    g(b[0] * p[k]) * h(p[1 - k]) for g in (np.sin, np.cos)
-                ],
-                lambda a, b, n=name, v=v: _wave(a, f"{_number(b[0])} {n}", f" {v}"),  # type: ignore[misc]
-                starts,
-            )
-            for h, v in simple(rest, other.is_sign)
-        ]
-    if not (first.is_sign or second.is_sign):
-        out.append(_travelling(first, second, x, y))
-    return out
-
-
-def _travelling(first: Axis, second: Axis, x: str, y: str) -> Law:
-    """A wave of both positions."""
-
-    def text(a: Array, b: Array) -> str:
-        sign = "-" if b[1] < 0.0 else "+"
-        return _wave(a, f"{_number(b[0])} {x} {sign} {_number(abs(b[1]))} {y}")
-
-    one, two = (_fastest(axis) for axis in (first, second))
-    starts = [
-        (float(k), float(w))
-        for k in np.linspace(0.0, one, _SCAN // 4)[1:]
-        for w in np.linspace(-two, two, _SCAN // 2)
-    ]
-    return Law(lambda p, b: [g(p[0] * b[0] + p[1] * b[1]) for g in (np.sin, np.cos)], text, starts)
 
 
 # Which of them a curve is.
@@ -299,7 +268,8 @@ def written(law: LawFit, f: SplineFit, torque_units: Sequence[str]) -> str:
     unit = plain_unit(torque_units[f.joint])
     units = {v: Variable.parse(v).unit(torque_units) for v in f.basis.of}
     said = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
-    text = law.law.text(law.amplitudes, law.constants)
+    names = [v.name if v.other < 0 else f"({v.name})" for v in (a.variable for a in f.basis.axes)]
+    text = law.law.text(names, law.amplitudes, law.constants)
     return f"{text} {unit}" + (f" ({said})" if said else "")
 
 

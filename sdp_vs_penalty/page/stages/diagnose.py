@@ -8,8 +8,7 @@ import numpy as np
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
-from sdp_vs_penalty.diagnosis.sentences import event_lines
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, event_lines
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import controls as draw

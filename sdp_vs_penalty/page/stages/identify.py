@@ -8,8 +8,8 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.diagnosis.comparison import new_motion
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.sentences import new_motion
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import controls as draw
