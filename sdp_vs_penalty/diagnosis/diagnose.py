@@ -1,6 +1,6 @@
 """The verb: which effect does the model miss?"""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,11 +21,19 @@ from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import CHANGES, TURNS
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, with_shapes
+from sdp_vs_penalty.estimation.shape_constants import settled
+from sdp_vs_penalty.estimation.shapes import (
+    ShapeEstimate,
+    estimate_shapes,
+    open_shapes,
+    with_shapes,
+)
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
 from sdp_vs_penalty.regression.regression import compress
@@ -93,34 +101,50 @@ def diagnose(
     judge, shapes, before = Judge(estimate, measurements, test, frozen), list[ShapeEstimate](), None
     if not frozen:
         progress("the model's own shape constants")
-        estimate, shapes, before = retuned(judge, rows, settings)
+        every = opened(estimate.model)
+        known = estimate_shapes(every, measurements, settings, estimate.weighting, widest=TURNS[-1])
+        estimate, shapes, before = retuned(judge, rows, known)
     progress("noise, and columns of all candidates")
     data = prepare(with_estimate(rows, estimate) if shapes else rows, estimate, frozen, whole)
     search = Search(data, library(data))
     search.run(progress)
     progress("held-out errors")
-    found = _offered(search, judge, shapes, before)
+    found = _offered(search, judge, shapes, before, settings)
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
     record = None if test is None else record_motion(measurements, settings)
     if frozen and record is not None:  # a frozen model has seen what it was identified from, too
-        known = estimate.training_motion
-        record = None if known is None else record.joined(known)
+        seen = estimate.training_motion
+        record = None if seen is None else record.joined(seen)
     share = None if record is None or test is None else record.new_share_of(test, settings)
     done = conclude(found, gain_errors, share, seed)
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
 
 def _offered(
-    search: Search, judge: Judge, shapes: Sequence[ShapeEstimate], before: Array | None
+    search: Search,
+    judge: Judge,
+    shapes: Sequence[ShapeEstimate],
+    before: Array | None,
+    settings: Preprocessing,
 ) -> Found:
     """Findings in order that data left out do not speak against."""
     now, beside = referred(search)
     # What the model's own shape constants could make as well is none.
     doubted = beside.limited(beside.terms, beside.data.doubted).terms
     named = [t for t, d in zip(beside.terms, doubted, strict=True) if d.J > APART]
-    terms = sorted(beside.limited(named).terms, key=lambda t: -t.J)
+    lost = {j for t in beside.terms if t not in named for j in t.joints}
+    beside = beside.limited(named)
+    if lost:
+        known = {(s.effect, s.joint, s.shape): s for s in shapes}
+        for s in settled_on(lost, beside, judge, settings):
+            key = s.effect, s.joint, s.shape
+            known[key] = replace(s, before=known[key].before) if key in known else s
+        now, shapes, before = retuned(judge, beside.data.rows, list(known.values()))
+        beside = beside.carried(now)
+        beside = beside.limited(beside.terms)
+    terms = sorted(beside.terms, key=lambda t: -t.J)
     held_out = judge.of(beside.data.rows, [t.form.effect for t in terms], now)
     # Evidence against a noise that is guessed proves nothing by itself.
     order = held_out.offered(range(len(terms)), needed=beside.data.noise.source != REPETITION)
@@ -141,15 +165,34 @@ def _offered(
     return _with_curves(found, curves, judge) if curves else found
 
 
+def opened(model: Model, beside: Sequence[Effect] = ()) -> Model:
+    """The model, all of whose shape constants are to be estimated, with effects more."""
+    return replace(model, effects=(*(e.opened(e.shapes) for e in model.effects), *beside))
+
+
+def settled_on(
+    joints: Collection[int], search: Search, judge: Judge, settings: Preprocessing
+) -> list[ShapeEstimate]:
+    """The constants of the model's own effects on some joints (from 0) where they explain most beside
+    the findings."""
+    model = opened(search.data.estimate.model, [t.form.effect for t in search.terms]).reference_free
+    there = [(e, j, k) for e, j, k in open_shapes(model.effects) if j in joints]
+    now = [ShapeEstimate(e.name, j, k, e.shape[k], e.shape[k]) for e, j, k in there]
+    single = replace(model, effects=with_shapes(model.effects, now))
+    wanted = {(s.effect, s.joint, s.shape) for s in now}
+    best = settled(single, wanted, lambda m: compress(judge.data, m, settings), judge.first.weighting)
+    values = {
+        (e.name, j, k): v for e in best.model.effects for j in e.joints for k, v in e.shape.items()
+    }
+    return [replace(s, after=values[s.effect, s.joint, s.shape]) for s in now]
+
+
 def retuned(
-    judge: Judge, rows: SegmentedRuns, settings: Preprocessing
+    judge: Judge, rows: SegmentedRuns, found: Sequence[ShapeEstimate]
 ) -> tuple[Estimate, list[ShapeEstimate], Array | None]:
-    """The model with those constants of its own that `identify` would estimate from these runs, and data
-    left out do not speak against; these; and the errors of the model as it was given, if it has
-    others."""
+    """The model with those constants of its own that data left out do not speak against; these; and the
+    errors of the model as it was given, if it has others."""
     first = judge.first
-    every = replace(first.model, effects=tuple(e.opened(e.shapes) for e in first.model.effects))
-    found = estimate_shapes(every, judge.data, settings, first.weighting, widest=TURNS[-1])
     shapes = [s for s in found if abs(np.log(s.after / s.before)) > CHANGES]
     before = judge.of(rows, (), first).errors(()) if shapes else None
     while shapes and before is not None:
