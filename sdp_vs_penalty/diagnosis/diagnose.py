@@ -30,6 +30,7 @@ from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.shape_constants import settled
 from sdp_vs_penalty.estimation.shapes import (
     ShapeEstimate,
+    at_end,
     estimate_shapes,
     open_shapes,
     with_shapes,
@@ -131,19 +132,21 @@ def _offered(
 ) -> Found:
     """Findings in order that data left out do not speak against."""
     now, beside = referred(search)
-    # What the model's own shape constants could make as well is none.
+    # What the model's own shape constants make as well is none, where these settle and are confirmed.
     doubted = beside.limited(beside.terms, beside.data.doubted).terms
-    named = [t for t, d in zip(beside.terms, doubted, strict=True) if d.J > APART]
-    lost = {j for t in beside.terms if t not in named for j in t.joints}
-    beside = beside.limited(named)
+    lost = [t for t, d in zip(beside.terms, doubted, strict=True) if d.J <= APART]
     if lost:
+        others = beside.limited([t for t in beside.terms if t not in lost])
         known = {(s.effect, s.joint, s.shape): s for s in shapes}
-        for s in settled_on(lost, beside, judge, settings):
+        new = settled_on({j for t in lost for j in t.joints}, others, judge, settings)
+        for s in new:
             key = s.effect, s.joint, s.shape
             known[key] = replace(s, before=known[key].before) if key in known else s
         now, shapes, before = retuned(judge, beside.data.rows, list(known.values()))
-        beside = beside.carried(now)
-        beside = beside.limited(beside.terms)
+        moved = {s.joint for s in shapes} & {s.joint for s in new}
+        named = [t for t in beside.terms if t not in lost or not t.joints <= moved]
+        beside = beside.limited(named).carried(now)
+    beside = beside.limited(beside.terms)
     terms = sorted(beside.terms, key=lambda t: -t.J)
     held_out = judge.of(beside.data.rows, [t.form.effect for t in terms], now)
     # Evidence against a noise that is guessed proves nothing by itself.
@@ -174,7 +177,7 @@ def settled_on(
     joints: Collection[int], search: Search, judge: Judge, settings: Preprocessing
 ) -> list[ShapeEstimate]:
     """The constants of the model's own effects on some joints (from 0) where they explain most beside
-    the findings."""
+    the findings, within their range."""
     model = opened(search.data.estimate.model, [t.form.effect for t in search.terms]).reference_free
     there = [(e, j, k) for e, j, k in open_shapes(model.effects) if j in joints]
     now = [ShapeEstimate(e.name, j, k, e.shape[k], e.shape[k]) for e, j, k in there]
@@ -184,7 +187,10 @@ def settled_on(
     values = {
         (e.name, j, k): v for e in best.model.effects for j in e.joints for k, v in e.shape.items()
     }
-    return [replace(s, after=values[s.effect, s.joint, s.shape]) for s in now]
+    found = [replace(s, after=values[s.effect, s.joint, s.shape]) for s in now]
+    kinds = [judge.first.robot.joints[j].kind for _, j, _ in there]
+    ends = [e.shapes[k].on(x).bounds or (0.0, np.inf) for (e, _, k), x in zip(there, kinds, strict=True)]
+    return [s for s, x in zip(found, ends, strict=True) if not at_end(*np.log([s.after, *x]).tolist())]
 
 
 def retuned(
