@@ -32,7 +32,6 @@ from sdp_vs_penalty.estimation.shapes import (
     ShapeEstimate,
     at_end,
     estimate_shapes,
-    open_shapes,
     with_shapes,
 )
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
@@ -179,7 +178,14 @@ def settled_on(
     """The constants of the model's own effects on some joints (from 0) where they explain most beside
     the findings, within their range."""
     model = opened(search.data.estimate.model, [t.form.effect for t in search.terms]).reference_free
-    there = [(e, j, k) for e, j, k in open_shapes(model.effects) if j in joints]
+    there = [
+        (e, j, k)
+        for e in model.effects
+        for k, shape in e.shapes.items()
+        if shape.role == "estimated" and k not in e.given and len(e.parameters) == len(e.joints)
+        for j in e.joints
+        if j in joints
+    ]
     now = [ShapeEstimate(e.name, j, k, e.shape[k], e.shape[k]) for e, j, k in there]
     single = replace(model, effects=with_shapes(model.effects, now))
     wanted = {(s.effect, s.joint, s.shape) for s in now}
