@@ -299,7 +299,7 @@ def main() -> None:
 
 def write(out: Path, tables: list[pandas.DataFrame]) -> None:
     """Both files, of what was measured now and of what they hold of other parts."""
-    new = [t.map(lambda x: f"{x:.3g}" if isinstance(x, float) else x) for t in tables]
+    new = [t.map(lambda x: f"{x:.3g}" if isinstance(x, float) else x).fillna("") for t in tables]
     if (table := out / "benchmarks.csv").exists():
         old = pandas.read_csv(table, dtype=str, keep_default_na=False)
         new.append(old[~old["part"].isin([part for t in tables for part in t["part"]])])
