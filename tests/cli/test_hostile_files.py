@@ -260,7 +260,7 @@ def test_a_limit_of_memory_is_one_sentence(verb, good, tmp_path):
                 "simulate two_link --out out",
                 "demo --out out",
                 "tables VIII --problem two_link --out out",
-                "shootout --problems 'chain of 2 links plain 0' --solvers clarabel,scs --out out",
+                "shootout --problems 'chain of 2 links gyration 0' --solvers clarabel,scs --out out",
                 "excite two_link --duration 2 --out out/path.csv",
             )
         ),
