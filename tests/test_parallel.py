@@ -91,7 +91,7 @@ def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs):
     np.testing.assert_array_equal(found.theta, alone.theta)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_scheduler_that_ends_is_a_sentence():
     distributed = pytest.importorskip("distributed")
     quiet = {"silence_logs": 50, "dashboard_address": None}

@@ -133,7 +133,7 @@ def test_any_urdf_has_tables_too(tmp_path, without_data):
     assert "the problem's nominal links" in made[0].caption
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_real_data_add_measured_columns(panda):
     study = SmallStudy(panda)
